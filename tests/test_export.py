@@ -15,9 +15,10 @@ from exported import GCC, LARGE, compared, exported, groups
 from refusals import refused
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, enabled
+from stimlib import BadValue, Input, Param, Scene, SinkError, enabled
 from stimlib.blocks import pink_noise, velocity, white_noise
 from stimlib.export import INCLUDE, export_c
+from stimlib.export.program import comment
 from stimlib.motion.text import parse_motion
 from stimlib.scenes import ROWS, SHIPPED
 
@@ -52,7 +53,9 @@ def test_a_scene_compiles_without_a_warning_and_optimised(name, tile, tmp_path):
     for options in (["-O2"], ["-O3", "-march=native"]):
         assert same(tmp_path, name, [*GCC, *options], made.samples)
     header = (tmp_path / f"{name}.h").read_text()
-    assert f"ST_TILE {tile} " in header and all(n in header for n in SHIPPED[name]().outputs)
+    assert f"{name.upper()}_TILE {tile} " in header and all(
+        n in header for n in SHIPPED[name]().outputs
+    )
 
 
 def test_parameters_gates_and_cuts(tmp_path):
@@ -135,6 +138,73 @@ def test_what_is_refused(tmp_path):
     refused(BadValue, "fs = 0", export_c, scene, 0, tmp_path, x)
     refused(stimlib.UnknownName, "level", export_c, scene, 1000, tmp_path, x, params={"level": 1.0})
     assert not list(tmp_path.iterdir())
+
+
+def test_names_that_would_be_the_same_in_c_are_refused(tmp_path):
+    x, way = Input("x"), {"x": np.ones(100)}
+    for names in (["k", "K"], ["fs"], ["tile"]):
+        scene = Scene({f"y{n}": x * Param(n, 1.0) for n in names})
+        refused(BadValue, "is there already; rename", export_c, scene, 1000, tmp_path, way)
+    for name in ("math", "test", "stimlib"):
+        refused(BadValue, "is taken in C", export_c, Scene({"y": x}), 1000, tmp_path, way, name)
+    short = {"x": np.ones(10)}
+    refused(BadValue, "at least 100 samples", export_c, Scene({"y": x}), 1000, tmp_path, short)
+
+
+def test_files_from_elsewhere_are_kept_and_those_of_an_export_replaced(tmp_path):
+    scene, x = Scene({"y": Input("x") * 2.0}), {"x": np.ones(100)}
+    (tmp_path / "README.md").write_text("My project")
+    refused(SinkError, "from elsewhere", export_c, scene, 1000, tmp_path, x)
+    assert [p.name for p in tmp_path.iterdir()] == ["README.md"]
+    (tmp_path / "README.md").unlink()
+    for fs in (1000, 2000):
+        export_c(scene, fs, tmp_path, x, seconds=0.05)
+    assert "2000 Hz" in (tmp_path / "README.md").read_text()
+
+
+def test_two_stimuli_of_different_tiles_in_one_program(tmp_path):
+    """The header of one must not change the state of the other."""
+    scene, x = Scene({"y": Input("x") * 2.0}), {"x": np.ones(100)}
+    for name, tile in (("a", 8), ("b", 64)):
+        export_c(scene, 1000, tmp_path, x, name, tile=tile)
+    sizes = []
+    for head in ("", '#include "a.h"\n'):
+        text = f'{head}#include "b.h"\nchar size[sizeof(b_state)];\n'
+        (tmp_path / "both.c").write_text(text)
+        subprocess.run(["gcc", "-c", "both.c"], cwd=tmp_path, check=True)
+        said = subprocess.run(["nm", "-S", "both.o"], cwd=tmp_path, capture_output=True, text=True)
+        sizes.append(said.stdout.split()[1])
+    assert sizes[0] == sizes[1]
+
+
+def test_a_value_that_is_not_finite_is_not_taken(tmp_path):
+    export_c(Scene({"y": Input("x") * Param("k", 2.0)}), 1000, tmp_path, {"x": np.ones(100)})
+    (tmp_path / "odd.c").write_text("""
+#include "stimulus.h"
+#include <math.h>
+#include <stdio.h>
+int main(void)
+{
+    static stimulus_state m;
+    double x = 1.0, y = 0.0;
+    stimulus_init(&m);
+    stimulus_set(&m, 0, NAN, 0.0);
+    stimulus_set(&m, 0, INFINITY, 0.0);
+    stimulus_run(&m, &x, &y, 1);
+    printf("%g ", y);
+    stimulus_set(&m, 0, 3.0, NAN);
+    stimulus_run(&m, &x, &y, 1);
+    printf("%g", y);
+    return 0;
+}
+""")
+    subprocess.run([*GCC, "odd.c", "stimulus.c", "-o", "odd", "-lm"], cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "odd"], capture_output=True, text=True).stdout == "2 3"
+
+
+def test_no_text_ends_a_comment():
+    said = comment("a */ b /* c ??/\n/ d *\\\n/ e")
+    assert said == "a * / b / * c ? ? /\n * / d *\n * / e"
 
 
 def test_the_command_exports_and_says_how_to_compile(tmp_path):

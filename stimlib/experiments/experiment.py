@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 import os
+import re
 from collections.abc import Callable, Mapping
 from functools import cached_property, partial
 from itertools import islice
@@ -28,6 +29,12 @@ from .user_code import called
 
 # output of a trial's scene, on no channel: the condition that begins an interval
 STARTS = "starts"
+# names of columns of the answers, which no question can have
+COLUMNS = frozenset(
+    "participant session number condition track level chance outcome correct seconds replays"
+    " training".split()
+)
+INTERVAL = re.compile(r"interval_\d+(_started|_stopped)?")
 
 
 @public
@@ -173,7 +180,7 @@ class Drawing:
     Raises
     ------
     BadValue
-        More than 0.1 m beside the pen.
+        More than 0.1 m beside the pen, or a mark at no place.
 
     Examples
     --------
@@ -194,6 +201,9 @@ class Drawing:
                 f"Drawing: beside = {self.beside!r:.60} must be two distances in m, to the right"
                 " and up, of at most 0.1"
             )
+        for name, place in self.marks.items():
+            if len(place) != 2 or not all(map(fields.number, place)):
+                raise BadValue(f"Drawing: mark {name!r} at {place!r:.60}; give x and y in m")
 
 
 @public
@@ -332,6 +342,12 @@ class Experiment:
             raise BadValue(
                 f"experiment {self.name!r}: it needs questions, each with a name of its own; got"
                 f" {names}"
+            )
+        taken = {*COLUMNS, *(f"{name}_rt" for name in names)}
+        if lost := [n for n in names if n in taken or INTERVAL.fullmatch(n)]:
+            raise BadValue(
+                f"experiment {self.name!r}: a question is called {', '.join(lost)}, as a column of"
+                " the answers is; give it another name"
             )
 
     def _check_plan(self) -> None:
@@ -489,6 +505,11 @@ class Experiment:
             raise BadValue(
                 f"condition {trial.condition!r}: {', '.join(sorted(late))} is asked after the"
                 " session, and not by a trial; put it among questions to ask it there"
+            )
+        if not trial.stimuli and trial.questions != tuple(q.name for q in self.after):
+            raise BadValue(
+                f"condition {trial.condition!r}: a trial has one stimulus at least; put questions"
+                " without one into after ="
             )
         first = [self.question(name) for name in trial.questions][0]
         if trial.scores and set(trial.scores) != {*first.choices}:

@@ -32,6 +32,7 @@ from ..errors import BadValue, StimlibError, UnknownName, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered, without_inverse
 from ..files.log_writer import LogWriter, header
+from ..run.rendering import render
 from ..run.safety import Safety
 from .experiment import STARTS, Cursor, Experiment
 from .trial import Trial
@@ -326,7 +327,8 @@ def present(
     def noticed(marker: Any) -> None:
         if marker.name == STARTS and not held:
             held.append(max(marker.sample - late, at[0][0]))
-            playing.pump.stop("stop", held[0] + late + round(t.interval * experiment.fs))
+            if known is None:
+                playing.pump.stop("stop", held[0] + late + round(t.interval * experiment.fs))
             started()
 
     if (calibration := options.pop("calibration", None)) is not None:
@@ -355,6 +357,8 @@ def present(
         "send": [noticed, *(send if isinstance(send, Sequence) else [send])],
     }
     kind, clock = ("null", {"clocked": False}) if sink in FAST else (sink, {})
+    # without a clock, a marker is told too late to end an interval
+    known = _first_held(experiment, options["motion"], *at[0]) if clock else None
     made = kind if callable(kind) else partial(make, kind)
     hand = None if callable(sink) else experiment.hand
     ends = (
@@ -362,6 +366,8 @@ def present(
         if lasts is None
         else min(at[0][0] + max(round(lasts * experiment.fs), 1), at[0][1])
     )
+    if known is not None:
+        ends = min(ends, known + round(t.interval * experiment.fs))
     if not isinstance(playing := made(scene, safety, **options, **clock), Sink):
         raise BadValue(f"present: sink gives a {type(playing).__name__}, where it must give a Sink")
     with playing:
@@ -397,6 +403,20 @@ def present(
     }
     shown |= {"time": "own", "started": zero, **told}
     return shown if log is None else shown | {"log": Path(log).name} | measured(experiment, log, at)
+
+
+def _first_held(experiment: Experiment, motion: Any, first: int, end: int) -> int | None:
+    """Return the first sample of an interval at which ``timing.starts`` holds."""
+    starts = experiment.timing.starts
+    if starts is None:
+        return None
+    scene = Scene({STARTS: starts})
+    if not isinstance(motion, Mapping) or set(scene.inputs) - set(motion):
+        return None
+    way = {name: motion[name] for name in scene.inputs}
+    y = render(scene, way, experiment.fs, end / experiment.fs)[STARTS]
+    held = np.flatnonzero(y >= 0.5)
+    return max(int(held[0]), first) if held.size else None
 
 
 # What came out ------------------------------------------------------------------------

@@ -10,8 +10,8 @@ from typing import Any
 
 from ..core.program import number, rate
 from ..core.scene import Scene
-from ..errors import BadValue, public
-from ..motion.source import positions
+from ..errors import BadValue, SinkError, public
+from ..motion.source import positions, sources_of
 from ..run.driver import samples
 from ..run.processor import Change, compile
 from ..system.limits import limits
@@ -21,8 +21,16 @@ from .program import Writer
 NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
 RAMP = 0.01  # seconds, of the parameters in the self test
 
+TAKEN = frozenset(
+    "st stimlib math string stdint stdio test all help clean install package con aux nul"
+    " prn".split()
+)
+"""Names of files that are included, of targets of CMake and of devices of Windows."""
+MACROS = ("fs", "inputs", "outputs", "tile")  # of the header, beside those of parameters
+MARK = b"xported by stimlib"  # in each file
+
 CMAKE = """\
-# cmake -B build && cmake --build build && ctest --test-dir build
+# Exported by stimlib. cmake -B build && cmake --build build && ctest --test-dir build
 cmake_minimum_required(VERSION 3.10)
 project({name} C)
 set(CMAKE_C_STANDARD 99)
@@ -110,13 +118,13 @@ def export_c(
     fs : float
         Sample rate in Hz.
     folder : path
-        Made if missing. Files of this name are replaced.
+        Made if missing. Files of an earlier export are replaced, and no others.
     motion : mapping of str to array or callable, optional
         Motion of every input in the self test, as of ``render``.
     name : str
         Prefix of all names in C: lower-case letters, digits and underscores.
     seconds : float
-        Length of the self test.  After a third of it every parameter is moved by 10 %,
+        Length of the self test. After a third of it every parameter is moved by 10 %,
         within 10 ms.
     params : mapping of str to float, optional
         Values of parameters at sample 0.
@@ -132,12 +140,12 @@ def export_c(
     Raises
     ------
     BadValue
-        A name that C does not take; fs, seconds, tile or a parameter out of range; a
-        missing motion.
+        A name that C does not take, or parameters whose macros would be the same; fs,
+        seconds, tile or a parameter out of range; a motion that is missing or short.
     SceneError
         A block with a part that has no form in C; the message names file and line.
     SinkError
-        The folder cannot be written.
+        The folder cannot be written, or has a file of this name from elsewhere.
 
     Examples
     --------
@@ -153,10 +161,20 @@ def export_c(
             f"export_c: name = {name!r}; give lower-case letters, digits and underscores, such as"
             " 'squeeze'"
         )
+    if name in TAKEN:
+        raise BadValue(f"export_c: name = {name!r} is taken in C, CMake or Windows; give another")
     if not 1 <= tile <= 64:
         raise BadValue(f"export_c: tile = {tile} must be from 1 to 64")
     fs = rate(fs)
     proc = compile(scene, fs, seed=seed)
+    macros = list(MACROS)
+    for parameter in proc.params:
+        if parameter.upper() in (m.upper() for m in macros):
+            raise BadValue(
+                f"export_c: parameter {parameter!r}: its macro {name}_{parameter}, in capitals,"
+                " is there already; rename the parameter"
+            )
+        macros.append(parameter)
     for parameter, value in (params or {}).items():
         proc.set(parameter, value, ramp=0.0)
     proc.state = proc.state  # takes the parameters in
@@ -165,9 +183,9 @@ def export_c(
         raise BadValue(f"export_c: no motion for {', '.join(missing)}; the self test needs one")
     n = max(3, round(number(seconds, "seconds") * fs))
     limits.check("render_bytes", 8 * n * len(proc.outputs), "export_c: bytes of the self test")
-    x = positions({name: motion[name] for name in proc.inputs}, 0, n, fs)
+    x = positions(sources_of(motion, proc.inputs, n), 0, n, fs)
     writer, cut, first = Writer(proc, name, tile), n // 3, proc.state
-    values = {p: v * 1.1 for p, v in proc.params.items()}
+    values = {p: v * (1.1 if abs(v) < 1e308 else 0.9) for p, v in proc.params.items()}
     y = samples(proc, x, n, [Change(cut, p, v, RAMP) for p, v in values.items()])
     proc.state = first
     made = writer.files(x, y, cut, values, max(1, round(RAMP * fs)))
@@ -182,6 +200,9 @@ def export_c(
         "README.md": README.format(**facts),
     }
     into = make_folder(folder)
+    for path in (into / file for file in texts):
+        if path.is_file() and MARK not in path.read_bytes()[:1000]:
+            raise SinkError(f"{path} is there already, from elsewhere; give another folder or name")
     for file, text in texts.items():
         publish(into / file, text)
     return Exported(tuple(into / file for file in texts), writer.size, y.size)

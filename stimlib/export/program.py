@@ -50,6 +50,7 @@ class Writer:
 
     def __init__(self, proc: Processor, name: str, tile: int) -> None:
         self.proc, self.name, self.tile = proc, name, tile
+        self.most = f"{name.upper()}_TILE"  # the name of that number in C
         self.instances, self.design = proc.program.instances, proc.design
         self.unit = Unit()
         self.fields: list[str] = []  # of the state
@@ -85,7 +86,7 @@ class Writer:
         """Write what runs one instance."""
         if q.kind == "const":
             value, to = literal(q.block.value).text, self.slot(i)  # type: ignore[attr-defined]
-            self.constants.append(f"    for (i = 0; i < ST_TILE; i++) m->v[{to}][i] = {value};")
+            self.constants.append(f"    for (i = 0; i < {self.most}; i++) m->v[{to}][i] = {value};")
         elif q.kind == "open":
             by = self.signal(q.args[0], q.clock)
             up = "0" if q.clock == ROOT else f"m->top[{q.clock}]"
@@ -211,17 +212,18 @@ class Writer:
         inputs, outputs, params = list(program.inputs), list(program.outputs), list(program.params)
         clocks = range(ROOT + 1, len(program.parents))
         index = [
-            f"    int place[{len(program.parents)}][ST_TILE], top[{len(program.parents)}][ST_TILE];"
+            f"    int place[{len(program.parents)}][{self.most}],"
+            f" top[{len(program.parents)}][{self.most}];"
         ] * bool(len(clocks))
         state = self.fields or ["    double none;"]
         header = f"""\
-/* {n}: a stimulus at {self.proc.fs:g} Hz.
+/* {n}: a stimulus at {self.proc.fs:g} Hz, exported by stimlib.
 {listed("inputs", inputs, self.proc.units)}
 {listed("outputs", outputs, self.proc.units)}
 {listed("parameters", params, self.proc.units)}
    The state takes about {self.size} bytes; nothing is allocated, and nothing is global. */
-#ifndef {n.upper()}_H
-#define {n.upper()}_H
+#ifndef STIMLIB_{n.upper()}
+#define STIMLIB_{n.upper()}
 #include <stdint.h>
 #ifdef __cplusplus
 extern "C" {{
@@ -231,19 +233,18 @@ extern "C" {{
 #define {n.upper()}_INPUTS {len(inputs)}
 #define {n.upper()}_OUTPUTS {len(outputs)}
 {chr(10).join(f"#define {n.upper()}_{p.upper()} {k}" for k, p in enumerate(params))}
-#ifndef ST_TILE
-#define ST_TILE {self.tile} /* samples at a time; the samples do not depend on it */
-#endif
+#define {self.most} {self.tile} /* samples at a time; the samples do not depend on it */
 
 typedef struct {{
 {chr(10).join(state)}
-    double v[{max(1, len(self.slots))}][ST_TILE], w[{max(1, self.scratch)}];
+    double v[{max(1, len(self.slots))}][{self.most}], w[{max(1, self.scratch)}];
 {chr(10).join(index)}
 }} {n}_state;
 
 /* The state at sample 0. */
 void {n}_init({n}_state *m);
-/* Let a parameter go to a value within so many samples; 0: at once. */
+/* Let a parameter go to a value within so many samples; 0: at once. A value that is not
+   finite is not taken. */
 void {n}_set({n}_state *m, int parameter, double value, double samples);
 /* Compute n samples: in has a row for each input, out one for each output. */
 void {n}_process({n}_state *m, const double *const *in, double *const *out, int n);
@@ -267,6 +268,7 @@ void {n}_run_set(void *m, int parameter, double value, double samples);
         )
         load = "    st_load(m, at_0, sizeof at_0 / 8);\n" * bool(len(begin))
         source = f"""\
+/* Exported by stimlib. */
 #include "{n}.h"
 {RUNTIME.read_text()}
 ST_INLINE int st_open(const double *by, const int *up, int *place, int *top, int n)
@@ -304,8 +306,9 @@ void {n}_init({n}_state *m)
 
 void {n}_set({n}_state *m, int parameter, double value, double samples)
 {{
-    const double left = samples < 1.0 ? 1.0 : samples;
-    (void)m; (void)value; (void)left;
+    const double left = samples >= 1.0 ? samples : 1.0;
+    (void)m; (void)left;
+    if (value - value != 0.0) return;
     switch (parameter) {{
 {sets}
     default: break;
@@ -316,8 +319,8 @@ void {n}_process({n}_state *m, const double *const *in, double *const *out, int 
 {{
     int from;
     (void)in;
-    for (from = 0; from < n; from += ST_TILE) {{
-        const int n1 = n - from < ST_TILE ? n - from : ST_TILE, n0 = n1;
+    for (from = 0; from < n; from += {self.most}) {{
+        const int n1 = n - from < {self.most} ? n - from : {self.most}, n0 = n1;
         const size_t bytes = (size_t)n1 * 8;
         {counts}
         (void)n0; (void)bytes;
@@ -359,9 +362,17 @@ def listed(what: str, names: list[str], units: dict[str, str]) -> str:
 
 def said(block: Block) -> str:
     """Return the comment of a block, with the source of one of a user."""
-    text = repr(block).replace("*/", "* /")[:200]
-    f = block.definition.tile or block.definition.step
-    return text if steps.ours(type(block)) else f"{text}\n{steps.source(f).replace('*/', '* /')}"
+    text = repr(block)[:200]
+    if not steps.ours(type(block)):
+        text += f"\n{steps.source(block.definition.tile or block.definition.step)}"
+    return comment(text)
+
+
+def comment(text: str) -> str:
+    """Return a text as the inside of a comment, which nothing in it ends or joins."""
+    for end in ("*/", "/*", "??/"):
+        text = text.replace(end, " ".join(end))
+    return "\n * ".join(line.rstrip("\\ ") for line in text.splitlines())
 
 
 def self_test(
@@ -375,7 +386,7 @@ def self_test(
     )
     total, ins, outs = y.shape[1], max(1, len(x)), len(y)
     return f"""\
-/* Compares {n} with samples of stimlib, bit by bit; prints how many differ. */
+/* Exported by stimlib: compares {n} with its samples, bit by bit; prints how many differ. */
 #include "{n}.h"
 #include <stdio.h>
 #include <string.h>

@@ -59,15 +59,27 @@ ST_INLINE uint64_t st_word(st_words a, int64_t i)
 
 ST_INLINE void st_put_word(st_words a, int64_t i, uint64_t u) { memcpy(a.p + 8 * i, &u, 8); }
 
+/* An index; below 0 it counts from the end, as in Python. */
+ST_INLINE int64_t st_at(int64_t i, int64_t n) { return i < 0 ? i + n : i; }
+
+/* The same for the end of a slice, which may lie outside. */
+ST_INLINE int64_t st_end(int64_t i, int64_t n)
+{
+    i = st_at(i, n);
+    return i < 0 ? 0 : i < n ? i : n;
+}
+
 ST_INLINE st_floats st_floats_cut(st_floats a, int64_t low, int64_t high)
 {
-    high = high < a.n ? high : a.n;
+    low = st_end(low, a.n);
+    high = st_end(high, a.n);
     return st_floats_of(a.p + low, high > low ? high - low : 0);
 }
 
 ST_INLINE st_words st_words_cut(st_words a, int64_t low, int64_t high)
 {
-    high = high < a.n ? high : a.n;
+    low = st_end(low, a.n);
+    high = st_end(high, a.n);
     return st_words_of(a.p + 8 * low, high > low ? high - low : 0);
 }
 
@@ -76,6 +88,24 @@ ST_INLINE void st_floats_fill(st_floats a, double v)
     int64_t i;
     for (i = 0; i < a.n; i++) a.p[i] = v;
 }
+
+ST_INLINE void st_floats_fill_from(st_floats a, st_floats b)
+{
+    memmove(a.p, b.p, (size_t)(a.n < b.n ? a.n : b.n) * 8);
+}
+
+ST_INLINE void st_words_fill(st_words a, uint64_t u)
+{
+    int64_t i;
+    for (i = 0; i < a.n; i++) st_put_word(a, i, u);
+}
+
+ST_INLINE void st_words_fill_from(st_words a, st_words b)
+{
+    memmove(a.p, b.p, (size_t)(a.n < b.n ? a.n : b.n) * 8);
+}
+
+ST_INLINE int64_t st_abs(int64_t i) { return i < 0 ? -i : i; }
 
 ST_INLINE st_words st_as_words(st_floats a) { return st_words_of(a.p, a.n); }
 

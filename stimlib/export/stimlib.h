@@ -14,11 +14,13 @@ typedef void (*stimlib_process)(void *run, const double *x, double *y, int64_t n
 /* Let a parameter, by its number, go to a value within so many samples; 0: at once. */
 typedef void (*stimlib_set)(void *run, int parameter, double value, double samples);
 
-/* stimlib_set of a compiled processor: it is taken in by the next call. */
+/* stimlib_set of a compiled processor: it is taken in by the next call. A value that is
+   not finite is not taken. */
 static inline void stimlib_set_processor(void *run, int parameter, double value, double samples)
 {
     int64_t *q = (int64_t *)(intptr_t)((int64_t *)run)[13] + 4 * parameter;
-    const double left = samples < 1.0 ? 1.0 : samples;
+    const double left = samples >= 1.0 ? samples : 1.0;
+    if (value - value != 0.0) return;
     memcpy(q + 2, &value, 8);
     memcpy(q + 3, &left, 8);
     q[0] = 1;

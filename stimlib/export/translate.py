@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import ast
 import math
+import operator
+import re
 import types
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -29,6 +31,11 @@ OPERATORS: dict[type, str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.BitXor: "^", ast.BitAnd: "&",
     ast.BitOr: "|", ast.LShift: "<<", ast.RShift: ">>", ast.Gt: ">", ast.Lt: "<", ast.GtE: ">=",
     ast.LtE: "<=", ast.Eq: "==", ast.NotEq: "!=",
+}  # fmt: skip
+FOLDED = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Mod: operator.mod,
+    ast.BitXor: operator.xor, ast.BitAnd: operator.and_, ast.BitOr: operator.or_,
+    ast.LShift: operator.lshift, ast.RShift: operator.rshift,
 }  # fmt: skip
 RUNTIME = {
     maths.fma: ("fma", DOUBLE),
@@ -52,6 +59,8 @@ RESERVED = frozenset(
     "auto break case char const continue default do double else enum extern float for goto if"
     " inline int long register restrict return short signed sizeof static struct switch typedef"
     " union unsigned void volatile while and or not xor new delete this class template operator"
+    " bool true false asm typeof namespace using try catch throw private public friend linux unix"
+    " int64_t uint64_t NAN INFINITY"
     " y0 y1 yn j0 j1 jn gamma index fma sqrt floor fabs memcpy memset".split()
 )
 
@@ -87,7 +96,11 @@ def literal(v: Any) -> Value:
     if isinstance(v, bool):
         return Value(str(int(v)), TRUTH)
     if isinstance(v, (int, np.integer)):
-        return Value(f"INT64_C({int(v)})" if abs(int(v)) >= 2**31 else f"{int(v)}", WHOLE, int(v))
+        v = int(v)
+        if v >= 2**63:
+            return Value(f"UINT64_C({v})", WORD)
+        text = f"INT64_C({v})" if abs(v) >= 2**31 else f"{v}"
+        return Value(text if v >= 0 else f"({text})", WHOLE, v)
     v = float(v)
     if math.isnan(v):
         return Value("NAN", DOUBLE)
@@ -108,7 +121,7 @@ class Unit:
 
     def name(self, wanted: str) -> str:
         """Return a name that is not yet taken in this file."""
-        wanted, k = wanted.strip("_"), 2
+        wanted, k = re.sub(r"\W", "_", wanted).strip("_"), 2
         name = wanted
         while name in self.names:
             name, k = f"{wanted}_{k}", k + 1
@@ -117,7 +130,7 @@ class Unit:
 
     def record(self, name: str, fields: Sequence[tuple[str, Kind]]) -> Record | None:
         """Return the struct with these fields; None where there are none."""
-        fields = tuple((f, kind) for f, kind in fields if kind is not None)
+        fields = tuple((local(f), kind) for f, kind in fields if kind is not None)
         key = name, fields
         if not fields:
             return None
@@ -177,8 +190,9 @@ class Unit:
 
 
 def local(name: str) -> str:
-    """Return a Python name as C takes it."""
-    return f"{name}_" if name in RESERVED or name.startswith(("st_", "ST_")) else name
+    """Return a Python name as C takes it; no two names become the same."""
+    taken = name.rstrip("_") in RESERVED or name.startswith(("st_", "ST_", "stim_"))
+    return f"{name}_" if taken else name
 
 
 class Translator:
@@ -191,6 +205,7 @@ class Translator:
         names = f.__code__.co_varnames[: f.__code__.co_argcount]
         self.given = dict(zip(names, kinds, strict=True))
         self.kinds: dict[str, Kind] = dict(self.given)
+        self.counted = counted(self.body)
         self.result: Kind = NOTHING
 
     def fail(self, node: ast.AST, why: str) -> SceneError:
@@ -248,50 +263,110 @@ class Translator:
         if isinstance(target, (int, float, np.generic)):
             return literal(target)
         of = self.value(node.value)
-        if of.kind in ELEMENTS:
+        if of.kind in ELEMENTS and node.attr == "size":
             return Value(f"{of.text}.n", WHOLE)
-        return Value(f"{of.text}.{node.attr}", dict(of.kind.fields)[node.attr])
+        if not isinstance(of.kind, Record):
+            raise self.fail(node, f"{node.attr} has no form in C")
+        return Value(f"{of.text}.{local(node.attr)}", dict(of.kind.fields)[local(node.attr)])
 
     def _Subscript(self, node: Any) -> Value:
         of = self.value(node.value)
         if isinstance(of.kind, Record):
-            name, kind = of.kind.fields[node.slice.value]
-            return Value(f"{of.text}.{name}", kind)
+            k = None if isinstance(node.slice, ast.Slice) else self.value(node.slice).number
+            if k is None:
+                raise self.fail(node, "an index of a tuple must be a number")
+            return part(of, k)
+        if of.kind not in ELEMENTS:
+            raise self.fail(node, "an index of a number has no form in C")
         if isinstance(node.slice, ast.Slice):
+            if node.slice.step is not None:
+                raise self.fail(node, "a slice with a step has no form in C")
             low = self.value(node.slice.lower).text if node.slice.lower else "0"
             high = self.value(node.slice.upper).text if node.slice.upper else f"{of.text}.n"
             return Value(f"{of.kind}_cut({of.text}, {low}, {high})", of.kind)
-        return Value(element(of, self.value(node.slice).text), ELEMENTS[of.kind])
+        return Value(element(of, self.index(node, of)), ELEMENTS[of.kind])
+
+    def index(self, node: Any, of: Value) -> str:
+        """Return the index of an element; those below 0 count from the end."""
+        i = self.number(node.slice)
+        if i.kind == DOUBLE:
+            raise self.fail(node, "an index that is, or becomes, a float has no form in C")
+        if i.number is not None and i.number < 0:
+            return f"{of.text}.n - {-i.number}"
+        plain = i.kind == WORD or self.from_zero(node.slice)
+        return i.text if plain else f"st_at({i.text}, {of.text}.n)"
+
+    def from_zero(self, node: Any) -> bool:
+        """Return whether a whole number is surely not negative."""
+        if isinstance(node, ast.Constant):
+            return True
+        if isinstance(node, ast.Name):
+            return node.id in self.counted
+        if isinstance(node, ast.Attribute):
+            return node.attr == "size"
+        kept = ast.Add | ast.Mult | ast.RShift | ast.Mod
+        both = isinstance(node, ast.BinOp) and isinstance(node.op, kept)
+        return both and self.from_zero(node.left) and self.from_zero(node.right)
+
+    def number(self, node: Any) -> Value:
+        """Return an expression that must be a number."""
+        of = self.value(node)
+        if of.kind not in NUMBERS:
+            raise self.fail(node, "arithmetic with an array or a tuple has no form in C")
+        return of
 
     def _UnaryOp(self, node: Any) -> Value:
-        of = self.value(node.operand)
-        return Value(
-            f"(-{of.text})", WHOLE if of.kind == TRUTH else of.kind, of.number and -of.number
-        )
+        of = self.number(node.operand)
+        if of.number is not None:
+            return literal(-of.number)
+        return Value(f"(-{of.text})", WHOLE if of.kind == TRUTH else of.kind)
 
     def _BinOp(self, node: Any) -> Value:
         if isinstance(node.op, ast.Pow):  # of plain numbers, in the library's own functions
             return literal(eval(ast.unparse(node), {}))
-        a, b, sign = self.value(node.left), self.value(node.right), OPERATORS.get(type(node.op))
-        if isinstance(node.op, ast.Div):
+        a, b, op = self.number(node.left), self.number(node.right), type(node.op)
+        sign = OPERATORS.get(op)
+        if op is ast.Div:
             return Value(f"({as_double(a)} / {as_double(b)})", DOUBLE)
         if DOUBLE in (a.kind, b.kind):
-            if isinstance(node.op, ast.Mod):
+            if op is ast.Mod:
                 return Value(f"st_mod({as_double(a)}, {as_double(b)})", DOUBLE)
+            if op not in (ast.Add, ast.Sub, ast.Mult):
+                raise self.fail(node, f"{sign} of a float has no form in C")
             return Value(f"({as_double(a)} {sign} {as_double(b)})", DOUBLE)
+        if a.number is not None and b.number is not None:
+            try:
+                return literal(FOLDED[op](a.number, b.number))
+            except (ArithmeticError, ValueError) as e:
+                raise self.fail(node, str(e)) from e
         kind = WORD if WORD in (a.kind, b.kind) else TRUTH if a.kind == b.kind == TRUTH else WHOLE
         if kind == TRUTH and sign not in ("&", "|", "^"):
             kind = WHOLE
         if kind == WORD and any(v.kind == WHOLE and v.number is None for v in (a, b)):
             raise self.fail(node, "a uint64 and a whole number differ between targets")
-        if isinstance(node.op, ast.Mod):
+        if op is ast.Mod:
+            if kind == WORD and a.kind != b.kind:
+                raise self.fail(
+                    node, "% differs between targets; beside a uint64 write np.uint64(7), not 7"
+                )
             return Value(
                 f"({a.text} % {b.text})" if kind == WORD else f"st_rest({a.text}, {b.text})", kind
             )
+        if kind == WORD:  # 1 << u in C is an int
+            return Value(f"((uint64_t){a.text} {sign} {b.text})", kind)
+        small = any(v.number is not None and abs(v.number) < 2**31 for v in (a, b))
+        if op in (ast.Mult, ast.LShift) or (op in (ast.Add, ast.Sub) and not small):
+            # so that it wraps
+            return Value(f"((int64_t)((uint64_t){a.text} {sign} (uint64_t){b.text}))", kind)
         return Value(f"({a.text} {sign} {b.text})", kind)
 
     def _Compare(self, node: Any) -> Value:
-        values = [self.value(v) for v in (node.left, *node.comparators)]
+        if any(type(op) not in OPERATORS for op in node.ops):
+            raise self.fail(node, "is and in have no form in C")
+        values = [self.number(v) for v in (node.left, *node.comparators)]
+        whole = any(v.kind == WHOLE and (v.number is None or v.number < 0) for v in values)
+        if whole and any(v.kind == WORD for v in values):
+            raise self.fail(node, "a uint64 beside a whole number that may be negative has no form")
         parts = [
             f"({a.text} {OPERATORS[type(op)]} {b.text})"
             for a, op, b in zip(values[:-1], node.ops, values[1:], strict=True)
@@ -299,8 +374,21 @@ class Translator:
         return Value(f"({' && '.join(parts)})" if len(parts) > 1 else parts[0], TRUTH)
 
     def _BoolOp(self, node: Any) -> Value:
-        sign = " && " if isinstance(node.op, ast.And) else " || "
-        return Value(f"({sign.join(self.value(v).text for v in node.values)})", TRUTH)
+        values = [self.number(v) for v in node.values]
+        kinds = {v.kind for v in values}
+        if kinds == {TRUTH}:
+            sign = " && " if isinstance(node.op, ast.And) else " || "
+            return Value(f"({sign.join(v.text for v in values)})", TRUTH)
+        if WORD in kinds and len(kinds) > 1:
+            raise self.fail(node, "a uint64 or another number has no form in C")
+        # of numbers: the last one that was looked at
+        kind = DOUBLE if DOUBLE in kinds else WORD if WORD in kinds else WHOLE
+        texts = [as_double(v) if kind == DOUBLE else v.text for v in values]
+        text = texts.pop()
+        for one in reversed(texts):
+            ends = (text, one) if isinstance(node.op, ast.And) else (one, text)
+            text = f"({one} ? {ends[0]} : {ends[1]})"
+        return Value(text, kind)
 
     def _Tuple(self, node: Any) -> Value:
         return self.made("stim_tuple", [(f"a{k}", self.value(v)) for k, v in enumerate(node.elts)])
@@ -343,7 +431,11 @@ class Translator:
             )
         if target in RUNTIME:
             function, kind = RUNTIME[target]
-            given = [self.value(v) for v in node.args]
+            one = self.number if kind in (DOUBLE, WORD) else self.value
+            given = [one(v) for v in node.args]
+            if target is abs and given[0].kind != DOUBLE:
+                whole = given[0]
+                return whole if whole.kind == WORD else Value(f"st_abs({whole.text})", WHOLE)
             return Value(f"{function}({', '.join(v.text for v in given)})", kind)
         if not isinstance(target, types.FunctionType):
             raise self.fail(node, f"a call of {name or ast.unparse(node.func)} has no form in C")
@@ -360,7 +452,7 @@ class Translator:
         """Write the loop of ``each`` or ``pairs``."""
         f, out = self.known[node.args[0].id], self.value(node.args[3])
         self.fresh += 1
-        i, t = f"i_{self.fresh}", f"t_{self.fresh}"
+        i, t = f"st_i{self.fresh}", f"st_t{self.fresh}"
         self.put(f"{{ int64_t {i}; for ({i} = 0; {i} < {out.text}.n; {i}++) {{")
         self.depth += 1
         if target is maths.each:
@@ -373,7 +465,7 @@ class Translator:
             function, kind = self.unit.function(f, [key.kind, WORD])
             number = f"{first.text} + (uint64_t)({i} >> 1)"
             self.put(f"const {kind.name} {t} = {function}({key.text}, {number});")
-            self.element(out, i, f"t_{self.fresh}.{kind.fields[0][0]}")
+            self.element(out, i, f"{t}.{kind.fields[0][0]}")
             self.put(f"if (++{i} < {out.text}.n) {out.text}.p[{i}] = {t}.{kind.fields[1][0]};")
         self.depth -= 1
         self.put("} }")
@@ -403,7 +495,7 @@ class Translator:
                 if value.text:
                     self.put(f"{value.text};")
         elif isinstance(node, ast.Assign):
-            self.assign(node.targets[0], self.value(node.value))
+            self.assigned(node.targets, node.value)
         elif isinstance(node, ast.AugAssign):
             both = ast.BinOp(
                 ast.parse(ast.unparse(node.target), mode="eval").body, node.op, node.value
@@ -435,27 +527,49 @@ class Translator:
         if by.number is None:
             raise self.fail(node, "the step of a range must be a number")
         self.fresh += 1
-        i, end = f"i_{self.fresh}", f"n_{self.fresh}"
+        i, end = f"st_i{self.fresh}", f"st_n{self.fresh}"
         self.kinds.setdefault(node.target.id, WHOLE)
         sign = "<" if by.number > 0 else ">"
         self.put(f"{{ int64_t {i}; const int64_t {end} = {high.text};")
         head = f"for ({i} = {low.text}; {i} {sign} {end}; {i} += {by.text})"
         self.inside(head, node.body, f"{local(node.target.id)} = {i};")
         self.put("}")
+        for v in node.orelse:  # nothing can break the loop
+            self.statement(v)
+
+    def held(self, of: Value) -> Value:
+        """Add a constant of a value's own, in a block that is open."""
+        if of.kind is None:
+            return of
+        self.fresh += 1
+        self.put(f"const {kind_name(of.kind)} st_t{self.fresh} = {of.text};")
+        return Value(f"st_t{self.fresh}", of.kind)
+
+    def assigned(self, targets: Sequence[Any], node: Any) -> None:
+        """Add an assignment to one or more targets, of a value that is read once."""
+        first = targets[0]
+        if len(targets) == 1 and not isinstance(first, ast.Tuple):
+            self.assign(first, self.value(node))
+            return
+        self.put("{")
+        pairs = isinstance(node, ast.Tuple) and isinstance(first, ast.Tuple) and len(targets) == 1
+        if pairs and len(first.elts) == len(node.elts):
+            held = [self.held(self.value(v)) for v in node.elts]
+            for target, of in zip(first.elts, held, strict=True):
+                self.assign(target, of)
+        else:
+            of = self.held(self.value(node))
+            for target in targets:
+                self.assign(target, of)
+        self.put("}")
 
     def assign(self, target: Any, of: Value) -> None:
         """Add an assignment to a name, an element, or several of them."""
         if isinstance(target, ast.Tuple):
-            if of.kind is None:
-                return
-            self.fresh += 1
-            t = f"t_{self.fresh}"
-            self.put(f"{{ {of.kind.name} {t} = {of.text};")
-            names = iter(of.kind.fields)
-            for part in target.elts:
-                name, kind = next(names)
-                self.assign(part, Value(f"{t}.{name}", kind))
-            self.put("}")
+            if not isinstance(of.kind, Record | None):
+                raise self.fail(target, "parts of an array have no form in C")
+            for k, v in enumerate(target.elts):
+                self.assign(v, part(of, k))
         elif isinstance(target, ast.Name):
             old = self.kinds.get(target.id, of.kind)
             if old != of.kind:
@@ -469,10 +583,14 @@ class Translator:
             if of.text:
                 self.put(f"{local(target.id)} = {of.text};")
         elif isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
-            to, other = self.value(target), "" if of.kind in NUMBERS else "_from"
-            self.put(f"{to.kind}_fill{other}({to.text}, {of.text if other else as_double(of)});")
+            to = self.value(target)
+            if of.kind not in NUMBERS and of.kind != to.kind:
+                raise self.fail(target, "a slice of another kind has no form in C")
+            text = as_double(of) if of.kind in NUMBERS and to.kind == FLOATS else of.text
+            self.put(f"{to.kind}_fill{'' if of.kind in NUMBERS else '_from'}({to.text}, {text});")
         else:
-            self.element(self.value(target.value), self.value(target.slice).text, of.text)
+            array = self.value(target.value)
+            self.element(array, self.index(target, array), of.text)
 
     def element(self, array: Value, index: str, text: str) -> None:
         """Add an assignment to an element of an array."""
@@ -487,6 +605,32 @@ def element(array: Value, index: str) -> str:
     return f"st_word({array.text}, {index})" if array.kind == WORDS else f"{array.text}.p[{index}]"
 
 
+def part(of: Value, k: int) -> Value:
+    """Return a part of a tuple; one that is empty has no field."""
+    fields = dict(of.kind.fields) if of.kind is not None else {}
+    plain = of.kind is None or re.fullmatch(r"stim_tuple(_\d+)?", of.kind.name)
+    name = f"a{k}" if plain and k >= 0 else list(fields)[k]
+    return Value(f"{of.text}.{name}", fields[name]) if name in fields else Value("", None)
+
+
+def counted(body: Sequence[Any]) -> set[str]:
+    """Return the variables that only count upwards, from 0 or a number above."""
+    nodes = [n for part in body for n in ast.walk(part)]
+    loops: list[Any] = [n for n in nodes if isinstance(n, ast.For)]
+    stored = [n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+    found = set()
+    for name in {n.target.id for n in loops if isinstance(n.target, ast.Name)}:
+        own = [n.iter.args for n in loops if getattr(n.target, "id", "") == name]
+        up = all(
+            (len(v) < 2 or isinstance(v[0], ast.Constant))
+            and (len(v) < 3 or isinstance(v[2], ast.Constant))
+            for v in own
+        )
+        if up and len(own) == stored.count(name):
+            found.add(name)
+    return found
+
+
 def rest(kind: Kind) -> str:
     """Return the first value of a local variable; C++ warns of none."""
     return " = 0" if kind in NUMBERS else ""
@@ -494,13 +638,9 @@ def rest(kind: Kind) -> str:
 
 def as_double(v: Value) -> str:
     """Return a value as a double."""
-    return (
-        v.text
-        if v.kind == DOUBLE
-        else f"{v.text}.0"
-        if v.number is not None
-        else f"((double){v.text})"
-    )
+    if v.number is not None:
+        return literal(float(v.number)).text
+    return v.text if v.kind == DOUBLE else f"((double){v.text})"
 
 
 def widened(v: Value) -> Value:

@@ -249,6 +249,26 @@ def test_an_interval_begins_at_the_sample_at_which_its_condition_holds(tmp_path)
     assert shown["peak"]["force"] == pytest.approx([2 * (b - 1) / 1000], rel=1e-5)
 
 
+@pytest.mark.parametrize("sink", ["offline", "file"])
+def test_an_interval_lasts_as_long_on_a_sink_without_a_clock(sink, tmp_path):
+    """Where a marker would be told when the stimulus has been computed to its end."""
+    made = starting(X > stimlib.constant(0.3, "m"))
+    for k in range(3):
+        shown = present(made, trial_of(made), sink, tmp_path / f"{k}.stimlog")
+        assert shown["intervals"] == [(301, 501)] and shown["held"]
+        assert replay(read_log(tmp_path / f"{k}.stimlog")).matches
+
+
+def test_a_question_cannot_hide_a_column_and_a_trial_has_a_stimulus(tmp_path):
+    for name in ("level", "softer_rt", "interval_1", "interval_2_started"):
+        questions = (QUESTION, choice(name, "?", "yes", "no"))
+        refused(BadValue, f"is called {name}, as a column", experiment, questions=questions)
+    refused(BadValue, "called seconds", experiment, after=(free_text("seconds", "?"),))
+    made = experiment(after=AFTER)
+    refused(BadValue, "one stimulus at least", made.check, Trial("a", (), ("softer",)))
+    made.check(Trial("after", (), ("preferred", "remarks")))
+
+
 def test_a_condition_that_never_holds_and_one_that_the_scenes_cannot_have(tmp_path):
     made = starting(X > stimlib.constant(9.0, "m"))
     shown = present(made, trial_of(made), "offline")

@@ -104,6 +104,7 @@ def test_nothing_is_drawn_for_who_wants_nothing_and_what_is_hidden_only_if_it_is
     assert [set(v["levels"]) for v in drawing["views"]] == [{0.0}, {1.0}]
     assert drawing["hidden"] and not drawing["cursor"] and drawing["beside"] == [-0.015, 0.0]
     refused(BadValue, r"beside = \(0.0, 15.0\) must be", Drawing, beside=(0.0, 15.0))
+    refused(BadValue, "mark 'a' at", Drawing, marks={"a": (float("nan"), 0.0)})
 
 
 def test_the_hand_on_a_device_is_drawn_from_its_motion(tmp_path):

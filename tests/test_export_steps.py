@@ -1,0 +1,190 @@
+"""Steps of users in C: what Python means, or a refusal with file and line."""
+
+import shutil
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from exported import GCC, compared
+from refusals import refused
+
+from stimlib import Block, Input, Scene
+from stimlib.core import maths
+from stimlib.core.maths import where
+from stimlib.errors import SceneError
+from stimlib.export import export_c
+from stimlib.export.translate import DOUBLE, FLOATS, Unit
+
+LESS, MANY = -3, 100000
+
+
+class P(NamedTuple):
+    short: float
+    long: float
+    a: np.ndarray
+
+
+class S(NamedTuple):
+    y: float
+    u: np.uint64
+    buf: np.ndarray
+
+
+def double(x):
+    return x * 2, ()
+
+
+def own(self, fs):
+    return P(0.5, 4.0, np.arange(1.0, 9.0)), S(0.25, np.uint64(77), np.zeros(16))
+
+
+@dataclass(frozen=True, eq=False)
+class WholeNumbers(Block):
+    x: Block
+    design = own
+
+    @staticmethod
+    def step(p, s, x):
+        k = np.int64(40.0)
+        y = x * -3 + where(x > 0.0, -1, 1) - -1 - LESS * -LESS
+        y = y + MANY * MANY + (1 << 40) + (1 << k) + 3000000000 - x * 100000 * 100000
+        u = s.u * np.uint64(0x9E3779B97F4A7C15) + np.uint64(1)
+        for _ in range(3):
+            k = k * 6364136223846793005 + 1442695040888963407
+        y = y + (k >> 32) + p.a[abs(np.int64(-3.0))] + maths.as_float(u >> np.uint64(40))
+        return y, S(y, u, s.buf)
+
+
+@dataclass(frozen=True, eq=False)
+class Places(Block):
+    x: Block
+    design = own
+
+    @staticmethod
+    def step(p, s, x):
+        i, j = 1, -2
+        i, j = j, i
+        t = (x, 2.0 * x)
+        a = b = x = x + 1.0
+        z, _ = double(a)
+        y = p.a[-1] + p.a[i] * p.a[j] + p.a[np.int64(x * 0.1) - 1] + t[-1] + t[0]
+        tail, head = p.a[-3:], p.a[:-2]
+        y = y + tail[0] + head[head.size - 1] + z + b
+        for k in range(3):
+            y = y + k
+        else:
+            y = y + 100.0
+        return y, s
+
+
+@dataclass(frozen=True, eq=False)
+class Names(Block):
+    x: Block
+    design = own
+
+    @staticmethod
+    def step(p, s, x):
+        gamma = x
+        gamma_ = 2.0 * x
+        i_1 = n_1 = t_1 = 5.0 * x
+        st_i1 = 0.5
+        linux = bool_ = 1.0
+        for i in range(3):
+            gamma_ = gamma_ + i_1 * i + n_1 + t_1 - st_i1
+        return gamma - 3.0 * gamma_ + p.short * p.long + linux + bool_, s
+
+
+@dataclass(frozen=True, eq=False)
+class Choices(Block):
+    x: Block
+    design = own
+
+    @staticmethod
+    def tile(p, s, x, y):
+        n = np.int64(p.long) or 3
+        g = (p.long - 4.0 or 3.0) * (p.short and 2)
+        words = maths.words(s.buf)
+        y[:] = x
+        for i in range(y.size):
+            words[-1] += np.uint64(3)
+            s.buf[1:15] = s.buf[:14]
+            s.buf[0] = y[i]
+            y[i] = s.buf[-3] * g * n + (x[i] > 0.0 or s.buf[4]) + maths.as_float(words[15])
+        return s
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
+def test_steps_mean_in_c_what_they_mean_in_python(tmp_path):
+    @dataclass(frozen=True, eq=False)
+    class Local(Block):  # its name in Python has <locals>
+        x: Block
+        design = own
+
+        @staticmethod
+        def step(p, s, x):
+            return x * p.short, s
+
+    x, way = Input("x"), 1.3 * np.sin(np.arange(200) / 7)
+    blocks = [make(x) for make in (WholeNumbers, Places, Names, Choices, Local)]
+    scene = Scene({f"y{k}": block for k, block in enumerate(blocks)})
+    samples = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.2).samples
+    checks = ["-fsanitize=undefined", "-fno-sanitize-recover"]
+    said = compared(tmp_path, "stimulus", GCC, options=[*checks, "-lm"])
+    assert said == f"0 of {samples} samples differ\n"
+
+
+def contained(x, a):
+    return x in (1.0, 2.0)
+
+
+def whole_arrays(x, a):
+    return a * x
+
+
+def every_second(x, a):
+    return a[::2]
+
+
+def shape(x, a):
+    return a.ndim
+
+
+def index_float(x, a):
+    return a[x]
+
+
+def shifted_float(x, a):
+    return (x > 0.0) << x
+
+
+def unpacked(x, a):
+    y, z = a
+    return y + z
+
+
+def compared_kinds(x, a):
+    return maths.bits(x) > -1
+
+
+def rest_of_word(x, a):
+    return maths.bits(x) % 7
+
+
+@pytest.mark.parametrize(
+    "step, why",
+    [
+        (contained, "is and in have no form in C"),
+        (whole_arrays, "arithmetic with an array or a tuple"),
+        (every_second, "a slice with a step"),
+        (shape, "ndim has no form in C"),
+        (index_float, "an index that is, or becomes, a float"),
+        (shifted_float, "<< of a float"),
+        (unpacked, "parts of an array"),
+        (compared_kinds, "a uint64 beside a whole number"),
+        (rest_of_word, "% differs between targets; beside a uint64"),
+    ],
+)
+def test_what_c_has_no_form_for_is_refused_with_its_line(step, why):
+    line = step.__code__.co_firstlineno + 1
+    refused(SceneError, f":{line}: {step.__name__}: {why}", Unit().function, step, [DOUBLE, FLOATS])
