@@ -71,7 +71,7 @@ from ..errors import SinkError
 from ..experiments.answer_keys import Keyed, Prompt
 from ..experiments.experiment import Drawing, Experiment
 from ..experiments.presentation import present, spans
-from ..experiments.questions import LONGEST
+from ..experiments.questions import LONGEST, Question
 from ..experiments.texts import Texts
 from ..experiments.trial import Trial
 from ..system import fields, safe_files
@@ -208,6 +208,12 @@ class ExperimentPage(Keyed):
             self._trial, self._layouts = text, LAYOUTS
         self._note(text)
         super().ready(text)
+
+    def ask(self, trial: Trial, question: Question, replays: int) -> Any:
+        """Ask a question; one after the last trial has no trial above it."""
+        if not trial.stimuli:
+            self._trial, self._layouts = "", LAYOUTS
+        return super().ask(trial, question, replays)
 
     def read(self, prompt: Prompt) -> str:
         """Return the first answer to a prompt.

@@ -28,6 +28,7 @@ from stimlib.errors import SinkError
 from stimlib.experiments.answer_keys import Prompt
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Timing
+from stimlib.experiments.questions import choice
 from stimlib.experiments.reader import read
 from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
@@ -338,6 +339,21 @@ def test_a_page_is_told_when_the_condition_of_an_interval_holds(tmp_path):
     (shown,) = read(tmp_path / FOLDER).records[0].displayed
     ((a, b),) = shown["intervals"]
     assert shown["held"] and a == 401 and b < 1400
+
+
+def test_a_question_after_the_last_trial_has_no_trial_above_it(tmp_path):
+    design = ConstantStimuli(((Rate("c", ("softer",), Stimulus("spring")), None),))
+    made = experiment(design=design, after=(choice("liked", "Did you like it?", "no", "yes"),))
+    with asked(tmp_path, made) as running, page(running) as phone:
+        phone.answer("", phone.until(phase="ask")["number"])
+        asks = phone.until(text="Which one was softer?")
+        assert asks["trial"] == "Trial 1 of 1"
+        phone.answer("1", asks["number"])
+        asks = phone.until(text="Did you like it?")
+        assert asks["trial"] == ""
+        phone.answer("2", asks["number"])
+        phone.until(phase="end")
+    assert read(tmp_path / FOLDER).after == {"liked": "yes"}
 
 
 def test_a_rest_is_the_servers(tmp_path):
