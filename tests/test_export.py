@@ -9,7 +9,7 @@ import pytest
 from commands import ran
 from contract import TABLE
 from correct import OwnHighPass
-from exported import GCC, compared, exported, groups
+from exported import GCC, EveryNodeOfAStep, EveryNodeOfATile, compared, exported, groups
 from refusals import refused
 
 import stimlib
@@ -96,6 +96,24 @@ def test_noise_has_the_seed_of_the_run(tmp_path):
         assert same(tmp_path, samples=made.samples)
         texts.append((tmp_path / "stimulus.c").read_text())
     assert texts[0] != texts[1]
+
+
+EDGES = [0.0, -0.0, 1.0, -1.0, 1.5, -2.0, 2.5, -2.5, -3.0, 5.0, -7.5, 1e-190, -1e-190, 1e-191]
+EDGES += [-1e-189, -0.3, 0.3, 99.5, -99.5, -6.0, 6.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("block", [EveryNodeOfAStep, EveryNodeOfATile])
+def test_every_node_of_a_step_and_of_a_tile_has_the_bits_of_the_interpreter(block, tmp_path):
+    made = block(Input("x"))
+    scene = Scene({n: getattr(made, n) for n in block.outputs} or {"y": made})
+    x = np.resize(EDGES, 300)
+    samples = export_c(scene, 1000, tmp_path, {"x": x}, seconds=0.3).samples
+    assert same(tmp_path, compiler=GCC, samples=samples)
+    first, other = (
+        stimlib.compile(scene, 1000, target).process(x[None, :46].copy())
+        for target in ("python", "numba")
+    )
+    assert first.tobytes() == other.tobytes() and np.unique(first).size > 20
 
 
 def test_a_block_of_a_user_is_quoted(tmp_path):

@@ -77,6 +77,16 @@ ST_INLINE void st_floats_fill(st_floats a, double v)
     for (i = 0; i < a.n; i++) a.p[i] = v;
 }
 
+ST_INLINE void st_words_fill(st_words a, uint64_t u)
+{
+    int64_t i;
+    for (i = 0; i < a.n; i++) st_put_word(a, i, u);
+}
+
+ST_INLINE void st_floats_from(st_floats a, st_floats b) { memmove(a.p, b.p, (size_t)a.n * 8); }
+
+ST_INLINE void st_words_from(st_words a, st_words b) { memmove(a.p, b.p, (size_t)a.n * 8); }
+
 ST_INLINE st_words st_as_words(st_floats a) { return st_words_of(a.p, a.n); }
 
 /* The table is volatile because gcc 12.2 with -march=native fills such copies of a small

@@ -117,7 +117,7 @@ class Unit:
 
     def record(self, name: str, fields: Sequence[tuple[str, Kind]]) -> Record | None:
         """Return the struct with these fields; None where there are none."""
-        fields = tuple((f, kind) for f, kind in fields if kind is not None)
+        fields = tuple((local(f), kind) for f, kind in fields if kind is not None)
         key = name, fields
         if not fields:
             return None
@@ -250,7 +250,8 @@ class Translator:
         of = self.value(node.value)
         if of.kind in ELEMENTS:
             return Value(f"{of.text}.n", WHOLE)
-        return Value(f"{of.text}.{node.attr}", dict(of.kind.fields)[node.attr])
+        name = local(node.attr)
+        return Value(f"{of.text}.{name}", dict(of.kind.fields)[name])
 
     def _Subscript(self, node: Any) -> Value:
         of = self.value(node.value)
@@ -273,6 +274,8 @@ class Translator:
         if isinstance(node.op, ast.Pow):  # of plain numbers, in the library's own functions
             return literal(eval(ast.unparse(node), {}))
         a, b, sign = self.value(node.left), self.value(node.right), OPERATORS.get(type(node.op))
+        if not (a.kind in NUMBERS and b.kind in NUMBERS):
+            raise self.fail(node, "an array is no number, and needs a loop")
         if isinstance(node.op, ast.Div):
             return Value(f"({as_double(a)} / {as_double(b)})", DOUBLE)
         if DOUBLE in (a.kind, b.kind):
@@ -360,7 +363,7 @@ class Translator:
         """Write the loop of ``each`` or ``pairs``."""
         f, out = self.known[node.args[0].id], self.value(node.args[3])
         self.fresh += 1
-        i, t = f"i_{self.fresh}", f"t_{self.fresh}"
+        i, t = f"st_i{self.fresh}", f"st_t{self.fresh}"
         self.put(f"{{ int64_t {i}; for ({i} = 0; {i} < {out.text}.n; {i}++) {{")
         self.depth += 1
         if target is maths.each:
@@ -373,7 +376,7 @@ class Translator:
             function, kind = self.unit.function(f, [key.kind, WORD])
             number = f"{first.text} + (uint64_t)({i} >> 1)"
             self.put(f"const {kind.name} {t} = {function}({key.text}, {number});")
-            self.element(out, i, f"t_{self.fresh}.{kind.fields[0][0]}")
+            self.element(out, i, f"{t}.{kind.fields[0][0]}")
             self.put(f"if (++{i} < {out.text}.n) {out.text}.p[{i}] = {t}.{kind.fields[1][0]};")
         self.depth -= 1
         self.put("} }")
@@ -435,7 +438,7 @@ class Translator:
         if by.number is None:
             raise self.fail(node, "the step of a range must be a number")
         self.fresh += 1
-        i, end = f"i_{self.fresh}", f"n_{self.fresh}"
+        i, end = f"st_i{self.fresh}", f"st_n{self.fresh}"
         self.kinds.setdefault(node.target.id, WHOLE)
         sign = "<" if by.number > 0 else ">"
         self.put(f"{{ int64_t {i}; const int64_t {end} = {high.text};")
@@ -449,7 +452,7 @@ class Translator:
             if of.kind is None:
                 return
             self.fresh += 1
-            t = f"t_{self.fresh}"
+            t = f"st_t{self.fresh}"
             self.put(f"{{ {of.kind.name} {t} = {of.text};")
             names = iter(of.kind.fields)
             for part in target.elts:
@@ -469,8 +472,9 @@ class Translator:
             if of.text:
                 self.put(f"{local(target.id)} = {of.text};")
         elif isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
-            to, other = self.value(target), "" if of.kind in NUMBERS else "_from"
-            self.put(f"{to.kind}_fill{other}({to.text}, {of.text if other else as_double(of)});")
+            to, one = self.value(target), of.kind in NUMBERS
+            text = as_double(of) if one and to.kind == FLOATS else of.text
+            self.put(f"{to.kind}_{'fill' if one else 'from'}({to.text}, {text});")
         else:
             self.element(self.value(target.value), self.value(target.slice).text, of.text)
 
