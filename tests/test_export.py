@@ -1,5 +1,6 @@
 """Export to C99: the same bits as the processor, from every block of the table."""
 
+import inspect
 import json
 import shutil
 import subprocess
@@ -14,8 +15,11 @@ from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, enabled
-from stimlib.blocks import pink_noise, velocity, white_noise
+from stimlib.blocks import compliance, pink_noise, pinking, velocity, white_noise
+from stimlib.core import maths
+from stimlib.errors import SceneError
 from stimlib.export import export_c
+from stimlib.export.translate import FLOATS, Unit
 from stimlib.motion.text import parse_motion
 from stimlib.scenes import ROWS, SHIPPED
 
@@ -116,6 +120,85 @@ def test_every_node_of_a_step_and_of_a_tile_has_the_bits_of_the_interpreter(bloc
     assert first.tobytes() == other.tobytes() and np.unique(first).size > 20
 
 
+def test_silence_and_the_smallest_signals_have_the_same_bits(tmp_path):
+    """What keeps recursions off the denormals is seen in signals of 1e-188."""
+    x = Input("x", "N")
+    scene = Scene({"modes": pinking(x, 20.0), "memory": compliance(x, 0.01, 0.5)})
+    way = np.zeros(400)
+    way[:100] = 1e-188 * np.sin(np.arange(100) ** 2)
+    way[100:150] = 3e-191 * np.cos(np.arange(50))
+    samples = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.4).samples
+    assert same(tmp_path, samples=samples)
+    y = stimlib.compile(scene, 1000).process(way[None].copy())
+    assert (np.count_nonzero(y[:, :90], axis=1) > 60).all() and np.abs(y).max() < 1e-185
+
+
+def widened(k):
+    k = 0.5 * k
+    return k
+
+
+def mixed(p, s, x):
+    return maths.as_float(maths.bits(x) + np.int64(x)), s
+
+
+def changed(p, s, x):
+    x = maths.bits(x)
+    return maths.as_float(x), s
+
+
+def changed_argument(p, s, x):
+    return widened(np.int64(x)), s
+
+
+def stepped(p, s, x):
+    for i in range(0, 4, np.int64(x)):
+        x += i
+    return x, s
+
+
+def unrolled(p, s, x):
+    return x * s, s
+
+
+def called(p, s, x):
+    return abs(np.sin(x)), s
+
+
+def compared_by_is(p, s, x):
+    return maths.where(x is not s, 1.0, 2.0), s
+
+
+@pytest.mark.parametrize(
+    ("step", "at", "says"),
+    [
+        (mixed, mixed, "a uint64 and a whole number differ between targets"),
+        (changed, changed, "x changes its kind"),
+        (changed_argument, widened, "the argument k changes its kind"),
+        (stepped, stepped, "the step of a range must be a number"),
+        (unrolled, unrolled, "an array is no number, and needs a loop"),
+        (called, called, "a call of sin has no form in C"),
+        (compared_by_is, compared_by_is, "IsNot has no form in C"),
+    ],
+)
+def test_what_has_no_form_in_c_is_refused_by_its_line(step, at, says):
+    error = refused(SceneError, says, Unit().function, step, [None, FLOATS, "double"])
+    first = inspect.getsourcelines(at)[1]
+    assert f"test_export.py:{first + 1}: " in str(error), str(error)
+    assert "so it cannot be exported: " in str(error)
+
+
+def test_a_compiler_that_would_change_samples_is_refused(tmp_path):
+    export_c(Scene({"y": 2 * Input("x")}), 1000, tmp_path, {"x": np.ones(100)})
+    probe = ["gcc", "-mfpmath=387", "-x", "c", "-dM", "-E", "/dev/null"]
+    if b"FLT_EVAL_METHOD__ 2" not in subprocess.run(probe, capture_output=True).stdout:
+        pytest.skip("gcc has no arithmetic in excess precision here")
+    done = subprocess.run(
+        [*FAST, "-mfpmath=387", "-c", "stimulus.c"], cwd=tmp_path, capture_output=True
+    )
+    assert done.returncode and b"without excess precision" in done.stderr
+
+
 def test_a_block_of_a_user_is_quoted(tmp_path):
     scene = Scene({"y": OwnHighPass(Input("x"), 0.01)})
     made = export_c(scene, 1000, tmp_path, {"x": np.linspace(-1, 1, 100)})
@@ -146,6 +229,8 @@ def test_what_is_refused(tmp_path):
     refused(BadValue, "name = 'My sound'", export_c, scene, 1000, tmp_path, x, "My sound")
     refused(BadValue, "tile = 65", export_c, scene, 1000, tmp_path, x, tile=65)
     refused(BadValue, "fs = 0", export_c, scene, 0, tmp_path, x)
+    short = {"x": np.ones(99)}
+    refused(BadValue, "x has 99 samples and the self test 100", export_c, scene, 1000, "no", short)
     refused(stimlib.UnknownName, "level", export_c, scene, 1000, tmp_path, x, params={"level": 1.0})
     assert not list(tmp_path.iterdir())
 

@@ -294,6 +294,8 @@ class Translator:
         return Value(f"({a.text} {sign} {b.text})", kind)
 
     def _Compare(self, node: Any) -> Value:
+        if unknown := [type(op).__name__ for op in node.ops if type(op) not in OPERATORS]:
+            raise self.fail(node, f"{unknown[0]} has no form in C")
         values = [self.value(v) for v in (node.left, *node.comparators)]
         parts = [
             f"({a.text} {OPERATORS[type(op)]} {b.text})"
