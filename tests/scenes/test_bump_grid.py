@@ -68,6 +68,26 @@ def test_nothing_is_computed_at_amplitude_zero():
     assert (rendered(bump_grid(), 0.2, A=0.0) == 0).all()
 
 
+def test_after_silence_the_envelope_begins_at_the_place_of_the_finger():
+    """Not with the mean over a movement during which the amplitude was still 0."""
+    scene = bump_grid("square", 1, 0, 0.5, rectify=None, length=1.0)
+    proc = stimlib.compile(scene, 8000, "python")
+    proc.set("A", 0.0, ramp=0.0)
+    assert (proc.process(np.full((1, 7), 0.2)) == 0).all()
+    proc.set("A", 4.0, ramp=0.0)
+    assert (proc.process(np.full((1, 3), 0.8)) == 0).all()  # beside the ridge
+
+
+def test_the_law_takes_far_places_and_leaves_tables_out():
+    hands = {"x": lambda t: 3e5 + HANDS["x"](t), "y": HANDS["y"]}
+    scene = bump_grid("square")
+    assert stimlib.verify(scene, hands, stimlib.render(scene, hands, 8000, 0.3)).passed
+    scene = bump_grid(np.array([0.0, 1.0, 0.5, 0.0]), across=0)
+    hand = {"x": HANDS["x"]}
+    report = stimlib.verify(scene, hand, stimlib.render(scene, hand, 8000, 0.3))
+    assert report.passed and any("not tables" in s for s in report.evidence.skipped)
+
+
 def test_what_makes_no_sense_is_refused():
     for words in ({"along": -1}, {"along": 0, "across": 0}, {"width": 0.0}, {"gain": 0.0}):
         with pytest.raises(BadValue, match="bump_grid: "):
