@@ -129,7 +129,11 @@ class EveryNodeOfAStep(Block):
 
     def design(self, fs):
         made = Numbers(
-            0.75, U(2**64 - 3), np.arange(6.0) ** 2 - 3.0, np.array([7, 1 << 63], U), np.ones(0)
+            0.75,
+            U(0x9E3779B97F4A7C15),
+            np.arange(6.0) ** 2 - 3.0,
+            np.array([7, 1 << 63], U),
+            np.ones(0),
         )
         return made, Memory(0.5, U(5), np.arange(5.0), np.array([1, 2**63 + 1, 3], U), np.ones(0))
 
