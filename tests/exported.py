@@ -69,7 +69,7 @@ def exported(k, folder, seconds=0.15, **words):
 # Every node that a step or a tile may have ------------------------------------------
 U = np.uint64
 SMALL, LEAST, GREAT, NONE, MANY = -0.0, -math.inf, math.inf, math.nan, 2**40
-BIT, POSITIVE = U(2**63 + 5), U(2**63 - 1)
+BIT, POSITIVE, KEY = U(2**63 + 5), U(2**63 - 1), U(0x9E3779B97F4A7C15)
 
 
 class Numbers(NamedTuple):
@@ -163,6 +163,7 @@ class EveryNodeOfAStep(Block):
         s.register[1] = chosen ^ U(k + 9)
         y -= maths.flush(x * 1e-190) * 1e190 + abs(total)
         sign = (maths.bits(maths.flush(x * 1e-191)) ^ maths.bits(SMALL)) >> U(63)
+        sign += maths.bits(x % -2.5) >> U(63)
         y += maths.as_float(sign) + maths.unbits(maths.bits(x) & POSITIVE)
         return y, Memory(double, u + U(1), s.st_line, s.register, s.none)
 
@@ -207,6 +208,7 @@ class EveryNodeOfATile(Block):
         total = part[7:5].size + some[4:3].size + part[20:99].size + some[2:99].size
         for i in range(65, 80):
             total = total * 0.5 + w[i] + maths.as_float(halves[i] >> U(40))
+        total += maths.as_float(maths.words(w[65:])[1] >> U(52))  # of 2.0
         for i in range(n):
             z[i] += maths.as_float((halves[i] ^ p.seed) >> U(40)) + total
         return Memory(s.double, s.n + U(n), line, key, s.none)

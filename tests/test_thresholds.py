@@ -254,6 +254,13 @@ def test_what_no_threshold_is_known_for():
     refused(BadValue, "choose one of P, NP", detection_threshold, 100.0, channel="RA")
 
 
+def test_a_rate_that_holds_no_vibration_has_no_line_in_the_report():
+    scene, motion = bumps(freq=8.0), {"x": constant_speed(0.01, 0.1)}
+    for fs, lines in ((50.0, 0), (60.0, 1)):
+        report = stimlib.verify(scene, motion, stimlib.render(scene, motion, fs, 2.0))
+        assert report.passed and sum("dB SL" in n for n in report.evidence.numbers) == lines
+
+
 def test_what_no_level_is_known_for():
     refused(UnitError, "in V is no motion", sensation_level, T, FS, "V")
     for unit, mass in (("N", None), ("N", 0.0), ("m", 0.1)):

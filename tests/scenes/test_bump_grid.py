@@ -58,7 +58,10 @@ def test_the_law_sees_another_voltage():
     for factor, passed in ((1.0, True), (1.00001, False)):
         changed = Scene({"voltage": factor * scene.outputs["voltage"]}, scene.parts)
         r = stimlib.render(changed, HANDS, 8000, 0.3, {"A": 3.0, "duty_y": 0.7})
-        assert stimlib.verify(changed, HANDS, r).passed is passed
+        report = stimlib.verify(changed, HANDS, r)
+        assert report.passed is passed
+        want, tol = report.evidence.wanted["voltage"]()  # what the report draws
+        assert (np.abs(want - r["voltage"]).max() <= tol) == passed
     one = bump_grid(across=0)
     r = stimlib.render(one, {"x": HANDS["x"]}, 8000, 0.3)
     assert stimlib.verify(one, {"x": HANDS["x"]}, r).passed
