@@ -5,6 +5,7 @@ buffer, in a headless Chromium, null sound card.
     PYTHONPATH=tests python benchmarks/page.py --seconds 300
     PYTHONPATH=tests python benchmarks/page.py --record       and keep the figures
     PYTHONPATH=tests python benchmarks/page.py --soak 1200    beside a busy loop
+    PYTHONPATH=tests python benchmarks/page.py --drawing      of an experiment's page
 
 They are kept in results/page.csv, those of a soak in results/page_soak.csv.  The
 server's clock is right, 2000 ppm slow, and 2000 ppm fast.
@@ -16,6 +17,10 @@ A soak has one server and a program that computes without end.  Every minute (at
 ten times) it prints underruns of the server, gaps in the sound and why, latencies, and
 memory: of the server, of all of the browser, and of the page's objects.  Latencies are
 those of the last thousand moves.
+
+Of drawing, it measures how long a picture of a soft surface takes on the page of an
+experiment, under three avatars that press it deeply and move: by the script, and with
+the painting of its pixels; and the time from picture to picture.
 """
 
 from __future__ import annotations
@@ -24,6 +29,7 @@ import math
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -192,6 +198,82 @@ def soak(seconds: float) -> list[Row]:
     return rows
 
 
+TIMED = """import('./ask.js').then(({field}) => {
+    window.times = [], window.whole = [], window.painting = false;
+    const draw = field.draw, g = field.canvas.getContext('2d');
+    field.draw = (colours, values) => {
+        if (!values) return;
+        const begun = performance.now();
+        draw.call(field, colours, values);
+        if (!painting) { times.push([begun, performance.now() - begun]); return; }
+        g.getImageData(0, 0, 1, 1); // waits until the pixels are there
+        whole.push(performance.now() - begun);
+    };
+})"""
+
+
+def drawing(seconds: float) -> list[Row]:
+    """How long pictures take on the page of an experiment, in two windows."""
+    if where() is None:
+        return [row("Chromium is not installed")]
+    sys.path.remove(str(Path(__file__).parent))  # whose experiments.py is not that of the tests
+    from live.asked import asked
+    from live.drawn import seen
+
+    from stimlib.experiments.experiment import Timing
+    from stimlib.run.safety import Safety
+    from stimlib.scenes import soft_surface
+
+    scale = {f"{name}{k}": 0.14 for name in ("x", "y", "depth") for k in "123"}
+    made = seen(
+        scenes=dict.fromkeys(("soft", "hard"), soft_surface("multipoint")),
+        safety=Safety(scale | {"force": 10.0}),
+        timing=Timing(interval=seconds, gap=0.1, before=0.0),
+    )
+    rows, browser = [], Browser()
+    try:
+        for wide, high in ((1440, 900), (390, 844)):
+            with tempfile.TemporaryDirectory() as data, asked(data, made, "page") as running:
+                page = browser.page(running.server.url, wide, high)
+                page.js(TIMED)
+                page.until("document.querySelector('#keys button:enabled') !== null")
+                time.sleep(0.3)
+                page.key(" ")
+                for k in (1, 2):
+                    page.until(f"document.querySelector('#clock').textContent === '{k} of 2'")
+                    page.js(f"painting = {str(k == 2).lower()}")
+                    press(page, 0.9 * seconds)
+                times, whole = page.js("[times, whole]")
+                page.close()
+            begun, script = np.array(times).T
+            for name, of in (
+                ("script of a picture", script),
+                ("picture with its pixels", whole),
+                ("from picture to picture", np.diff(begun)),
+            ):
+                p50, p99 = np.percentile(of, [50, 99])
+                what = f"{wide} x {high}: {name}, 50 and 99 %, of {len(of)}"
+                rows.append(row(what, f"{p50:.1f} {p99:.1f}", "ms"))
+    finally:
+        browser.close()
+    return rows
+
+
+def press(page, seconds: float) -> None:
+    """A pen goes round and presses as deeply as it can."""
+    left, top, wide, high = page.box("#picture")
+    begun, kind = time.monotonic(), "Pressed"
+    while (t := time.monotonic() - begun) < seconds:
+        at = (
+            left + wide * (0.5 + 0.15 * math.cos(3 * t)),
+            top + high * (0.5 + 0.15 * math.sin(3 * t)),
+        )
+        page.mouse(kind, *at, "pen", 1.0)
+        kind = "Moved"
+        time.sleep(1 / MOVES)
+    page.mouse("Released", left + 0.5 * wide, top + 0.5 * high, "pen")
+
+
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--serve"]:
         serve(float(sys.argv[2]))
@@ -199,7 +281,9 @@ if __name__ == "__main__":
         parser = options(__doc__, None)
         parser.add_argument("--seconds", type=float, default=20.0)
         parser.add_argument("--soak", type=float, default=0.0, metavar="SECONDS")
+        parser.add_argument("--drawing", action="store_true")
         given = parser.parse_args()
-        name = "page_soak" if given.soak else "page"
-        rows = soak(given.soak) if given.soak else measure(given.seconds)
+        name = "page_soak" if given.soak else "page_drawing" if given.drawing else "page"
+        short = drawing if given.drawing else measure
+        rows = soak(given.soak) if given.soak else short(given.seconds)
         save(name, [row(machine()), *rows], given.record)

@@ -146,7 +146,7 @@ def test_scene_from_own_code_and_from_a_file(own, tmp_path, source):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["render", "sqeeze"], "no scene 'sqeeze': use one of bumps"),
+        (["render", "sqeeze"], "no scene 'sqeeze': use one of bump_grid, bumps"),
         (["render", "squeeze"], "no motion for x1, x2"),
         (["render", "squeeze", "--motion", "jump()"], "minimum_jerk, sinusoid"),
         (["render", "squeeze", "--motion", "minimum_jerk()", "--set", "k"], "NAME=VALUE"),

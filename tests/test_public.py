@@ -364,6 +364,7 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
             "experiments": 1,
         },
         "grouped": {"by": ["condition"]},
+        "times_text": {"times": {"a": [1.0, 2.0], "b": [3.0]}},
         "to_pandas": {"rows": [Answer({})], "names": ()},
         "plain": {"rows": [Answer({})], "names": ()},
         "write_report": {"path": folder / "a.html", "title": "A", "method": "B"},
@@ -570,7 +571,7 @@ def refused(annotation: str) -> set[str]:
 MAY_FAIL = set(
     """
     load_texture as_scene stimlib.files.read recover read_log image displayed ratings
-    found located sorted_rightly text cues_text recorded identify
+    found located spent sorted_rightly text cues_text recorded identify
     """.split()
 )
 """Whose sensible arguments would be a file or the data of a whole experiment: here they

@@ -74,7 +74,8 @@ Sink = Annotated[
     typer.Option(
         help=(
             f"[bold]{'[/], [bold]'.join(SINKS)}[/]; [bold]offline[/] as fast as it goes;"
-            " [bold]file[/] keeps sound."
+            " [bold]file[/] keeps sound; [bold]page[/] for what is only seen: the pointer of"
+            " the page moves, and the page draws it."
         )
     ),
 ]
@@ -153,8 +154,9 @@ def played(
         if name in ("participant", "session", "data", "sink", "device", "calibration")
     }
     made = experiment_of(defined)
-    if sink not in presentation.SINKS:
-        raise BadValue(f"--sink {sink}: choose one of {', '.join(presentation.SINKS)}")
+    if sink not in (known := (*presentation.SINKS, "page")):
+        raise BadValue(f"--sink {sink}: choose one of {', '.join(known)}")
+    page = page or sink == "page"
     options = {} if device is None else option(sink, "device", device)
     options |= opt.calibration(calibration)
     sent = opt.senders(send)
@@ -290,7 +292,7 @@ def simulate(
         raise BadValue(
             f"{defined}: give the experiment an observer=, a function (trial, rng) -> Answer"
         )
-    display: Any = "offline" if rendered else lambda trial, folder: {}
+    display: Any = "offline" if rendered else lambda trial, folder, **paced: {}
     every = list(product(range(1, participants + 1), range(1, made.sessions + 1)))
     with progress("simulating", len(every), not quiet) as advance:
         for n, number in every:

@@ -136,6 +136,8 @@ class Recorder:
     ):
         self.pump, self.watch, self.writer, self._fail = pump, watch, writer, fail
         self.markers, self._latency = markers, latency
+        self.see: Callable[[int, np.ndarray, np.ndarray], None] = lambda at, x, y: None
+        self._column = np.zeros((len(pump.proc.inputs), 1))  # the newest motion
         self.stales = 0  # how often the motion stayed away
         self._cursor = 0  # frames that the log has
         self._pending: list[tuple[int, str, dict[str, Any]]] = []
@@ -160,6 +162,7 @@ class Recorder:
                 " the disk"
             )
         while len(x := p.motion()):
+            self._column = x[-1:].T.copy()
             if writer is not None:
                 writer.motion(np.ascontiguousarray(x.T))
         while True:
@@ -176,6 +179,7 @@ class Recorder:
                     writer.delivered(part.copy())
                 self._cursor += len(part)
                 frames = frames[len(part) :]
+            self.see(self._cursor - 1, self._column, part[-1:].T)
         self._put_events(self._cursor if p.read("LOG") else 2**63)
         self._tell(committed)
         faults = self.watch.faults()

@@ -672,6 +672,27 @@ class Sink:
         at, uncertainty = self._telling.clock.time(sample)
         return at + self._delay(), uncertainty
 
+    def watch(self, see: Callable[[int, np.ndarray, np.ndarray], None]) -> None:
+        """Let a function see the newest sample of a started session, to draw it.
+
+        Parameters
+        ----------
+        see : callable
+            ``see(sample, x, y)`` is called for the newest block, at most 100 times a
+            second, from the thread that writes the log: the sample's index, the motion,
+            shape (n_inputs, 1), in the inputs' units, and the frame, shape (channels,
+            1), from -1 to 1. Motion and index may be a block apart. It must not block
+            or raise.
+
+        Raises
+        ------
+        SinkError
+            Not started, or a session without a log, which has no samples to see.
+        """
+        if not self._started or self._log_to is None:
+            raise SinkError("watch: give the sink a log, and start it first")
+        self._recorder.see = see
+
     def report(self) -> SessionReport:
         """Return the report of the session so far."""
         if not self._opened:

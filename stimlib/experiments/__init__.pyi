@@ -6,11 +6,13 @@ from .compare import (
     Effect as Effect,
     anova as anova,
     dunn as dunn,
+    elapsed_times as elapsed_times,
     kruskal as kruskal,
     mixed as mixed,
     paired as paired,
     repeated as repeated,
     shapiro as shapiro,
+    times_text as times_text,
 )
 from .cue_distances import (
     Distance as Distance,
@@ -28,6 +30,7 @@ from .designs import (
 )
 from .experiment import (
     Cursor as Cursor,
+    Drawing as Drawing,
     Experiment as Experiment,
     Masking as Masking,
     Timing as Timing,
@@ -66,6 +69,7 @@ from .questions import (
     Question as Question,
     analogue as analogue,
     choice as choice,
+    free_text as free_text,
     places as places,
     ranking as ranking,
     rating as rating,

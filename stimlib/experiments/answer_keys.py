@@ -84,8 +84,8 @@ def prompted(question: Question, replays: int = 0, texts: Texts = texts_of()) ->
     keys, ends = dict(zip(question.keys, choices, strict=False)), choices[:2]
     if kind == "rating" and most <= MOST_BUTTONS:
         keys = {str(n): "" for n in range(1, most + 1)} | {"1": ends[0], str(most): ends[1]}
-    elif kind == "places":
-        keys, ends = {NONE: texts("none_felt")}, ("", "")
+    elif kind in ("places", "text"):
+        keys, ends = {NONE: texts("none_felt" if kind == "places" else "nothing")}, ("", "")
     line = kind != "choice" and not (kind == "rating" and most <= MOST_KEYS)
     values = {"low": ends[0], "high": ends[1], "most": most, "items": " ".join(choices)}
     hint = texts(f"how_{kind}", **values) if line and (kind != "rating" or not keys) else ""

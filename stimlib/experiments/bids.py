@@ -12,7 +12,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,9 +34,15 @@ COLUMNS = {
     "level": {"Description": "Level of the stimulus that was varied"},
     "chance": {"Description": "Probability of a correct answer by guessing"},
     "outcome": {"Description": "Whether the answer was correct, or what it was"},
-    "seconds": {"Description": "Time from the end of the stimuli to the answer", "Units": "s"},
+    "correct": {"Description": "Whether all right answers were given"},
+    "seconds": {"Description": "Time from the first question to the last answer", "Units": "s"},
     "replays": {"Description": "How often the stimuli were presented again"},
     "training": {"Description": "Whether the trial was for training and does not count"},
+    # the columns of any interval, and of any question
+    "interval": {"Description": "Stimulus of this interval: its name, or its scene"},
+    "_started": {"Description": "Begin of this interval, since the session began", "Units": "s"},
+    "_stopped": {"Description": "End of this interval, since the session began", "Units": "s"},
+    "_rt": {"Description": "Time from when the question was asked to its answer", "Units": "s"},
 }
 TRACKED = {"m": "POS", "m/s": "VEL", "m/s**2": "ACCEL"}  # types of motion channels, by unit
 
@@ -106,7 +112,6 @@ def to_bids(
         f" with stimlib {__version__}. Each row of a `_beh.tsv` is a trial.\n",
         "participants.tsv": _tsv({"participant_id": [f"sub-{x}" for x in labels.values()]}),
     }
-    described = _described(experiment)
     for s in told:
         who, session = s.header["participant"], s.header["session"]
         name = f"sub-{labels[who]}_ses-{session}_task-{task}"
@@ -114,15 +119,20 @@ def to_bids(
         place = f"sub-{labels[who]}/ses-{session}"
         rows = {k: v for k, v in table.items() if k not in ("participant", "session")}
         files[f"{place}/beh/{name}_beh.tsv"] = _tsv(rows)
-        facts = {k: described[k] for k in rows if k in described}
+        facts = _described(experiment, rows)
         told_them = {"Instructions": experiment.instructions} if experiment.instructions else {}
         files[f"{place}/beh/{name}_beh.json"] = _json(
             {"TaskName": experiment.name, **told_them, **facts}
         )
         for r in s.records if signals else ():
-            shown = r.displayed[-1] if r.displayed else {}
-            if "log" in shown:
-                files |= _run(experiment, s, r, shown, place, name)
+            # self-paced intervals have a run each, others one for the trial
+            last = {
+                f"{name}_acq-interval{d['interval']}" if "interval" in d else name: d
+                for d in r.displayed
+            }
+            for run, shown in last.items():
+                if "log" in shown:
+                    files |= _run(experiment, s, r, shown, place, run)
     return _written(at, files)
 
 
@@ -138,7 +148,8 @@ def _run(
     log = without_inverse(found)
     at = f"{place}/beh/{name}_run-{r.number}"
     spans = np.array(shown["intervals"])
-    kinds = [stimulus.scene for stimulus in r.trial.stimuli]
+    first = shown.get("interval", 1) - 1
+    kinds = [stimulus.scene for stimulus in r.trial.stimuli[first : first + len(spans)]]
     events = {
         "onset": (spans[:, 0] / log.fs).tolist(),
         "duration": (np.diff(spans)[:, 0] / log.fs).tolist(),
@@ -151,14 +162,14 @@ def _run(
         "scene": {"Description": "Scene of the experiment that was displayed"},
     }
     frames = [f.astype(np.float64) * there for _, f, there in delivered(log)]
-    outputs = np.concatenate(frames) * log.safety.scales(log.outputs)
+    outputs = np.concatenate(frames) * log.safety.scales(log.outputs)[list(log.channels)]
     units, start = log.header["units"], {"StartTime": 0.0, "SamplingFrequency": log.fs}
-    facts = {n: {"Units": units[n]} for n in log.outputs}
+    facts = {n: {"Units": units[n]} for n in log.outputs[: outputs.shape[1]]}
     files: dict[str, str | bytes] = {
         f"{at}_events.tsv": _tsv(events),
         f"{at}_events.json": _json({**task, **told}),
         f"{at}_stim.tsv.gz": gzip.compress(_rows(outputs).encode(), mtime=0),
-        f"{at}_stim.json": _json({**task, **start, "Columns": list(log.outputs), **facts}),
+        f"{at}_stim.json": _json({**task, **start, "Columns": list(facts), **facts}),
     }
     if log.inputs:
         moved = f"{place}/motion/{name}_tracksys-input_run-{r.number}"
@@ -222,7 +233,7 @@ def to_psych_ds(
     See docs/howto/experiments.rst.
     """
     told = _told("to_psych_ds", experiment, found, folder)
-    described, variables = _described(experiment), dict[str, None]()
+    variables = dict[str, None]()
     files: dict[str, str | bytes] = {}
     for s in told:
         who, session = label(s.header["participant"]), s.header["session"]
@@ -234,9 +245,9 @@ def to_psych_ds(
         {
             "@type": "PropertyValue",
             "name": k,
-            "description": described.get(k, {}).get("Description", k),
+            "description": about["Description"],
         }
-        for k in variables
+        for k, about in _described(experiment, variables).items()
     ]
     about = {
         "@context": "https://schema.org/",
@@ -268,8 +279,17 @@ def _told(
     return told
 
 
-def _described(experiment: Experiment) -> dict[str, dict[str, str]]:
-    return COLUMNS | {q.name: {"Description": q.text} for q in experiment.questions}
+def _described(experiment: Experiment, names: Iterable[str]) -> dict[str, dict[str, str]]:
+    """Return what each of these columns means."""
+    known = COLUMNS | {
+        q.name: {"Description": q.text} for q in (*experiment.questions, *experiment.after)
+    }
+    return {
+        k: known.get(k)
+        or known.get(re.sub(r"_\d+$|^.*(?=_(started|stopped|rt)$)", "", k))
+        or {"Description": k}
+        for k in names
+    }
 
 
 def _written(at: Path, files: Mapping[str, str | bytes]) -> list[Path]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from ..errors import BadValue, UnknownName, need, public
 from ..system.packages import package
 from .likelihood import numbers
+from .tables import Columns, grouped
 
 Array = np.ndarray
 ADJUSTMENTS = ("bonferroni", "none")
@@ -253,6 +254,130 @@ def anova(groups: Mapping[str, ArrayLike]) -> Statistic:
         float(found.pvalue),
         1 - df[1] / (df[1] + df[0] * float(found.statistic)),
     )
+
+
+@public
+def elapsed_times(
+    answers: Columns, by: str = "condition", seconds: str = "seconds"
+) -> dict[str, Array]:
+    """Return the times that participants took in each condition, for tests of groups.
+
+    Parameters
+    ----------
+    answers : dict of str to sequence
+        With the columns ``by`` and ``seconds``; rows without a time are left out.
+    by, seconds : str
+        The column of the condition, and that of the times in s, such as ``softer_rt``.
+
+    Returns
+    -------
+    dict of str to ndarray
+        Times in s by condition, for `kruskal`, `dunn`, `shapiro` and `times_text`.
+
+    Raises
+    ------
+    UnknownName
+        A column is missing.
+    BadValue
+        A time is no number.
+
+    Notes
+    -----
+    Times are skewed: compare medians, or ranks. Tests of groups take the times as those
+    of different people. If each participant was in all conditions, use `repeated` with
+    the mean log time of each participant and condition.
+
+    Examples
+    --------
+    >>> from stimlib.experiments import elapsed_times, kruskal, times_text
+    >>> times = elapsed_times(
+    ...     {
+    ...         "condition": ["slow"] * 6 + ["fast"] * 6,
+    ...         "seconds": [9, 12, 13, 15, 18, 31, 3, 4, 4, 5, 6, 14],
+    ...     }
+    ... )
+    >>> round(kruskal(times).p, 3)
+    0.016
+    >>> print(times_text(times))
+    slow          14.0 s [9.0, 31.0], mean 16.33 s, SD 7.79, n = 6
+    fast          4.5 s [3.0, 14.0], mean 6.00 s, SD 4.05, n = 6
+    times: H(1) = 5.789, p = 0.016
+      slow and fast: z = 2.406, p = 0.016; t = 2.88, p = 0.016 (two-sided, times 1)
+    """
+    need("elapsed_times", (by, seconds), answers)
+    return {
+        str(name): numbers("elapsed_times", times)
+        for (name,), rows in grouped(answers, [by]).items()
+        if (times := [v for v in rows[seconds] if v is not None])
+    }
+
+
+@public
+def times_text(
+    times: Mapping[str, ArrayLike],
+    printed: Mapping[str, str] | None = None,
+    sides: str = "two-sided",
+) -> str:
+    """Return a summary and tests of elapsed times as lines of text.
+
+    For each condition, its median with an interval, mean and standard deviation; the
+    Kruskal-Wallis test; and for each pair Dunn's test and Student's t test of
+    independent groups, whose p are multiplied by the number of pairs.  There are no
+    tests of one condition, or of times that are all the same.
+
+    Parameters
+    ----------
+    times : dict of str to array_like
+        As `elapsed_times` returns them.
+    printed : dict of str to str, optional
+        What a paper prints, by condition, or by "A and B" for the tests of a pair.
+    sides : {"two-sided", "one-sided"}
+        Of the tests of pairs.
+
+    Raises
+    ------
+    BadValue
+        A time is no number, or not finite.
+
+    Notes
+    -----
+    The interval of a median ends at two of the times, between which it lies with a
+    probability of at least 95 %, whatever their distribution; nan with fewer than six
+    times.
+
+    References
+    ----------
+    Li et al. (2016), "Data processing methods". Interval of the median: Conover,
+    Practical Nonparametric Statistics (1999), section 3.2.
+
+    Examples
+    --------
+    See `elapsed_times`.
+    """
+    rows = {name: numbers("times_text", row) for name, row in times.items()}
+    told, lines, moments = {k: f"  paper: {v}" for k, v in (printed or {}).items()}, [], {}
+    for name, row in rows.items():
+        n, k = row.size, int(scipy.stats.binom.ppf(0.025, row.size, 0.5))
+        low, high = np.array([np.nan, *np.sort(row), np.nan])[[k, n + 1 - k]]
+        moments[name] = row.mean(), row.std() * (n / (n - 1 or np.nan)) ** 0.5, n
+        lines.append(
+            f"{name:<12}  {np.median(row):.1f} s [{low:.1f}, {high:.1f}], mean {row.mean():.2f} s,"
+            f" SD {moments[name][1]:.2f}, n = {n}{told.get(name, '')}"
+        )
+    if len(rows) < 2 or np.ptp(np.concatenate(list(rows.values()))) == 0:
+        return "\n".join(lines)
+    test, pairs = kruskal(rows), dunn(rows, sides)
+    lines += [f"times: H({test.df[0]:g}) = {test.value:.3f}, p = {test.p:.2g}"]
+    for pair in pairs:
+        with np.errstate(all="ignore"):  # of one time each there is no t
+            t = scipy.stats.ttest_ind_from_stats(*moments[pair.a], *moments[pair.b])
+        p = min(len(pairs) * t.pvalue / (1 if sides == "two-sided" else 2), 1.0)
+        lines.append(
+            f"  {pair.a} and {pair.b}: z = {pair.statistic:.3f}, p = {pair.p:.2g}; t ="
+            f" {t.statistic:.2f}, p = {p:.2g} ({sides}, times {len(pairs)})"
+            f"{told.get(f'{pair.a} and {pair.b}', '')}"
+        )
+    return "\n".join(lines)
 
 
 # Within participants ------------------------------------------------------------------

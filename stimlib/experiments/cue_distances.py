@@ -174,10 +174,11 @@ def displayed(folder: Path, record: Record) -> list[dict[str, NDArray[np.float64
             " displayed"
         )
     log = without_inverse(read_log(folder / shown["log"]))
-    frames = np.concatenate(
-        [f.astype(np.float64) * there for _, f, there in delivered(log)]
-    ) * log.safety.scales(log.outputs)
-    outputs = dict(zip(log.outputs, frames.T, strict=True))
+    frames = (
+        np.concatenate([f.astype(np.float64) * there for _, f, there in delivered(log)])
+        * log.safety.scales(log.outputs)[list(log.channels)]
+    )
+    outputs = dict(zip(log.outputs, frames.T, strict=False))
     inputs = dict(zip(log.inputs, np.asarray(log.motion).T, strict=True))
     return [{name: x[a:b] for name, x in (inputs | outputs).items()} for a, b in shown["intervals"]]
 

@@ -10,10 +10,11 @@ import os
 from collections.abc import Callable, Mapping
 from functools import cached_property, partial
 from itertools import islice
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
+from ..core.graph import Block, constant
 from ..core.scene import Scene
 from ..core.units import Unit
 from ..errors import BadValue, UnknownName, public
@@ -25,16 +26,20 @@ from .texts import Texts, texts_of
 from .trial import Answer, Design, Observer, Stimulus, Trial, observed
 from .user_code import called
 
+# output of a trial's scene, on no channel: the condition that begins an interval
+STARTS = "starts"
+
 
 @public
 @dc.dataclass(frozen=True)
 class Timing:
-    """The durations in a trial, in s.
+    """The durations in a trial, in s, and what begins and ends its intervals.
 
     Parameters
     ----------
     interval : float
-        Duration of each stimulus, in which the participant explores it.
+        Duration of each stimulus, in which the participant explores it; the longest, if
+        the participant ends it.
     gap : float
         Silence between two stimuli of a trial.
     before : float
@@ -43,6 +48,42 @@ class Timing:
         Duration of the fade-in and fade-out of each stimulus, within its interval.
     pause : float
         Minimum time from an answer to the next trial.
+    until : {"time", "done", "answer"}
+        What ends a stimulus: its time; a key that the participant presses when done; or
+        the answer. With "answer" the questions are asked during the last stimulus of a
+        trial, which ends with the last of their answers; those before end as with
+        "done".
+    starts : Block, optional
+        Condition on the inputs, such as a contact that lasts for 0.5 s: the interval
+        begins at the first sample at which it is 0.5 or more. The stimulus is there
+        before, so that it can be touched.
+    wait : float
+        Time that a stimulus lasts longer, in which ``starts`` may come to hold.
+
+    Raises
+    ------
+    BadValue
+        A time below 0 or above 3600 s, an interval that is not longer than its ramps,
+        or an unknown ``until``.
+
+    Notes
+    -----
+    With ``until`` or ``starts`` the intervals are *self-paced*, and each is a run of
+    the sink with a log of its own. A stimulus that is ended fades out within the fade
+    of `stimlib.run.safety.Safety`. The next one begins after ``gap`` and the time that
+    the device needs to be opened again.
+
+    Examples
+    --------
+    >>> from stimlib import Input, constant
+    >>> from stimlib.blocks import envelope, velocity
+    >>> from stimlib.experiments import Timing
+    >>> squeeze = Timing(interval=20.0, until="done")
+    >>> x = Input("x", "m")
+    >>> contact = envelope(x > constant(0.0, "m"), attack=0.5, release=0.0) >= 1.0
+    >>> after_contact = Timing(interval=3.0, starts=contact, wait=10.0)
+    >>> fast = abs(velocity(x)) > constant(0.05, "m/s")
+    >>> moving = Timing(interval=3.0, starts=fast, wait=10.0)
     """
 
     interval: float = 3.0
@@ -50,17 +91,25 @@ class Timing:
     before: float = 0.1
     ramp: float = 0.02
     pause: float = 0.0
+    until: Literal["time", "done", "answer"] = "time"
+    starts: Block | None = None
+    wait: float = 0.0
 
     def __post_init__(self):
-        for f in dc.fields(self):
-            v = getattr(self, f.name)
+        for name in ("interval", "gap", "before", "ramp", "pause", "wait"):
+            v = getattr(self, name)
             if not isinstance(v, (int, float)) or not 0 <= v < 3600:
-                raise BadValue(f"Timing: {f.name} = {v!r} must be a time in seconds from 0 to 3600")
+                raise BadValue(f"Timing: {name} = {v!r} must be a time in seconds from 0 to 3600")
         if self.interval <= 2 * self.ramp:
             raise BadValue(
                 f"Timing: interval = {self.interval:g} s must be longer than its two ramps of"
                 f" {self.ramp:g} s"
             )
+
+    @property
+    def self_paced(self) -> bool:
+        """Whether something else than time begins or ends an interval."""
+        return self.until != "time" or self.starts is not None
 
 
 @public
@@ -93,6 +142,58 @@ class Masking:
 
     output: str = "masking"
     rms: float = 0.05
+
+
+@public
+@dc.dataclass(frozen=True)
+class Drawing:
+    """What the page of an experiment draws while a stimulus is presented.
+
+    The object and the hand are drawn if the scene says how they look: soft surfaces
+    with their shades, plate and helix of ``viscoelastic``, the pad of ``bumps``. See
+    `stimlib.live.describe.view_of`.
+
+    Parameters
+    ----------
+    surface : bool
+        Whether the object is drawn.
+    cursor : bool
+        Whether the avatars, or the place of the finger, are drawn.
+    hidden : bool
+        Whether the page also shows what should only be felt: where nodules or bumps
+        are.
+    beside : (float, float)
+        Place of the avatar beside the pen, in m to the right and up, so that the hand
+        does not cover it, such as ``(-0.015, 0.0)``: 15 mm to the left. A browser's
+        millimetres are nominal, 96 pixels in 25.4 mm: measure them on your screen.
+    marks : dict of str to (float, float)
+        Places on a soft surface, x and y in m from its corner, each marked with a dot
+        and its name.
+
+    Raises
+    ------
+    BadValue
+        More than 0.1 m beside the pen.
+
+    Examples
+    --------
+    >>> from stimlib.experiments import Drawing
+    >>> Drawing(beside=(-0.015, 0.0))
+    Drawing(surface=True, cursor=True, hidden=False, beside=(-0.015, 0.0), marks={})
+    """
+
+    surface: bool = True
+    cursor: bool = True
+    hidden: bool = False
+    beside: tuple[float, float] = (0.0, 0.0)
+    marks: Mapping[str, tuple[float, float]] = dc.field(default_factory=dict)
+
+    def __post_init__(self):
+        if not (len(self.beside) == 2 and all(map(fields.between(-0.1, 0.1), self.beside))):
+            raise BadValue(
+                f"Drawing: beside = {self.beside!r:.60} must be two distances in m, to the right"
+                " and up, of at most 0.1"
+            )
 
 
 @public
@@ -137,6 +238,8 @@ class Experiment:
         has a right answer (``Experiment.right``); places have none.
     cursor : Cursor, optional
     masking : Masking, optional
+    drawing : Drawing, optional
+        What the page of the experiment draws; None: nothing.
     seed : int
         Seed of the whole experiment; each participant and session has its own random
         streams.
@@ -147,6 +250,9 @@ class Experiment:
     analysis : callable, optional
         ``analysis(sessions) -> any``, called with a list of
         `stimlib.experiments.reader.Saved`; the result is printed.
+    after : tuple of Question
+        Questions that are asked once, after the last trial of a session, such as which
+        condition the participant preferred.
     language : str or path
         Language of all other texts that the participant reads: "en", "de", or a file of
         your own; see `stimlib.experiments.texts_of`.
@@ -190,10 +296,12 @@ class Experiment:
     feedback: bool = False
     cursor: Cursor | None = None
     masking: Masking | None = None
+    drawing: Drawing | None = Drawing()
     seed: int = 0
     instructions: str = ""
     observer: Observer | None = None
     analysis: Callable[[list[Any]], Any] | None = None
+    after: tuple[Question, ...] = ()
     language: str | os.PathLike[str] = "en"
     show_total: bool = True
 
@@ -213,13 +321,13 @@ class Experiment:
                 f"experiment {self.name!r}: questions = {self.questions!r:.80} must be a tuple of"
                 " Question, such as (choice(..),)"
             )
-        names = [q.name for q in self.questions]
+        names = [q.name for q in (*self.questions, *self.after)]
         scenes = self.scenes.values() if isinstance(self.scenes, Mapping) else ()
         if not scenes or not all(isinstance(s, Scene) for s in scenes):
             raise BadValue(
                 f"experiment {self.name!r}: scenes must be a table of names to Scene, one at least"
             )
-        if not names or len(set(names)) != len(names):
+        if not self.questions or len(set(names)) != len(names):
             raise BadValue(
                 f"experiment {self.name!r}: it needs questions, each with a name of its own; got"
                 f" {names}"
@@ -258,6 +366,17 @@ class Experiment:
                 f"Cursor: no scene has an input {self.cursor.input!r}; there are"
                 f" {', '.join(self.inputs) or 'none'}"
             )
+        needs = set(
+            Scene(
+                {STARTS: constant(0.0) if self.timing.starts is None else self.timing.starts}
+            ).inputs
+        )
+        if needs - set(self.inputs) or STARTS in self.outputs:
+            raise UnknownName(
+                f"Timing: starts takes {', '.join(sorted(needs))}, and the scenes have the inputs"
+                f" {', '.join(self.inputs) or 'none'}; it can take no other, and no output of"
+                f" theirs can be called {STARTS!r}"
+            )
         if not isinstance(self.bounds, Mapping):
             raise BadValue(f"bounds = {self.bounds!r} must map names of parameters to (low, high)")
         known = {p for s in self.scenes.values() for p in s.params}
@@ -295,7 +414,7 @@ class Experiment:
 
     def question(self, name: str) -> Question:
         """Return the question with a name; raise UnknownName if there is none."""
-        for q in self.questions:
+        for q in (*self.questions, *self.after):
             if q.name == name:
                 return q
         raise UnknownName(
@@ -320,17 +439,6 @@ class Experiment:
         self._check_feedback(made)
         return made
 
-    def right(self, trial: Trial) -> dict[str, Any]:
-        """Return the right answers to a trial's questions; places have none.
-
-        They are ``trial.correct``. Without it, if the trial has a chance level, it is
-        the choice of score 1.
-        """
-        best = [c for c, score in trial.scores.items() if score == 1 and trial.chance]
-        known = trial.correct or dict(zip(trial.questions, best, strict=False))
-        asked = [self.question(name) for name in trial.questions]
-        return {q.name: known[q.name] for q in asked if q.name in known and q.kind != "places"}
-
     def guess(self, trial: Trial, rng: np.random.Generator) -> Answer:
         """Return the answer of somebody who ignores the stimuli; an `Observer`."""
         return Answer({name: self.question(name).guess(rng) for name in trial.questions})
@@ -338,7 +446,7 @@ class Experiment:
     def _check_feedback(self, design: Design) -> None:
         """Raise BadValue if feedback is wanted, and no trial has a right answer."""
         guessed = observed(design, 0, self.guess, stream(0, "feedback"))
-        if self.feedback and not any(self.right(trial) for trial, _ in islice(guessed, 1000)):
+        if self.feedback and not any(trial.right for trial, _ in islice(guessed, 1000)):
             raise BadValue(
                 f"experiment {self.name!r}: feedback=True, but no trial of the design has a right"
                 " answer; give correct= in Rate or in Trial, give the standard of a TwoInterval a"
@@ -365,6 +473,11 @@ class Experiment:
         """
         if not trial.questions:
             raise BadValue(f"condition {trial.condition!r}: a trial asks one question at least")
+        if trial.stimuli and (late := {q.name for q in self.after} & set(trial.questions)):
+            raise BadValue(
+                f"condition {trial.condition!r}: {', '.join(sorted(late))} is asked after the"
+                " session, and not by a trial; put it among questions to ask it there"
+            )
         first = [self.question(name) for name in trial.questions][0]
         if trial.scores and set(trial.scores) != {*first.choices}:
             raise BadValue(
@@ -432,8 +545,8 @@ class Experiment:
 
 def _plain(v: Any) -> Any:
     """Return the description of a value as JSON data."""
-    if isinstance(v, Scene):
-        return v.hash
+    if isinstance(v, (Scene, Block)):
+        return (v if isinstance(v, Scene) else Scene({STARTS: v})).hash
     if dc.is_dataclass(v) and not isinstance(v, type):
         return {"class": type(v).__name__} | {
             f.name: _plain(getattr(v, f.name)) for f in dc.fields(v)

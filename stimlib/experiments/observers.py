@@ -26,7 +26,7 @@ from ..system.progress import progress as bar
 from .experiment import Experiment
 from .likelihood import probability
 from .random_streams import stream
-from .trial import Answer, Observer, Stimulus, Trial, observed, outcome
+from .trial import Answer, Observer, Stimulus, Trial, correct, observed, outcome
 
 By = float | Mapping[str, float]
 """A number, or one for each condition."""
@@ -313,7 +313,10 @@ def _of(v: By, condition: str, name: str) -> float:
 
 
 # Many of them -------------------------------------------------------------------------
-COLUMNS = ("participant", "number", "condition", "track", "level", "chance", "outcome")
+COLUMNS = (
+    *("participant", "number", "condition", "track", "level", "chance"),
+    *("outcome", "correct", "seconds"),
+)
 
 
 @public
@@ -350,9 +353,9 @@ def simulate(
     -------
     dict of str to list
         Columns ``participant``, ``number`` (of the trial, from 1), ``condition``,
-        ``track``, ``level``, ``chance`` (of the task), ``outcome``, and each question
-        by its name; training is left out.  The same on every run and with any number of
-        workers.
+        ``track``, ``level``, ``chance`` (of the task), ``outcome``, ``correct``,
+        ``seconds`` (of the observer's answer), and each question by its name; training
+        is left out.  The same on every run and with any number of workers.
 
     Raises
     ------
@@ -447,6 +450,8 @@ def _participant(
                     trial.level,
                     trial.chance,
                     outcome(trial, answer),
+                    correct(trial, answer),
+                    answer.seconds,
                     *asked,
                 )
             )

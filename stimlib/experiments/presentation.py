@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import dataclasses as dc
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +33,7 @@ from ..files.log_reader import read_log
 from ..files.log_replay import delivered, without_inverse
 from ..files.log_writer import LogWriter, header
 from ..run.safety import Safety
-from .experiment import Cursor, Experiment
+from .experiment import STARTS, Cursor, Experiment
 from .trial import Trial
 
 if TYPE_CHECKING:
@@ -49,15 +52,16 @@ def spans(experiment: Experiment, trial: Trial) -> list[tuple[int, int]]:
     """Return the first sample of each interval and the one after its last.
 
     The first interval comes after ``timing.before`` s and the sink's fade-in, so that
-    this fade affects no stimulus.
+    this fade affects no stimulus. A self-paced interval has its longest time; it comes
+    after ``timing.gap`` s, if that is longer.
 
     Examples
     --------
     See `program`.
     """
     t, fs = experiment.timing, experiment.fs
-    first = round(t.before * fs) + _safety(experiment).samples(fs)
-    long, apart = round(t.interval * fs), round(t.gap * fs)
+    first = round(max(t.before, t.gap * t.self_paced) * fs) + _safety(experiment).samples(fs)
+    long, apart = round((t.interval + t.wait) * fs), round(t.gap * fs)
     return [
         (at, at + long) for at in (first + i * (long + apart) for i in range(len(trial.stimuli)))
     ]
@@ -77,7 +81,7 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     scene : Scene
         All outputs of the experiment, in the order of its scenes, so that each has the
         same channel in every trial; each is 0 outside its intervals. The masking noise
-        is included, if there is any.
+        is included, if there is any; so is ``timing.starts``, as the last output.
     params : dict of str to float
         Parameters that differ from the scenes'. With several intervals, each interval
         has its own, numbered after the name: ``k_1``, ``k_2``.
@@ -158,6 +162,8 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
     }
     if m := experiment.masking:
         every[m.output] = m.rms * white_noise(seed=0, stream=MASKING_STREAM)
+    if experiment.timing.starts is not None:
+        every[STARTS] = experiment.timing.starts
     return Scene(every, laws), start
 
 
@@ -167,16 +173,20 @@ def _safety(experiment: Experiment) -> Safety:
 
 
 def _protection(experiment: Experiment, scene: Scene) -> Safety:
-    """Return the experiment's safety stage, with full scale 1 for the masking noise."""
+    """Return the experiment's safety stage, with full scale 1 for what has no unit.
+
+    This is the masking noise, and the condition that begins an interval.
+    """
     s, m = _safety(experiment), experiment.masking
-    if m is None:
+    ours = {STARTS, m.output if m else STARTS} & scene.outputs.keys()
+    if not ours:
         return s
-    rest = [name for name in scene.outputs if name != m.output]
+    rest = [name for name in scene.outputs if name not in ours]
     scale: Any = (
         s.full_scale if isinstance(s.full_scale, Mapping) else dict.fromkeys(rest, s.full_scale)
     )
     slew = dict.fromkeys(rest, s.slew) if isinstance(s.slew, float) else s.slew
-    return dc.replace(s, full_scale={**scale, m.output: 1.0}, slew=slew)
+    return dc.replace(s, full_scale={**scale, **dict.fromkeys(ours, 1.0)}, slew=slew)
 
 
 def _moves(experiment: Experiment, scene: Scene) -> Any:
@@ -247,9 +257,14 @@ def prepare(session: Session, sink: str, calibration: Calibration | None = None)
 def present(
     experiment: Experiment,
     trial: Trial,
-    sink: str = "offline",
+    sink: str | Callable[..., Sink] = "offline",
     log: str | os.PathLike[str] | None = None,
     began: Callable[[Sink], None] | None = None,
+    *,
+    interval: int = 1,
+    meanwhile: Callable[[], Any] | None = None,
+    lasts: float | None = None,
+    started: Callable[[], Any] = lambda: None,
     **options: Any,
 ) -> dict[str, Any]:
     """Present a trial once, with the safety stage.
@@ -258,12 +273,22 @@ def present(
     ----------
     experiment : Experiment
     trial : Trial
-    sink : str
-        Name in ``SINKS``.
+    sink : str or callable
+        Name in ``SINKS``, or ``sink(scene, safety, **options)`` returns a sink that has
+        a motion of its own.
     log : path, optional
         Folder for the log of this presentation; required to record what was displayed.
     began : callable, optional
         ``began(sink)`` is called when sample 0 has been sent.
+    interval : int
+        Number of the trial's only stimulus, if its intervals are self-paced.
+    meanwhile : callable, optional
+        Called when the stimulus has begun, which fades out when it returns; the
+        ``hand`` of the experiment then has a thread of its own.
+    lasts : float, optional
+        Time in s after which a simulated observer ends the stimulus, instead.
+    started : callable, optional
+        Called when ``timing.starts`` holds.
     **options
         More for the sink, such as ``server`` of JACK, ``calibration``, or ``send``: the
         sink sends a marker for the trial at sample 0, and one at the onset of each
@@ -278,7 +303,10 @@ def present(
         report (``produced``, ``delivered``, ``lost``, ``underruns``, ``clips``,
         ``faults``, ``stale``); with a log also its name, and ``peak`` and ``rms`` of
         each output in each interval as delivered, after all limits; with a cursor also
-        ``following``, see `followed`.
+        ``following``, see `followed`. ``started`` is the date and time of sample 0, ISO
+        8601, UTC. Of a self-paced interval ``interval`` is its number, and
+        ``intervals`` ends where the stimulus began to fade out; with ``timing.starts``
+        it begins at the sample at which that held, and ``held`` says whether it did.
 
     Raises
     ------
@@ -288,11 +316,19 @@ def present(
         The device is missing or has failed, the log cannot be written, or an output was
         not finite; the sink has faded out.
     """
-    if sink not in SINKS:
+    if not callable(sink) and sink not in SINKS:
         raise UnknownName(f"no sink {sink!r}; there are {', '.join(SINKS)}")
     scene, params = program(experiment, trial)
-    safety, seed = _protection(experiment, scene), trial.stimuli[0].seed
-    at, to, late = spans(experiment, trial), None, 0
+    safety, seed, t = _protection(experiment, scene), trial.stimuli[0].seed, experiment.timing
+    at, to, late, held = spans(experiment, trial), None, 0, list[int]()
+    channels = [name for name in scene.outputs if name != STARTS]
+
+    def noticed(marker: Any) -> None:
+        if marker.name == STARTS and not held:
+            held.append(max(marker.sample - late, at[0][0]))
+            playing.pump.stop("stop", held[0] + late + round(t.interval * experiment.fs))
+            started()
+
     if (calibration := options.pop("calibration", None)) is not None:
         safety = calibration.safety(scene, safety, experiment.fs)
         late = len(safety.inverse or ()) // 2
@@ -302,32 +338,64 @@ def present(
             log
             if sink != "file"
             else LogWriter(
-                log, header(scene, safety, experiment.fs, seed=seed, params=params), True
+                log,
+                header(
+                    scene, safety, experiment.fs, seed=seed, params=params, channels=[*channels]
+                ),
+                True,
             )
         )
-    options |= {"motion": _moves(experiment, scene), "seed": seed, "params": params, "log": to}
+    send = options.get("send") or ()
+    options |= {
+        "motion": _moves(experiment, scene),
+        "seed": seed,
+        "params": params,
+        "log": to,
+        "markers": () if t.starts is None else (STARTS,),
+        "send": [noticed, *(send if isinstance(send, Sequence) else [send])],
+    }
     kind, clock = ("null", {"clocked": False}) if sink in FAST else (sink, {})
-    with make(kind, scene, safety, **options, **clock) as playing:
-        playing.open(experiment.fs)
-        playing.start((at[-1][1] + late + safety.samples(experiment.fs)) / experiment.fs)
+    made = kind if callable(kind) else partial(make, kind)
+    hand = None if callable(sink) else experiment.hand
+    ends = (
+        at[-1][1] + safety.samples(experiment.fs)
+        if lasts is None
+        else min(at[0][0] + max(round(lasts * experiment.fs), 1), at[0][1])
+    )
+    if not isinstance(playing := made(scene, safety, **options, **clock), Sink):
+        raise BadValue(f"present: sink gives a {type(playing).__name__}, where it must give a Sink")
+    with playing:
+        playing.open(experiment.fs, channels if len(channels) < len(scene.outputs) else None)
+        playing.start((ends + late) / experiment.fs)
+        zero = datetime.now(UTC).isoformat()
         playing.mark("trial", sample=0)
-        for i, (first, _) in enumerate(at, 1):
+        for i, (first, _) in enumerate(at, interval):
             playing.mark("stimulus", i, sample=first + late)
         if began is not None:
             began(playing)
-        if experiment.hand is not None:
-            experiment.hand(playing)
+        if meanwhile is not None and lasts is None:
+            moved = ThreadPoolExecutor(1).submit(hand or Sink.wait, playing)
+            playing.wait((at[0][0] + safety.samples(experiment.fs)) / experiment.fs)
+            meanwhile()
+            playing.stop()
+            moved.result()
+        elif hand is not None:
+            hand(playing)
         playing.wait()
     told = {k: v for k, v in playing.report().to_dict().items() if k in TOLD}
+    if t.self_paced:
+        gone = min(told["produced"], playing.pump.read("FADE_AT")) - late
+        at = [(min(held[0] if held else a, gone), min(b, gone)) for a, b in at]
+        told |= {"interval": interval, "held": None if t.starts is None else bool(held)}
     shown = {
-        "sink": sink,
+        "sink": playing.device if callable(sink) else sink,
         "fs": experiment.fs,
         "scene": scene.hash,
         "seed": seed,
         "params": params,
         "intervals": at,
     }
-    shown |= {"time": "own", **told}
+    shown |= {"time": "own", "started": zero, **told}
     return shown if log is None else shown | {"log": Path(log).name} | measured(experiment, log, at)
 
 
@@ -352,23 +420,23 @@ def measured(
         As `spans` has them.
     """
     log = without_inverse(read_log(folder))
-    scales = log.safety.scales(log.outputs)
+    scales = log.safety.scales(log.outputs)[list(log.channels)]
     peak, power = np.zeros((2, len(at), len(scales)))
     for first, frames, there in delivered(log):
         for i, (a, b) in enumerate(at):
             part = frames[max(a - first, 0) : max(b - first, 0)].astype(np.float64) * scales * there
             if len(part):
                 peak[i] = np.maximum(peak[i], np.abs(part).max(axis=0))
-                power[i] += (part**2).sum(axis=0) / (b - a)
+                power[i] += (part**2).sum(axis=0) / max(b - a, 1)
     found: dict[str, Any] = {
-        what: {name: values[:, k].tolist() for k, name in enumerate(log.outputs)}
+        what: {name: values[:, k].tolist() for k, name in enumerate(log.outputs[: len(scales)])}
         for what, values in (("peak", peak), ("rms", np.sqrt(power)))
     }
     if experiment.cursor is not None and experiment.cursor.input in log.inputs:
         k = log.inputs.index(experiment.cursor.input)
         hands = [log.motion[a:b][:, k] for a, b in at]
         # not so where it was stopped
-        whole = [len(x) == b - a for x, (a, b) in zip(hands, at, strict=True)]
+        whole = [len(x) == b - a > 0 for x, (a, b) in zip(hands, at, strict=True)]
         found["following"] = [
             followed(x, experiment.cursor, log.fs) if w else None
             for x, w in zip(hands, whole, strict=True)

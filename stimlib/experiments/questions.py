@@ -12,15 +12,24 @@ from ..system.fields import number
 if TYPE_CHECKING:
     import numpy as np
 
-KINDS = ("choice", "rating", "analogue", "ranking", "places")
+KINDS = ("choice", "rating", "analogue", "ranking", "places", "text")
+# characters in an answer, such as a ranking of many words; ask.html has the same limit
+LONGEST = 4000
 NONE = "n"
-"""Key for "no places", because Enter alone may be a slip."""
+"""Answer for "no places" or "no remark", because Enter alone may be a slip."""
 
 
 @public
+def typed(text: str) -> float:
+    """Return a typed number; ValueError for Python's own way to group digits."""
+    if "_" in text:
+        raise ValueError(text)
+    return float(text) + 0.0  # -0 is 0
+
+
 @dc.dataclass(frozen=True)
 class Question:
-    """A question; made by `choice`, `rating`, `analogue`, `ranking` or `places`.
+    """A question; made by `choice`, `rating`, `ranking` and so on.
 
     Attributes
     ----------
@@ -28,15 +37,15 @@ class Question:
     text : str
         As the participant reads it.
     kind : str
-        One of choice, rating, analogue, ranking, places.
+        One of choice, rating, analogue, ranking, places, text.
     choices : tuple of str
         The choices, the two ends of a rating or line, or the names to put in order;
-        empty for places.
+        empty for places and texts.
     keys : tuple of str
         A key for each choice.
     most : int
         The largest rating, which begins at 1; the end of a line, which begins at 0; the
-        largest number of places.
+        largest number of places, or of characters.
     """
 
     name: str
@@ -63,6 +72,11 @@ class Question:
                 self.choices
             )
             wanted = f"all of {', '.join(self.choices)}, each once, in order"
+        elif self.kind == "text":
+            good, wanted = (
+                isinstance(value, str) and len(value) <= self.most,
+                f"at most {self.most} characters, or {NONE} for nothing",
+            )
         else:
             good = (
                 isinstance(value, (list, tuple))
@@ -77,7 +91,7 @@ class Question:
         """Return the answer that a key or a typed text stands for.
 
         The text is the key of a choice, a number, words in order, or places as ``x y; x
-        y``, with ``n`` for none.
+        y``, with ``n`` for none; a free text may be anything else.
 
         Raises
         ------
@@ -101,13 +115,15 @@ class Question:
             value = text.split()
         elif self.kind == "analogue":
             with suppress(ValueError):
-                value = float(text)
+                value = typed(text)
         elif self.kind == "places":
             with suppress(ValueError):
                 value = [
-                    [float(v) for v in place.split()] for place in text.split(";") if place.strip()
+                    [typed(v) for v in place.split()] for place in text.split(";") if place.strip()
                 ] or text
             value = [] if text == NONE else value
+        elif self.kind == "text":
+            value = "" if text == NONE else text or None
         self.check(value)
         return value
 
@@ -127,7 +143,8 @@ class Question:
             return str(rng.choice(self.choices))
         if self.kind in ("rating", "analogue"):
             return int(rng.integers(1, self.most + 1))
-        return rng.permutation(self.choices).tolist()  # no places at all
+        # no places at all
+        return "" if self.kind == "text" else rng.permutation(self.choices).tolist()
 
 
 def _place(v: Any) -> bool:
@@ -237,3 +254,20 @@ def places(name: str, text: str, most: int) -> Question:
     if most < 1:
         raise BadValue(f"places {name!r}: most = {most} must be at least 1")
     return Question(name, text, "places", (), (), most)
+
+
+@public
+def free_text(name: str, text: str) -> Question:
+    """Make a question that is answered in the participant's own words, on one line.
+
+    At most 4000 characters; ``n`` alone stands for an empty text. It suits
+    ``Experiment.after``.
+
+    Examples
+    --------
+    >>> from stimlib.experiments import free_text
+    >>> remarks = free_text("remarks", "Is there anything else you noticed?")
+    >>> remarks.answer("the second was sticky"), remarks.answer("n")
+    ('the second was sticky', '')
+    """
+    return Question(name, text, "text", (), (), LONGEST)

@@ -17,7 +17,7 @@ from typing import Any
 from ..errors import BadValue, SinkError, StimlibError, public, shown
 from ..system import fields, safe_files
 from .random_streams import seed_of
-from .trial import Answer, Record, Trial
+from .trial import Answer, Record, Trial, correct
 
 VERSION = 1
 HEADER = {
@@ -125,6 +125,13 @@ class Saved:
     def data(self) -> list[Record]:
         """Trials that count for the analysis, without training trials."""
         return [r for r in self.records if not r.trial.training]
+
+    @property
+    def after(self) -> dict[str, Any]:
+        """Answers to the questions after the last trial, by name; empty before."""
+        return {
+            k: v for r in self.records if not r.trial.stimuli for k, v in r.answer.values.items()
+        }
 
 
 @public
@@ -276,15 +283,16 @@ def status(saved: Saved) -> dict[str, Any]:
         ``limited`` samples, ``last`` (date and time).
     """
     counts: dict[str, int] = {}
-    for r in saved.records:
+    trials = [r for r in saved.records if r.trial.stimuli]
+    for r in trials:
         name = blinded(saved.header["seed"], r.trial.condition)
         counts[name] = counts.get(name, 0) + 1
     shown_once = [d for r in saved.records for d in r.displayed]
     logs = {p.name for p in saved.folder.glob("trial-*.stimlog")}
     return {
         **{k: saved.header[k] for k in ("participant", "session", "pilot")},
-        "trials": len(saved.records),
-        "training": len(saved.records) - len(saved.data),
+        "trials": len(trials),
+        "training": len(trials) - len(saved.data),
         "conditions": dict(sorted(counts.items())),
         "replays": sum(r.answer.replays for r in saved.records),
         "unanswered": len(logs - {d.get("log") for d in shown_once}),
@@ -313,11 +321,19 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
     -------
     dict of str to list
         ``participant``, ``session``, ``number``, ``condition``, ``track``, ``level``,
-        ``chance`` (of the task), ``outcome``, ``seconds``, ``replays``, ``training``,
-        and each question under its name; None for a trial without that question.
+        ``chance`` (of the task), ``outcome``, ``correct`` (True or False, None without
+        a right answer), ``seconds``, ``replays``, ``training``; each question under its
+        name, and its response time in s, such as ``softer_rt``; ``interval_1`` (name
+        of its stimulus, or scene), ``interval_1_started`` and ``interval_1_stopped`` in
+        s since the session began, and so on; and each question after the last trial,
+        with one answer in all rows of a session. None is unknown, or not asked.
     """
-    rows = [(s, r) for s in found for r in (s.records if training else s.data)]
+    rows = [
+        *((s, r) for s in found for r in (s.records if training else s.data) if r.trial.stimuli)
+    ]
     questions = list(dict.fromkeys(q for _, r in rows for q in r.trial.questions))
+    most = max((len(r.trial.stimuli) for _, r in rows), default=0)
+    intervals = [r.intervals(s.header["started"]) + [(None,) * 3] * most for s, r in rows]
     return {
         "participant": [s.header["participant"] for s, _ in rows],
         "session": [s.header["session"] for s, _ in rows],
@@ -327,9 +343,17 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
             for k in ("condition", "track", "level", "chance")
         },
         "outcome": [r.outcome for _, r in rows],
+        "correct": [correct(r.trial, r.answer) for _, r in rows],
         **{k: [getattr(r.answer, k) for _, r in rows] for k in ("seconds", "replays")},
         "training": [r.trial.training for _, r in rows],
         **{q: [r.answer.values.get(q) for _, r in rows] for q in questions},
+        **{f"{q}_rt": [r.answer.times.get(q) for _, r in rows] for q in questions},
+        **{
+            f"interval_{k + 1}{what}": [row[k][j] for row in intervals]
+            for k in range(most)
+            for j, what in enumerate(("", "_started", "_stopped"))
+        },
+        **{q: [s.after.get(q) for s, _ in rows] for s in found for q in s.after},
     }
 
 

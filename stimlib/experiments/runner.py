@@ -6,10 +6,11 @@ keyboard, a page or a simulated observer.
 
 from __future__ import annotations
 
+import dataclasses as dc
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import count
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,12 +21,16 @@ from .presentation import prepare, present
 from .questions import Question
 from .random_streams import seed_of, stream
 from .session import Session
-from .trial import Answer, Observer, Record, Stimulus, Trial, answered
+from .trial import Answer, Observer, Record, Stimulus, Trial, answered, correct
 
-Display = Callable[[Trial, Path], dict[str, Any]]
-"""Function that displays a trial, with a folder for the log, and returns its record. If
-the record says ``missed``, the participant was not present throughout, and the trial is
-displayed again; both records are kept.
+Display = Callable[..., dict[str, Any]]
+"""Function that displays a trial, ``display(trial, folder)``, with a folder for the
+log, and returns its record. If the record says ``missed``, the participant was not
+present throughout, and the trial is displayed again; both records are kept.
+
+Self-paced intervals are displayed one by one, as trials of one stimulus, with the
+keywords ``interval``, ``meanwhile``, ``lasts`` and ``started`` of
+`stimlib.experiments.presentation.present`.
 """
 
 
@@ -83,17 +88,20 @@ def run(
     e, say = session.experiment, session.experiment.texts
     total = trials_of(session.design) if e.show_total else None
 
-    def show(trial: Trial, name: str) -> list[dict[str, Any]]:
+    def show(trial: Trial, name: str, **asking: Any) -> list[dict[str, Any]]:
         shown: list[dict[str, Any]] = []
-        while not shown or shown[-1].get("missed"):
-            folder = next(
-                f for k in count(1) if not (f := session.folder / f"{name}-{k}.stimlog").exists()
-            )
-            shown.append(
-                present(e, trial, sink, folder, **options)
-                if isinstance(sink, str)
-                else sink(trial, folder)
-            )
+        for n, (part, how) in enumerate(_parts(session, front_end, trial, **asking)):
+            while sum(not d.get("missed") for d in shown) <= n:
+                folder = next(
+                    f
+                    for k in count(1)
+                    if not (f := session.folder / f"{name}-{k}.stimlog").exists()
+                )
+                shown.append(
+                    present(e, part, sink, folder, **how, **options)
+                    if isinstance(sink, str)
+                    else sink(part, folder, **how)
+                )
         return shown
 
     if (trial := session.due()) is None:
@@ -111,19 +119,37 @@ def run(
         if (seconds := session.rest(trial)) > 0:
             front_end.rest(seconds)
         title = say("trial_of" if total else "trial", number=session.number, total=total)
-        front_end.ready(say("training", trial=title) if trial.training else title)
+        if trial.stimuli:
+            front_end.ready(say("training", trial=title) if trial.training else title)
         record = _one(session, trial, front_end, show)
-        if e.feedback and (right := e.right(trial)):
-            good = all(record.answer.values[k] == v for k, v in right.items())
+        if e.feedback and (good := correct(trial, record.answer)) is not None:
             front_end.tell(say("right" if good else "wrong"))
     front_end.tell(say("finished"))
+
+
+def _parts(
+    session: Session,
+    front_end: FrontEnd,
+    trial: Trial,
+    ask: Callable[[], None] | None = None,
+    lasts: float | None = None,
+) -> Iterator[tuple[Trial, dict[str, Any]]]:
+    """Yield what is presented at a time, and how: a trial, or a self-paced interval."""
+    t, say = session.experiment.timing, session.experiment.texts
+    if not t.self_paced and trial.stimuli:
+        yield trial, {}
+    done, now = partial(front_end.ready, say("done")), partial(front_end.tell, say("now"))
+    for i, stimulus in enumerate(trial.stimuli if t.self_paced else (), 1):
+        ends = {"done": done, "answer": ask if ask and i == len(trial.stimuli) else done}
+        how = {"interval": i, "meanwhile": ends.get(t.until), "lasts": lasts, "started": now}
+        yield dc.replace(trial, stimuli=(stimulus,)), how
 
 
 def _familiarise(
     session: Session,
     due: Trial,
     front_end: FrontEnd,
-    show: Callable[[Trial, str], list[dict[str, Any]]],
+    show: Callable[..., list[dict[str, Any]]],
 ) -> None:
     """Let the participant explore stimuli before the first trial.
 
@@ -145,26 +171,41 @@ def _one(
     session: Session,
     trial: Trial,
     front_end: FrontEnd,
-    show: Callable[[Trial, str], list[dict[str, Any]]],
+    show: Callable[..., list[dict[str, Any]]],
 ) -> Record:
     """Run one trial: display it, ask the questions and write the record.
 
     The trial is displayed again if the participant requests an allowed replay.
     """
-    name_of_log = f"trial-{session.number:04}"
-    shown, replays = show(trial, name_of_log), 0
-    began = time.monotonic()
-    values: dict[str, Any] = {}
-    for name in trial.questions:
-        question = session.experiment.question(name)
-        while (
-            value := front_end.ask(trial, question, session.experiment.replays - replays)
-        ) is None:
-            if replays < session.experiment.replays:
-                shown, replays = [*shown, *show(trial, name_of_log)], replays + 1
-                began = time.monotonic()
-        values[name] = value
-    return session.put(Answer(values, round(time.monotonic() - began, 3), replays), shown)
+    e, replays, asked = session.experiment, 0, -1
+    lasts = (
+        front_end.answer(trial).seconds or e.timing.interval
+        if isinstance(front_end, Simulated) and e.timing.until != "time" and trial.stimuli
+        else None
+    )
+    shown, values, times = list[dict[str, Any]](), dict[str, Any](), dict[str, float]()
+
+    def ask(again: bool = False) -> None:
+        nonlocal replays
+        if again:  # while a stimulus is there, which may have been there before
+            values.clear()
+        for name in trial.questions:
+            while name not in values:
+                since = time.monotonic()
+                value = front_end.ask(trial, e.question(name), e.replays - replays)
+                if value is not None:
+                    values[name], times[name] = value, round(time.monotonic() - since, 3)
+                elif replays < e.replays:
+                    replays += 1
+                    return
+
+    while asked < replays:
+        asked = replays
+        shown += show(trial, f"trial-{session.number:04}", ask=partial(ask, True), lasts=lasts)
+        if asked == replays:
+            ask()
+    seconds = lasts if lasts and e.timing.until == "answer" else round(sum(times.values()), 3)
+    return session.put(Answer(values, seconds, replays, times), shown)
 
 
 @public
@@ -200,7 +241,12 @@ class Simulated:
 
     def ask(self, trial: Trial, question: Question, replays: int) -> Any:
         """Return the observer's answer to a question."""
-        rng: np.random.Generator = stream(self._session.seed, "observer", self._session.number)
-        value = answered(self._observer, trial, rng).values.get(question.name)
+        value = self.answer(trial).values.get(question.name)
         question.check(value)  # None would ask for a replay, and again
         return value
+
+    def answer(self, trial: Trial) -> Answer:
+        """Return the observer's answer to a trial; a guess after the last trial."""
+        rng: np.random.Generator = stream(self._session.seed, "observer", self._session.number)
+        who = self._observer if trial.stimuli else self._session.experiment.guess
+        return answered(who, trial, rng)

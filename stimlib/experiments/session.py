@@ -10,12 +10,14 @@ is a pilot:
     the participant reads; written once
 ``trials.jsonl``
     one JSON object a trial: the trial as requested, the answer, what was displayed, and
-    a SHA-256 over this line and all lines before
+    a SHA-256 over this line and all lines before; the last line has the answers to the
+    questions after the session, if there are any, as a trial without stimuli
 ``answered``
     the minimum number of lines in ``trials.jsonl``, so that lines lost at its end are
     detected
 ``page.jsonl``
-    with a page: which buttons it had for a question, where, and how large
+    with a page: which buttons it had for a question, where, and how large; and which
+    samples of a stimulus it drew
 ``trial-0001-1.stimlog``
     the sink's log of what was displayed, for `stimlib.files.log_replay`
 ``spare``
@@ -151,6 +153,7 @@ class Session:
             safe_files.publish(self.folder / "session.json", text)
         saved = read(self.folder, pilot=self.pilot)
         self._same(saved)
+        self.records: list[Record] = []
         for record in saved.records:
             self._replay(record)
         path = self.folder / "trials.jsonl"
@@ -159,7 +162,6 @@ class Session:
         os.fsync(self._file)
         safe_files.settle(self.folder)
         self._size, self._chain = saved.size, saved.chain
-        self.records = list(saved.records)
 
     def _header(self) -> dict[str, Any]:
         return {
@@ -191,14 +193,25 @@ class Session:
             )
 
     def _replay(self, record: Record) -> None:
-        trial = self.design.next(self.state)
+        trial = self._next()
         if trial is None or json.loads(json.dumps(trial.to_dict())) != record.trial.to_dict():
             raise BadValue(
                 f"{self.folder / 'trials.jsonl'}, line {record.number}: the design gives another"
                 " trial there: the experiment, stimlib or numpy was changed since. Go on with what"
                 " it began with, or give another session"
             )
-        self.state = self.design.update(self.state, record.answer)
+        if trial.stimuli:
+            self.state = self.design.update(self.state, record.answer)
+        self.records.append(record)
+
+    def _next(self) -> Trial | None:
+        """Return the design's next trial; after the last, the one without stimuli."""
+        trial, names = self.design.next(self.state), [q.name for q in self.experiment.after]
+        return (
+            Trial("after", (), tuple(names), training=True)
+            if trial is None and names and all(r.trial.stimuli for r in self.records)
+            else trial
+        )
 
     # What a runner does ---------------------------------------------------------------
     @property
@@ -218,7 +231,7 @@ class Session:
             as `put`.
         """
         self._check_kept()
-        trial = self.design.next(self.state)
+        trial = self._next()
         if trial is not None:
             self.experiment.check(trial)
             self._make_room(trial)
@@ -286,7 +299,7 @@ class Session:
             opened the session.
         """
         self._check_kept()
-        trial = self.design.next(self.state)
+        trial = self._next()
         if trial is None:
             raise BadValue(f"{self.folder}: the session is over: it takes no more answers")
         for name in trial.questions:
@@ -295,7 +308,7 @@ class Session:
                     f"the question {name!r} is not answered: {dict(answer.values)!r:.80}"
                 )
             self.experiment.question(name).check(answer.values[name])
-        state = self.design.update(self.state, answer)
+        state = self.design.update(self.state, answer) if trial.stimuli else self.state
         record = Record(self.number, trial, answer, list(displayed), _now())
         self._append(record)
         self.state = state
@@ -356,8 +369,11 @@ class Session:
         It covers the motion as float64, the delivered samples as float32, and the rest.
         """
         e, t = self.experiment, self.experiment.timing
-        seconds = t.before + len(trial.stimuli) * (t.interval + t.gap) + 1.0  # with the fades
-        return LOG + int(e.fs * seconds) * (8 * len(e.inputs) + 4 * (len(e.outputs) + 1))
+        # with the fades
+        seconds = t.before + len(trial.stimuli) * (t.interval + t.wait + t.gap + 1.0)
+        return max(1, len(trial.stimuli) * t.self_paced) * LOG + int(e.fs * seconds) * (
+            8 * len(e.inputs) + 4 * (len(e.outputs) + 1)
+        )
 
     def _append(self, record: Record) -> None:
         body = {

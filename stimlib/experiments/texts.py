@@ -72,6 +72,7 @@ def texts_of(language: str | os.PathLike[str] = "en") -> Texts:
         if (
             not isinstance(text, str)
             or not text.strip()
+            or not text.replace("\n", "").isprintable()
             or sorted(_gaps(text)) != sorted(_gaps(english[key]))
         ):
             raise BadValue(

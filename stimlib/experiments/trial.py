@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import dataclasses as dc
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import datetime
 from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -62,17 +63,21 @@ class Answer:
     ----------
     values : dict of str to JSON data
         By the name of the question: one of its choices, a rating, a ranking (list of
-        names), places (list of [x, y]).
+        names), places (list of [x, y]), a text.
     seconds : float, optional
-        Time since the first question, which is asked some tenths of a second after the
-        last stimulus ends.
+        Sum of the response times. The first question is asked some tenths of a second
+        after the last stimulus ends, or when it begins if it ends with the answer. Of a
+        simulated observer, how long it explores each stimulus that it ends itself.
     replays : int
         Number of replays.
+    times : dict of str to float
+        Response time in s of each question: from when it was asked to its answer.
     """
 
     values: Mapping[str, Any]
     seconds: float | None = None
     replays: int = 0
+    times: Mapping[str, float] = dc.field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer as plain JSON data; ``Answer(**data)`` restores it."""
@@ -143,6 +148,20 @@ class Trial:
     pause: float = 0.0
     chance: float | None = None
 
+    @property
+    def right(self) -> dict[str, Any]:
+        """The right answers: ``correct``, or the choice of score 1 by chance level.
+
+        Places have none, because a mark is near or far.
+        """
+        best = [c for c, score in self.scores.items() if score == 1 and self.chance]
+        known = self.correct or dict(zip(self.questions, best, strict=False))
+        return {
+            name: known[name]
+            for name in self.questions
+            if name in known and np.ndim(known[name]) < 2
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """Return the trial as plain JSON data."""
         return dc.asdict(self) | {
@@ -195,6 +214,27 @@ class Record:
         shown = self.displayed[-1] if self.displayed else {}
         return shown.get("time", "shared" if "intervals" in shown else "")
 
+    def intervals(self, since: str) -> list[tuple[str, float | None, float | None]]:
+        """Return stimulus, begin and end of each interval of the last presentation.
+
+        Times are in s after a date and time, ISO 8601, and None if they are not known.
+        """
+        at = {
+            k: [
+                (
+                    datetime.fromisoformat(d["started"]) - datetime.fromisoformat(since)
+                ).total_seconds()
+                + n / d["fs"]
+                for n in ab
+            ]
+            for d in self.displayed
+            if "started" in d
+            for k, ab in enumerate(d["intervals"], d.get("interval", 1) - 1)
+        }
+        return [
+            (s.name or s.scene, *at.get(k, (None, None))) for k, s in enumerate(self.trial.stimuli)
+        ]
+
     @property
     def outcome(self) -> Any:
         """Score of the answer to the first question; see `outcome`."""
@@ -219,6 +259,12 @@ Observer = Callable[[Trial, np.random.Generator], Answer]
 """Function that answers trials; a simulated observer uses no other randomness than the
 generator.
 """
+
+
+def correct(trial: Trial, answer: Answer) -> bool | None:
+    """Return whether all right answers were given; None if a trial has none."""
+    right = trial.right.items()
+    return all(answer.values.get(k) == v for k, v in right) if right else None
 
 
 @public

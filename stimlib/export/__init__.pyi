@@ -1,1 +1,1 @@
-from .c99 import Exported as Exported, export_c as export_c
+from .c99 import INCLUDE as INCLUDE, Exported as Exported, export_c as export_c

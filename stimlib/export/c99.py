@@ -60,6 +60,10 @@ It must print "0 of {samples} samples differ". Options that let a compiler chang
 """
 
 
+INCLUDE = str(Path(__file__).parent)
+"""Folder of ``stimlib.h``, for the -I of a compiler."""
+
+
 @dataclass(frozen=True)
 class Exported:
     """What ``export_c`` wrote.

@@ -247,6 +247,9 @@ void {n}_init({n}_state *m);
 void {n}_set({n}_state *m, int parameter, double value, double samples);
 /* Compute n samples: in has a row for each input, out one for each output. */
 void {n}_process({n}_state *m, const double *const *in, double *const *out, int n);
+/* The same as a stimlib_process and a stimlib_set of stimlib.h, of a {n}_state. */
+void {n}_run(void *m, const double *x, double *y, int64_t n);
+void {n}_run_set(void *m, int parameter, double value, double samples);
 
 #ifdef __cplusplus
 }}
@@ -322,6 +325,21 @@ void {n}_process({n}_state *m, const double *const *in, double *const *out, int 
 {lines(self.body)}
 {lines(f"memcpy(out[{k}] + from, m->v[{i}], bytes);" for k, i in enumerate(ends))}
     }}
+}}
+
+void {n}_run(void *m, const double *x, double *y, int64_t n)
+{{
+    const double *in[{max(1, len(inputs))}];
+    double *out[{len(outputs)}];
+    int k;
+    for (k = 0; k < {max(1, len(inputs))}; k++) in[k] = x + k * n;
+    for (k = 0; k < {len(outputs)}; k++) out[k] = y + k * n;
+    {n}_process(({n}_state *)m, in, out, (int)n);
+}}
+
+void {n}_run_set(void *m, int parameter, double value, double samples)
+{{
+    {n}_set(({n}_state *)m, parameter, value, samples);
 }}
 """
         return Files(header, source, self_test(self, x, y, cut, values, ramp))

@@ -147,15 +147,32 @@ ST_INLINE double st_total(const double *s)
     return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]));
 }
 
+/* Four samples at a time, so that each tap is read once for four of them. */
 ST_INLINE void st_fir(st_floats taps, st_floats w, st_floats y)
 {
     int64_t i, j;
     int k;
-    for (i = 0; i < y.n; i++) {
-        double s[8] = {0, 0, 0, 0, 0, 0, 0, 0};
+    for (i = 0; i + 4 <= y.n; i += 4) {
+        double a[8] = {0}, b[8] = {0}, c[8] = {0}, d[8] = {0};
+        for (j = 0; j < taps.n; j += 8) {
+            const double *t = taps.p + j, *x = w.p + i + j;
+            for (k = 0; k < 8; k++) {
+                a[k] = fma(t[k], x[k], a[k]);
+                b[k] = fma(t[k], x[k + 1], b[k]);
+                c[k] = fma(t[k], x[k + 2], c[k]);
+                d[k] = fma(t[k], x[k + 3], d[k]);
+            }
+        }
+        y.p[i] = st_total(a);
+        y.p[i + 1] = st_total(b);
+        y.p[i + 2] = st_total(c);
+        y.p[i + 3] = st_total(d);
+    }
+    for (; i < y.n; i++) {
+        double a[8] = {0};
         for (j = 0; j < taps.n; j += 8)
-            for (k = 0; k < 8; k++) s[k] = fma(taps.p[j + k], w.p[i + j + k], s[k]);
-        y.p[i] = st_total(s);
+            for (k = 0; k < 8; k++) a[k] = fma(taps.p[j + k], w.p[i + j + k], a[k]);
+        y.p[i] = st_total(a);
     }
 }
 

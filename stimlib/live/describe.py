@@ -1,4 +1,4 @@
-"""The description of a scene for a page: ranges, full scales and visual surface."""
+"""The description of a scene for a page: ranges, full scales and what is drawn."""
 
 from __future__ import annotations
 
@@ -175,7 +175,46 @@ def description(
         )
     for name, out in scene.outputs.items():
         found["outputs"].append({"name": name, "unit": str(out.dim), "full": full[name]})
-    return found | {"view": _surface(scene)}
+    return found | {"view": view_of(scene)}
+
+
+def view_of(scene: Scene, params: Mapping[str, float] | None = None) -> dict[str, Any] | None:
+    """Return what a page draws of a scene, or None if it has no picture.
+
+    A soft object is found by its map; for other scenes, the row of a shipped scene
+    says it (`stimlib.scenes.shipped.shipped`).
+
+    Parameters
+    ----------
+    scene : Scene
+    params : dict of str to float, optional
+        Parameters that differ from the scene's.
+
+    Returns
+    -------
+    dict or None
+        See ``view`` of `stimlib.live.protocol`; lengths in m.
+
+    Examples
+    --------
+    >>> from stimlib.live.describe import view_of
+    >>> from stimlib.scenes import bumps, viscoelastic, wall
+    >>> view_of(viscoelastic())
+    {'kind': 'plate', 'length': 0.04, 'values': ['y']}
+    >>> view_of(bumps(bumps=2), {"duty": 0.25})["hidden"]
+    [[0.0, 0.0125], [0.05, 0.0625]]
+    >>> view_of(wall()) is None
+    True
+    """
+    if surface := _surface(scene):
+        return surface
+    start = {name: p.value for name, p in scene.params.items()} | dict(params or {})
+    for part in scene.parts:
+        if part.law in ROWS and part.given is not None and (view := ROWS[part.law].view):
+            names = part.inputs
+            made = view({n: start.get(names.get(n, n), v) for n, v in part.given.items()})
+            return made | {"values": [names.get(n, n) for n in made["values"]]}
+    return None
 
 
 def _surface(scene: Scene) -> dict[str, Any] | None:
@@ -187,7 +226,7 @@ def _surface(scene: Scene) -> dict[str, Any] | None:
     if (
         not maps
         or not {"x", "y"} <= inputs.keys()
-        or not (numbers := [k for k in "123" if {f"x{k}", f"y{k}"} <= outputs.keys()])
+        or not (numbers := [k for k in ("", *"123") if {f"x{k}", f"y{k}"} <= outputs.keys()])
     ):
         return None
     b: Any = maps[0]
@@ -211,5 +250,6 @@ def _surface(scene: Scene) -> dict[str, Any] | None:
             {"x": f"x{k}", "y": f"y{k}", "depth": d if (d := f"depth{k}") in outputs else None}
             for k in numbers
         ],
+        "values": [n for k in numbers for n in (f"x{k}", f"y{k}", f"depth{k}") if n in outputs],
         "force": "force" if "force" in outputs else None,
     }

@@ -13,6 +13,10 @@ answer      number, text                 to the state of that number: a key, or 
 drawn       number, wide, high, boxes    how large the window is, and the boxes of what
                                          answers the question of that number, in CSS
                                          pixels: list of [key, left, top, width, height]
+move        as of `stimlib.live.protocol`
+pictures    number, wide, high, box,     samples that were drawn in the drawing of that
+            samples                      number, one for each picture, and the box of
+                                         the canvas: [left, top, width, height]
 =========== ============================ ===============================================
 
 =========== ============================ ===============================================
@@ -27,12 +31,21 @@ state       number, phase, trial, told,  after hello and after every change. tri
                                          `..experiments.answer_keys.Prompt`, keys and
                                          apart as lists of [key, what it says]; ``rest``
                                          with seconds; ``feel`` with intervals (list of
-                                         [begin, end] in s) and cursor (Hz of a
-                                         reference to follow, or null); ``end``
+                                         [begin, end] in s), cursor (Hz of a reference
+                                         to follow, or null) and drawing (below, or
+                                         null), as ``ask`` has of a self-paced
+                                         stimulus; ``end``
 alive                                    twice a second: the page waits for no answer
                                          of a server that has gone
 error       about, text                  the answer is rejected, and why
 =========== ============================ ===============================================
+
+drawing has a number of its own, views (what is drawn in each interval: ``view`` of
+`stimlib.live.protocol` without what is hidden, or null), surface, cursor, beside and
+marks as `stimlib.experiments.Drawing` has them, and sources (of a page that drives the
+stimulus: as in the state of `stimlib.live.protocol`; else null). Meanwhile binary
+messages come, little-endian float64: number of the drawing, index of the newest sample,
+the interval that it is in, from 0 (-1: none), and the values that its view names.
 
 Nothing else is sent: no condition, level, parameter, seed or right answer. The server
 closes with 4409 when another page was opened, and with 4410 at the end.
@@ -50,27 +63,40 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
 
+import numpy as np
+
 from ..devices.process import signals_wait
 from ..devices.sink import Sink
 from ..errors import SinkError
 from ..experiments.answer_keys import Keyed, Prompt
-from ..experiments.experiment import Experiment
+from ..experiments.experiment import Drawing, Experiment
 from ..experiments.presentation import present, spans
+from ..experiments.questions import LONGEST
 from ..experiments.texts import Texts
 from ..experiments.trial import Trial
 from ..system import fields, safe_files
 from . import protocol
+from .describe import ranges_of, view_of
+from .inputs import Inputs
+from .sink import PageSink
 from .site import Page
 
 LAYOUTS = 300
 """Largest number of lines in the log of layouts for each trial."""
-LONGEST = 4000
-"""Largest number of characters in an answer, such as a ranking of many words;
-`ask.html` has the same limit.
-"""
+# of the smoothing in Hz of a pointer that drives a stimulus: 8 ms later. What is only
+# seen needs no other delay, as the steps of a pointer are not felt
+BANDWIDTH = 40.0
 _PIXELS = fields.between(-1e6, 1e6)
 FIELDS = {
     "hello": protocol.FIELDS["hello"],
+    "move": protocol.FIELDS["move"],
+    "pictures": {
+        "number": fields.whole(2**53),
+        "wide": _PIXELS,
+        "high": _PIXELS,
+        "box": fields.list_of(_PIXELS),
+        "samples": fields.list_of(fields.whole(2**53)),
+    },
     "answer": {
         "number": fields.whole(2**53),
         "text": fields.Test(
@@ -94,6 +120,7 @@ FIELDS = {
 }
 ALIVE = 0.5
 """Seconds between signs of life."""
+NOTHING: tuple[float, dict[str, Any]] = 0.0, {"intervals": [], "cursor": None, "drawing": None}
 GOODBYE = 2.0
 """Seconds within which a page must accept its last texts."""
 
@@ -147,6 +174,10 @@ class ExperimentPage(Keyed):
         self._said: str | None = None
         self._sink: Sink | None = None  # while a stimulus is there
         self._missed = False
+        self._during: tuple[float, dict[str, Any]] = NOTHING  # since when, and what is there
+        self._inputs: Inputs | None = None  # of a stimulus that the page drives
+        self._felt, self._folder = 0, ""  # number of the newest stimulus, and its log
+        self._views: list[tuple[int, int, Any]] = []  # what is drawn from a sample to another
 
     @contextmanager
     def _held(self) -> Iterator[None]:
@@ -173,7 +204,8 @@ class ExperimentPage(Keyed):
 
     def ready(self, text: str) -> None:
         """Wait for any key of the participant; show the experimenter the trial."""
-        self._trial, self._layouts = text, LAYOUTS
+        if text != self.texts("done"):  # which is of the same trial
+            self._trial, self._layouts = text, LAYOUTS
         self._note(text)
         super().ready(text)
 
@@ -186,7 +218,11 @@ class ExperimentPage(Keyed):
             The server has ended.
         """
         keys, apart = ([[k, says] for k, says in d.items()] for d in (prompt.keys, prompt.apart))
-        self._become("ask", **vars(prompt) | {"keys": keys, "apart": apart})
+        (began, shown), now = self._during, time.monotonic()
+        left = [[began + t - now for t in ab] for ab in shown["intervals"]]
+        self._become(
+            "ask", **{**vars(prompt), "keys": keys, "apart": apart, **shown, "intervals": left}
+        )
         while (said := self._waited()) is None:
             if self._over:
                 raise SinkError("the server of the page has ended before the session")
@@ -206,34 +242,57 @@ class ExperimentPage(Keyed):
     ) -> Callable[[Trial, Path], dict[str, Any]]:
         """Return the function that displays trials, to pass to ``run`` as its sink.
 
-        The page shows when there is something to feel; if the page goes away, the
-        stimulus fades out.
+        The page shows when there is something to feel, and draws it, see
+        `stimlib.experiments.Drawing`; if the page goes away, the stimulus fades out.
 
         Parameters
         ----------
         experiment : Experiment
         sink, **options
-            As for `stimlib.experiments.presentation.present`.
+            As for `stimlib.experiments.presentation.present`; or "page": a stimulus
+            that is only seen. The pointer of the page is then its motion.
         """
 
-        def show(trial: Trial, folder: Path) -> dict[str, Any]:
-            times = [[a / experiment.fs, b / experiment.fs] for a, b in spans(experiment, trial)]
-            cursor = experiment.cursor and experiment.cursor.frequency
-            self._missed = False
+        def show(trial: Trial, folder: Path, **paced: Any) -> dict[str, Any]:
+            at = spans(experiment, trial)
+            times = [[a / experiment.fs, b / experiment.fs] for a, b in at]
+            cursor, t = experiment.cursor and experiment.cursor.frequency, experiment.timing
+            self._missed, self._folder = False, folder.name
+
+            def shows(phase: str, intervals: list[list[float]], **state: Any) -> None:
+                drawing = self._drawing(experiment, trial)
+                there = {"intervals": intervals, "cursor": cursor, "drawing": drawing}
+                self._during = time.monotonic(), there
+                self._become(phase, **state | self._during[1])
 
             def began(playing: Sink) -> None:
-                self._become("feel", intervals=times, cursor=cursor)
+                self._felt, ramp = self._felt + 1, round(t.ramp * experiment.fs)
+                shows("feel", times if t.starts is None else [])
+                drawing = self._during[1]["drawing"]
+                self._views = [
+                    (a + ramp, b - ramp, v["values"] if v else ())
+                    for (a, b), v in zip(at, drawing["views"] if drawing else (), strict=False)
+                ]
+                if self._views and sink != "page":
+                    playing.watch(self._see)
                 with self._held():
                     self._sink = playing
                     self._missed = not self.pages
                 if self._missed:
                     playing.stop()
 
+            def started() -> None:
+                if self._said is None:  # or it has ended
+                    shows(**self._state | {"intervals": [[0.0, t.interval]]})
+
+            to = self._maker(experiment, trial) if sink == "page" else sink
             try:
-                found = present(experiment, trial, sink, folder, began, **options)
+                paced = options | paced | {"started": started}
+                found = present(experiment, trial, to, folder, began, **paced)
             finally:
+                self._during = NOTHING
                 with self._held():
-                    self._sink = None
+                    self._sink = self._inputs = None
             if not self._missed:
                 return found
             self.tell(self.texts("missed"))
@@ -241,6 +300,49 @@ class ExperimentPage(Keyed):
             return found | {"missed": True}
 
         return show
+
+    def _maker(self, experiment: Experiment, trial: Trial) -> Callable[..., Sink]:
+        """Return what makes the sink of a stimulus that the page drives."""
+        scenes = [experiment.scenes[s.scene] for s in trial.stimuli]
+        ranges = {name: r for scene in scenes for name, r in ranges_of(scene).items()}
+
+        def made(scene: Any, safety: Any, motion: Any, **options: Any) -> Sink:
+            inputs = self._inputs = Inputs(scene, experiment.fs, ranges, None, BANDWIDTH, 0.0)
+            return PageSink(scene, safety, feed=inputs.columns, take=self._see, **options)
+
+        return made
+
+    def _drawing(self, experiment: Experiment, trial: Trial) -> dict[str, Any] | None:
+        """Return what the page is told of the drawing, or None if nothing is drawn."""
+        drawn = experiment.drawing or Drawing(surface=False, cursor=False)
+        views: list[Any] = [view_of(experiment.scenes[s.scene], s.params) for s in trial.stimuli]
+        sources = self._inputs and self._inputs.sources  # a pointer needs a place to move in
+        if sources is None and (experiment.drawing is None or not any(views)):
+            return None
+        views = [
+            v and {k: v[k] for k in v if drawn.hidden or k not in ("levels", "hidden")}
+            for v in views
+        ]
+        return {"number": self._felt, "views": views, "sources": sources} | vars(drawn)
+
+    def _see(self, at: int, x: Any, y: Any) -> None:
+        """Send the page what it draws of the newest sample, from a thread of the sink.
+
+        While the stimulus fades in or out within its interval, that is nothing: the
+        fade would move what is drawn.
+        """
+        sink, loop, n = self._sink, self._loop, at + y.shape[1] - 1
+        if sink is None or loop is None or not self._views:
+            return
+        k = next((k for k, (a, b, _) in enumerate(self._views) if a <= n < b), -1)
+        outputs = tuple(sink.scene.outputs)[: len(y)]  # those on a channel
+        row = [*x[:, -1], *(y[:, -1] * sink.safety.scales(outputs))]
+        now = dict(zip((*sink.proc.inputs, *outputs), row, strict=True))
+        values = [now[name] for name in self._views[k][2]] if k >= 0 else []
+        with suppress(RuntimeError):  # the loop has just been closed
+            data = np.array([self._felt, n, k, *values], "<f8").tobytes()
+            for page in self.pages[-1:]:
+                loop.call_soon_threadsafe(page.put, data)
 
     # The site: the server's event loop ------------------------------------------------
     def message(self, text: str | bytes) -> dict[str, Any]:
@@ -271,9 +373,13 @@ class ExperimentPage(Keyed):
 
     def do(self, page: Page, message: dict[str, Any]) -> None:
         """Accept the first valid answer to a question; reject any other message."""
+        if message["do"] == "move":
+            if (inputs := self._inputs) is not None and page is self.pages[-1]:
+                inputs.move(**{k: v for k, v in message.items() if k != "do"})
+            return  # or a stimulus has just ended
         with self._changed:
             why = self._refusal(page, message)
-            if not why and message["do"] == "drawn":
+            if not why and message["do"] in ("drawn", "pictures"):
                 self._keep(message)
             elif not why:
                 self._said = message["text"]
@@ -287,6 +393,8 @@ class ExperimentPage(Keyed):
             return "hello is said once, as the first word"
         if page is not self.pages[-1]:
             return "this session was opened on another page"
+        if message["do"] == "pictures":
+            return "" if message["number"] == self._felt else "no stimulus has this number"
         if (
             message["number"] != self._number
             or self._state["phase"] != "ask"
@@ -298,12 +406,14 @@ class ExperimentPage(Keyed):
         return "" if good else "there is no such key"
 
     def _keep(self, message: dict[str, Any]) -> None:
-        """Add to the log how a question is drawn, if that is new and it has room."""
-        text, drawn = self._state["text"], {k: message[k] for k in ("wide", "high", "boxes")}
+        """Add to the log how a page is drawn, if that is new and it has room."""
+        text = self._state["text"] if message["do"] == "drawn" else ""
+        about = {"text": text} if text else {"log": self._folder}
+        drawn = {k: v for k, v in message.items() if k not in ("do", "number")}
         if self._log is None or not self._layouts or self._drawn.get(text) == drawn:
             return
         self._drawn[text], self._layouts = drawn, self._layouts - 1
-        line = json.dumps({"time": time.time(), "trial": self._trial, "text": text} | drawn) + "\n"
+        line = json.dumps({"time": time.time(), "trial": self._trial} | about | drawn) + "\n"
         flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT
         with suppress(OSError), open(safe_files.opened(self._log, flags), "ab") as f:
             f.write(line.encode())  # unless the disk is full, or it is no file of stimlib's own

@@ -69,10 +69,13 @@ hello has
 - params: list of {name, unit, value, low, high}, for sliders
 - outputs: list of {name, unit, full}: full is the value in that unit that is 1 in the
   samples and at a device, so the safety stage's limit
-- view: null, or of a scene for the eye {kind: "surface", width, height (m), columns,
-  rows, levels (rows * columns numbers 0 to 1, first row at y = 0), inputs: {x, y, press
-  (or null)}, avatars: list of {x, y, depth (or null)}, force (or null)}: names of
-  inputs and outputs
+- view: null, or what is drawn of the scene, with lengths in m and ``values``, the names
+  of the inputs and outputs that the drawing needs: {kind: "surface", width, height,
+  columns, rows, levels (rows * columns numbers 0 to 1, first row at y = 0), inputs: {x,
+  y, press (or null)}, avatars: list of {x, y, depth (or null)}, force (or null)};
+  {kind: "plate", length}, a plate on a helix of this length, which the only value
+  presses; {kind: "pad", length, hidden: list of [begin, end]}, a finger at the only
+  value on a pad with ridges
 
 Samples are binary, little-endian: HEAD float64
 

@@ -9,7 +9,7 @@ see docs/reference/papers.rst.
 from __future__ import annotations
 
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,23 @@ from ..errors import public
 from .shipped import above_zero, shipped
 
 
+def pad(now: dict[str, Any]) -> dict[str, Any]:
+    """Return what a page draws of bumps: the explored region, and where the ridges are.
+
+    Examples
+    --------
+    >>> from stimlib.scenes.bumps import pad
+    >>> pad({"bumps": 2, "duty": 0.25, "length": 0.1})["hidden"]
+    [[0.0, 0.0125], [0.05, 0.0625]]
+    """
+    length, period = now["length"], now["length"] / now["bumps"]
+    ridges = [
+        [k * period, min((k + now["duty"]) * period, length)]
+        for k in np.arange(float(now["bumps"])).tolist()
+    ]
+    return {"kind": "pad", "length": length, "values": ["x"], "hidden": ridges}
+
+
 @shipped(
     words=(
         "V = gain A e(x/wavelength) c(t); e is the mean of a wave of bumps over each movement, of"
@@ -32,6 +49,7 @@ from .shipped import above_zero, shipped
     ranges={"duty": (0.05, 1.0)},
     # 120 um for A = 4 V; the half waves of 200 V have a sine of 100 V, at the resonance
     device={"V": {"unit": "m", "gain": 1.2e-6, "area": 1e-4}},
+    view=pad,
 )
 def bumps(
     waveform: str | np.ndarray = "square",

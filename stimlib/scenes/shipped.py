@@ -41,6 +41,10 @@ class shipped(NamedTuple):
         For outputs in a unit, such as ``"N"``, the device on which the default is felt
         as its page says: ``mass``, ``area``, ``gain`` and ``unit`` of
         ``stimlib.analysis.sensation_level``.
+    view : callable, optional
+        What a page draws of the scene: ``view(arguments)`` returns its kind,
+        lengths and the inputs that it needs, see ``view`` of `stimlib.live.protocol`.
+        Live arguments have their present value.
 
     Examples
     --------
@@ -55,6 +59,7 @@ class shipped(NamedTuple):
     drive: Mapping[str, str]
     ranges: Mapping[str, tuple[float, float]] = {}
     device: Mapping[str, Mapping[str, Any]] = {}
+    view: Callable[[dict[str, Any]], dict[str, Any]] | None = None
 
     def __call__(self, make: F) -> F:
         """Add a scene's function to the table."""

@@ -20,6 +20,7 @@ from ..errors import BadValue, outside
 from ..plate.model import Plate, check_plate
 from ..plate.profile import SHIFT, mode_fit
 from ..plate.vibrate import Finger, plate
+from .bumps import pad
 from .shipped import above_zero, shipped
 
 KNOTS = np.linspace(0.0, 1.0, 5)
@@ -34,6 +35,7 @@ KNOTS = np.linspace(0.0, 1.0, 5)
     ),
     drive={"x": "sinusoid(0.05, 1.0, 0.05)"},
     ranges={"duty": (0.05, 1.0)},
+    view=pad,
 )
 def touch_screen(
     waveform: str | np.ndarray = "half_sine",

@@ -24,6 +24,8 @@ REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
     ),
     drive={"y": "sinusoid(0.01, 1.0)"},
     ranges={"y": (0.0, 0.02)},
+    # figure 3.2: a plate on a helix; twice as long as the deepest press, which is ours
+    view=lambda now: {"kind": "plate", "length": 0.04, "values": ["y"]},
 )
 def viscoelastic(
     alpha: float = 0.5,

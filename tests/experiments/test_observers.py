@@ -128,6 +128,8 @@ def test_a_participant_more_changes_no_other():
         "level",
         "chance",
         "outcome",
+        "correct",
+        "seconds",
         "softer",
     }
     assert {name: column[: len(two["level"])] for name, column in three.items()} == two

@@ -550,7 +550,7 @@ def test_sizes_gives_the_printed_rates_and_places():
     )
     assert (
         "B before C  70.0 % [48.1, 85.5] of 20 (70.0)" in told
-        and size.nodule_sizes().timing.interval == 60.0
+        and size.nodule_sizes().timing.interval == 180.0
     )
     drawn = simulate(size.nodule_sizes(), size.person, 60, seed=1)
     assert size.sorted_rightly(drawn).rank == pytest.approx(size.PRINTED_RANK, abs=0.2)
@@ -582,10 +582,10 @@ def test_places_nine_people_have_nine_orders_and_no_place_twice():
             assert levels == sorted(levels, reverse=True) and levels[-1] > 1.2 * S.levels[0, 0], (
                 "hard where it is right, A first"
             )
-    assert (
-        len({tuple(t.condition for t in trials) for trials in seen.values()}) == 9
-        and experiment.timing.interval == 90.0
-    )
+    assert len({tuple(t.condition for t in trials) for trials in seen.values()}) == 9 and (
+        experiment.timing.interval,
+        experiment.timing.until,
+    ) == (300.0, "answer")
     for k in range(3):
         assert sorted(trials[k].condition for trials in seen.values()) == sorted(place.SURFACES), (
             "each thrice in each place"

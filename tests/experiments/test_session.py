@@ -320,7 +320,7 @@ def test_sessions_of_shared_time_are_read_and_replayed_and_say_so(tmp_path):
     assert Record(1, record.trial, record.answer, [nothing(None, None)]).time == ""
     refused(
         BadValue,
-        "another experiment or version: experiment.design differs",
+        "another experiment or version: experiment.design",
         Session(made, tmp_path / "data", "P01", resume=True).__enter__,
     )
 
@@ -380,7 +380,7 @@ def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(
     opened, started = [], []
     take, begin = NullSink.open, NullSink.start
     monkeypatch.setattr(
-        NullSink, "open", lambda sink, rate: (opened.append(sink.scene), take(sink, rate))[1]
+        NullSink, "open", lambda sink, *how: (opened.append(sink.scene), take(sink, *how))[1]
     )
     monkeypatch.setattr(
         NullSink,

@@ -23,7 +23,7 @@ from stimlib.experiments.designs import (
     trials_of,
 )
 from stimlib.experiments.quest import Quest
-from stimlib.experiments.questions import KINDS, choice, places, rating
+from stimlib.experiments.questions import KINDS, analogue, places, rating
 from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import OneInterval, Rate, TwoInterval
@@ -85,6 +85,7 @@ def test_texts_of_your_own_are_read_and_logged(tmp_path, monkeypatch, capsys):
         ({"right": "Goed }"}, "must be a text like"),
         ({"right": " "}, "must be a text like"),
         ({"right": 3}, "right = 3 must be a text"),
+        ({"right": "Goed\x1b[2J"}, "must be a text like"),
     ],
 )
 def test_texts_that_are_not_whole_are_refused(tmp_path, changed, why):
@@ -219,15 +220,22 @@ def test_two_intervals_have_a_right_answer_where_only_one_quantity_differs():
 
 
 def test_a_task_of_your_own_with_a_chance_level_has_the_answer_of_score_one():
-    made = experiment(questions=(choice("odd", "?", "a", "b"),))
     odd = {"condition": "c", "stimuli": (), "questions": ("odd",), "scores": {"a": 0.0, "b": 1.0}}
-    assert made.right(Trial(**odd, chance=1 / 3)) == {"odd": "b"}
-    assert made.right(Trial(**odd)) == {} == made.right(Trial(**odd, chance=0.0))
-    assert made.right(Trial(**odd, correct={"odd": "a", "other": 1})) == {"odd": "a"}
+    assert Trial(**odd, chance=1 / 3).right == {"odd": "b"}
+    assert Trial(**odd).right == {} == Trial(**odd, chance=0.0).right
+    assert Trial(**odd, correct={"odd": "a", "other": 1}).right == {"odd": "a"}
 
 
 WHERE = places("where", "?", 2)
 ROUGH = rating("rough", "?", "smooth", "rough")
+
+
+def test_a_typed_number_is_one_of_everyday_life():
+    line, where = analogue("rough", "How rough?", "smooth", "rough"), places("at", "Where?", 2)
+    assert str(line.answer("-0")) == "0.0" and line.answer(" 7.5 ") == 7.5
+    assert str(where.answer("-0 0.01")) == "[[0.0, 0.01]]"
+    for question, text in ((line, "1_0"), (where, "0.0_1 0"), (line, "nan"), (line, "1e999")):
+        refused(BadValue, None, question.answer, text)
 
 
 @pytest.mark.parametrize(

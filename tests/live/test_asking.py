@@ -22,6 +22,7 @@ from live.asked import TYPED, asked, every
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+import stimlib
 from stimlib.cli import app, terminal
 from stimlib.errors import SinkError
 from stimlib.experiments.answer_keys import Prompt
@@ -30,6 +31,8 @@ from stimlib.experiments.experiment import Timing
 from stimlib.experiments.reader import read
 from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
+from stimlib.experiments.tasks import Rate
+from stimlib.experiments.trial import Stimulus
 from stimlib.files.log_reader import read_log
 from stimlib.live import experiment as asking_module
 from stimlib.live.experiment import FIELDS, LONGEST, ExperimentPage
@@ -85,7 +88,12 @@ def page(running, greet=True, **options):
 
 
 def facts(records):
-    return [(r.number, r.trial, r.answer.values, r.answer.replays, r.displayed) for r in records]
+    """All but times, which no two sessions share."""
+    shown = [[{**d, "started": ""} for d in r.displayed] for r in records]
+    return [
+        (r.number, r.trial, r.answer.values, r.answer.replays, d)
+        for r, d in zip(records, shown, strict=True)
+    ]
 
 
 def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(
@@ -119,8 +127,8 @@ def test_a_whole_session_is_the_one_of_the_terminal_and_nothing_unblinds(
     fields = {
         "wait": set(),
         "end": set(),
-        "ask": {f.name for f in dataclasses.fields(Prompt)},
-        "feel": {"intervals", "cursor"},
+        "ask": {f.name for f in dataclasses.fields(Prompt)} | {"intervals", "cursor", "drawing"},
+        "feel": {"intervals", "cursor", "drawing"},
     }
     assert {m["is"] for m in phone.told} == {"hello", "state"}
     assert all(set(m) == every_field | fields[m["phase"]] for m in states)
@@ -310,6 +318,28 @@ def test_a_stimulus_that_no_page_sees_begin_fades_at_once(tmp_path, monkeypatch)
     assert [d.get("missed") for d in read(tmp_path / FOLDER).records[0].displayed] == [True, None]
 
 
+def test_a_page_is_told_when_the_condition_of_an_interval_holds(tmp_path):
+    """The reference moves from then on; the end is asked for before, too."""
+    starts = stimlib.Input("x", "m") > stimlib.constant(0.4, "m")
+    timing = Timing(1.0, gap=0.0, before=0.0, ramp=0.01, until="done", starts=starts, wait=1.0)
+    design = ConstantStimuli(((Rate("c", ("softer",), Stimulus("spring")), None),))
+    made = experiment(design=design, timing=timing, motion={"x": lambda t: t})
+    with asked(tmp_path, made, "null") as running, page(running) as phone:
+        phone.answer("", phone.until(phase="ask")["number"])
+        assert phone.until(phase="feel")["intervals"] == []
+        assert phone.until(phase="ask", text="When you are done")["intervals"] == []
+        now = phone.until(intervals=[[0.0, 1.0]])
+        assert (now["phase"], now["text"]) == ("ask", "When you are done")
+        phone.answer("", now["number"])
+        asks = phone.until(text="Which one was softer?")
+        assert asks["intervals"] == [] and asks["cursor"] is None
+        phone.answer("1", asks["number"])
+        phone.until(phase="end")
+    (shown,) = read(tmp_path / FOLDER).records[0].displayed
+    ((a, b),) = shown["intervals"]
+    assert shown["held"] and a == 401 and b < 1400
+
+
 def test_a_rest_is_the_servers(tmp_path):
     made = experiment(
         design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0))),
@@ -462,7 +492,8 @@ def test_ctrl_c_leaves_no_lock_with_which_the_page_would_wait_for_ever(monkeypat
         assert free == [True]
 
 
-def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch):
+@pytest.mark.parametrize("sink, more", [("offline", ["--page"]), ("page", [])])
+def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch, sink, more):
     def interrupted(self, text):
         raise KeyboardInterrupt
 
@@ -477,11 +508,11 @@ def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch):
         "--data",
         "data",
         "--sink",
-        "offline",
+        sink,
         "--host",
         "127.0.0.1",
     ]
-    done = CliRunner().invoke(app, ["experiment", "run", *who, "--page"])
+    done = CliRunner().invoke(app, ["experiment", "run", *who, *more])
     assert done.exit_code == 130 and "the participant answers at http://127.0.0.1:" in done.output
     assert (
         "0 answers are kept; go on with"

@@ -25,12 +25,14 @@ from stimlib.errors import SinkError
 from stimlib.experiments.answer_keys import Prompt
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Cursor, Timing
-from stimlib.experiments.questions import analogue, choice, rating
+from stimlib.experiments.questions import analogue, choice, free_text, rating
 from stimlib.experiments.reader import read
 from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import Rate
 from stimlib.experiments.trial import Stimulus
+from stimlib.files.log_reader import read_log
+from stimlib.files.log_replay import replay
 from stimlib.live.experiment import ExperimentPage
 from stimlib.live.server import Server
 
@@ -424,6 +426,48 @@ def test_a_whole_session_by_touch_in_german(browser, tmp_path):
     drawn = [json.loads(line) for line in running.layouts.read_text().splitlines()]
     asked_for = [json.dumps(d["boxes"]) for d in drawn if d["text"] == "Which one was that?"]
     assert asked_for and all(a != b for a, b in itertools.pairwise(asked_for)), "what has changed"
+
+
+def test_self_paced_squeezes_end_with_a_key_and_the_answer_and_then_remarks_are_asked(
+    browser, tmp_path
+):
+    """The reference moves while the end is awaited; stimuli are there until then."""
+    made = experiment(
+        design=ConstantStimuli(((TASK, 4.0),)),
+        timing=Timing(interval=20.0, gap=0.05, before=0.0, ramp=0.01, until="answer"),
+        cursor=Cursor("x", 1.0, 1.0),
+        after=(free_text("remarks", "Is there anything else?"),),
+    )
+    clock, point = (f"document.querySelector('#{name}')" for name in ("clock", "point"))
+    with asked(tmp_path, made, "null") as running:
+        page, number = browser.page(running.server.url, 900, 700), 0
+        for words, text in (
+            ("Trial", ""),
+            ("When you", ""),
+            ("Which one", "1"),
+            ("Is there", "no"),
+        ):
+            state = awaited(running, page, number)
+            number = state["number"]
+            assert state["text"].startswith(words) and state["trial"] == "Trial 1 of 1"
+            if words in ("When you", "Which one"):
+                page.until(f"{clock}.textContent === 'now'")
+                before = page.js(f"{point}.style.transform")
+                page.until(f"{point}.style.transform !== {before!r}")
+            else:
+                assert page.js(f"{clock}.hidden"), "nothing to feel"
+            press(page, state, text)
+        page.until("document.querySelector('#state').textContent.startsWith('The session is over')")
+        assert page.complaints() == []
+        page.close()
+    assert running.errors == []
+    record, after = read(tmp_path / FOLDER).records
+    assert after.answer.values == {"remarks": "no"}
+    for d in record.displayed:
+        ((a, b),) = d["intervals"]
+        assert 100 < b - a < 10_000
+        assert replay(read_log(tmp_path / FOLDER / d["log"])).matches
+    assert record.answer.values == {"softer": "first"} and record.answer.seconds > 0.26
 
 
 def test_a_page_that_goes_to_another_session_shows_its_question(browser):

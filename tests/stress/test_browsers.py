@@ -1,7 +1,9 @@
 """The pages in Chromium and Firefox, driven by Playwright: a session by keyboard and by
-touch, sizes of answers, a frozen server, and what axe-core finds.
+touch, sizes of answers, a stimulus that is only seen, a frozen server, and what
+axe-core finds.
 """
 
+import json
 import shutil
 import signal
 import subprocess
@@ -17,6 +19,7 @@ pytest.importorskip("uvicorn")
 from experiments.some import TASK, experiment
 from live.asked import TYPED, asked, every
 from live.chromium import where
+from live.drawn import outputs_of, seen
 from playwright.sync_api import sync_playwright
 
 from stimlib.experiments.designs import ConstantStimuli
@@ -185,6 +188,40 @@ def test_a_rating_is_one_row_of_equal_buttons(opened, tmp_path, points, wide):
         steps = [b["x"] - a["x"] for a, b in zip(boxes, boxes[1:], strict=False)]
         assert max(steps) - min(steps) < 1 and min(steps) >= boxes[0]["width"] - 0.5
         assert boxes[0]["x"] >= 0 and boxes[-1]["x"] + boxes[-1]["width"] <= wide
+
+
+BLUE = """() => {
+    const c = document.querySelector('#picture');
+    const { data } = c.getContext('2d').getImageData(0, 0, c.width, c.height);
+    let n = 0;
+    for (let k = 0; k < data.length; k += 4) n += data[k + 2] - data[k] > 100;
+    return n > 100;
+}"""
+
+
+@pytest.mark.parametrize("wide", [390, 1440])
+def test_a_stimulus_that_is_only_seen_follows_the_pointer(opened, tmp_path, wide):
+    with asked(tmp_path, seen(4.0), "page") as running:
+        page = opened(running.server.url, wide, 844)
+        state = prompted(running, page)
+        page.keyboard.press(" ")
+        page.wait_for_function("() => document.querySelector('#clock').textContent === '1 of 2'")
+        assert serious(page) == []
+        assert page.evaluate("document.documentElement.scrollWidth") <= wide
+        box = page.locator("#picture").bounding_box()
+        page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.6 * box["height"])
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.5 * box["height"], steps=5)
+        page.wait_for_function(BLUE)  # the avatar
+        page.mouse.up()
+        state = prompted(running, page, state["number"])
+        press(page, state, "1")
+        over(page)
+    assert running.session.records[0].answer.values == {"softer": "first"}
+    told = [json.loads(line) for line in running.layouts.read_text().splitlines()]
+    assert sum(len(line.get("samples", ())) for line in told) > 50
+    _, motion = outputs_of(tmp_path / "pair/P01-s1/trial-0001-1.stimlog")
+    assert motion["press"].max() == pytest.approx(0.5, abs=0.01)  # a mouse's
 
 
 @pytest.fixture

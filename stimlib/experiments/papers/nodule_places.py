@@ -18,7 +18,7 @@ from ...errors import UnknownName, need, public
 from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import block, buried
-from ..compare import Pair, Statistic, dunn, kruskal
+from ..compare import Pair, Statistic, dunn, elapsed_times, kruskal, times_text
 from ..designs import ConstantStimuli, Sequential, turn_of
 from ..experiment import Experiment, Timing
 from ..questions import places
@@ -28,6 +28,7 @@ from ..tables import Columns, grouped
 from ..tasks import Rate
 from ..trial import Answer, Stimulus, Trial
 from .nodule_sizes import PEN
+from .nodules import seconds
 
 FEEDBACK = {"single-point": "combined", "multi-point": "multipoint", "vibration": "vibration"}
 """Mode of ``soft_surface`` by the paper's name."""
@@ -44,6 +45,17 @@ PRINTED = {
     "vibration": (95.0, 91.5, 97.1),
 }
 """Figure 8 and text: sensitivity and its interval, in per cent."""
+# mean and standard deviation of the elapsed times in s, figure 9; tests, table 3
+SPENT = {
+    "single-point": (61.75, 25.1),
+    "multi-point": (41.65, 19.1),
+    "vibration": (33.95, 18.97),
+}
+TIMES = {how: f"{mean} s, SD {sd}" for how, (mean, sd) in SPENT.items()} | {
+    "single-point and multi-point": "z = 2.451, p = .0214",
+    "single-point and vibration": "z = 3.705, p = .0003",
+    "multi-point and vibration": "z = 1.255, p = .3144",
+}
 NEAR = 0.01
 """Largest distance, in m, between a mark and the centre of a found nodule (our own
 choice): nodules are 52 mm apart.
@@ -58,14 +70,14 @@ def nodule_places() -> Experiment:
     -------
     Experiment
         Its ``observer`` finds as many nodules as the paper's participants did, see
-        `person`; its ``analysis`` is `located`.
+        `person`; its ``analysis`` is `located`, with `spent`.
 
     References
     ----------
     Li et al. (2016), "Single-point interaction vs. three-point interaction and
     vibration", figs. 4 and 8.  Our own choices: the map, its rotations, how near a mark
-    must be (`NEAR`), and 90 s for each trial, whereas the paper sets no limit and
-    measures the time.
+    must be (`NEAR`), and a longest time of 300 s, whereas the paper sets no limit.  The
+    block is there until the answer, because the paper measures this time.
 
     Examples
     --------
@@ -96,13 +108,18 @@ def nodule_places() -> Experiment:
             | {"force": 10.0, "vibration": 1.0}
         ),
         motion=PEN,
-        timing=Timing(interval=90.0),
+        timing=Timing(interval=300.0, until="answer"),
         instructions=(
             "Press on the surface with the pen and go over it. Then mark where the three hard"
             " nodules are."
         ),
         observer=person,
-        analysis=lambda sessions: text(located(columns(sessions))),
+        analysis=lambda sessions: "\n".join(
+            [
+                text(located(columns(sessions))),
+                times_text(spent(columns(sessions)), TIMES, "one-sided"),
+            ]
+        ),
     )
 
 
@@ -133,7 +150,8 @@ def _buried(condition: str) -> dict[str, tuple[float, float]]:
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
     """Answer a trial as a simulated participant who finds nodules at the paper's rate.
 
-    Marks are within 2 mm of a nodule; the rendering is not used.
+    Marks are within 2 mm of a nodule, and times are log-normal, see `SPENT`; the
+    rendering is not used.
     """
     chance = FOUND[SURFACES[trial.condition][0]] / 60
     return Answer(
@@ -143,7 +161,8 @@ def person(trial: Trial, rng: np.random.Generator) -> Answer:
                 for at in trial.correct["nodules"]
                 if rng.random() < chance
             ]
-        }
+        },
+        seconds(rng, *SPENT[SURFACES[trial.condition][0]]),
     )
 
 
@@ -219,6 +238,30 @@ def located(answers: Columns) -> Located:
         each,
         kruskal(people) if spread else None,
         dunn(people, "one-sided") if spread else (),
+    )
+
+
+@public
+def spent(answers: Columns) -> dict[str, np.ndarray]:
+    """Return the times of each kind of feedback, from the block to the answer.
+
+    Parameters
+    ----------
+    answers : dict of str to sequence
+        With ``condition`` and ``seconds``.
+
+    Raises
+    ------
+    UnknownName, BadValue
+        As `stimlib.experiments.elapsed_times`.
+
+    References
+    ----------
+    Li et al. (2016), figure 9 and table 3, whose p are one-sided and multiplied by 3.
+    """
+    need("nodule_places", ("condition", "seconds"), answers)
+    return elapsed_times(
+        {**answers, "condition": [SURFACES[name][0] for name in answers["condition"]]}
     )
 
 

@@ -18,9 +18,9 @@ import numpy as np
 from ...errors import need, public
 from ...run.safety import Safety
 from ...scenes import soft_surface
-from ...soft import block
+from ...soft import block, buried
 from ..designs import ConstantStimuli, turn_of
-from ..experiment import Experiment, Timing
+from ..experiment import Drawing, Experiment, Timing
 from ..questions import ranking
 from ..reader import columns
 from ..signal_detection import Proportion, wilson
@@ -71,7 +71,8 @@ def nodule_sizes() -> Experiment:
     ----------
     Li et al. (2016), "Single-point interaction study", second part.  Our own choices:
     the map (`stimlib.soft.block`), which the paper measured, the mark of each nodule,
-    and 60 s per trial, whereas the paper sets no limit.
+    and a longest time of 180 s, whereas the paper sets no limit.  The block is there
+    until the answer, because the paper records the elapsed time.
 
     Examples
     --------
@@ -94,7 +95,8 @@ def nodule_sizes() -> Experiment:
         fs=1000.0,
         safety=Safety(full_scale={"x1": 0.14, "y1": 0.14, "depth1": 0.02, "force": 10.0}),
         motion=PEN,
-        timing=Timing(interval=60.0),
+        timing=Timing(interval=180.0, until="answer"),
+        drawing=Drawing(marks=dict(zip(MARKS, buried().values(), strict=True))),
         instructions=(
             "Three places are marked, 1 straight ahead, then against the clock. Press on them, then"
             " sort them."

@@ -8,7 +8,7 @@ see docs/reference/papers.rst.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,11 +19,11 @@ from ...motion.generators import constant_speed
 from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import THIRTEEN, sides
-from ..compare import Pair, Statistic, dunn, kruskal
+from ..compare import Pair, Statistic, dunn, elapsed_times, kruskal, times_text
 from ..designs import ConstantStimuli, Sequential, turn_of
 from ..experiment import Experiment, Timing
 from ..questions import choice
-from ..reader import columns
+from ..reader import Saved, columns
 from ..signal_detection import Diagnosis, diagnosis
 from ..tables import Columns, grouped
 from ..tasks import Rate
@@ -40,6 +40,17 @@ COUNTS = {"deformation": (183, 111), "cursor": (236, 107), "combined": (239, 112
 """Counts that give these rates: nodules found of 252 (18 for each of 14 people), and
 empty sides recognised as empty of 112 (8 for each).
 """
+# table 2, t tests of the elapsed times; figure 7 has no numbers
+TIMES = {
+    "deformation and cursor": "p = 5.22e-4",
+    "deformation and combined": "p = 2.85e-8",
+    "cursor and combined": "p = .0481",
+}
+# of a simulated participant, mean and standard deviation in s; ours: they differ by
+# 0.38, 0.60 and 0.23 standard deviations, which give the p of table 2
+SPENT = {"deformation": (20.0, 8.0), "cursor": (17.0, 8.0), "combined": (15.2, 8.0)}
+# of 14 participants; the last said only that the cursor was the quickest
+PREFERRED = {"combined": 12, "deformation": 1, "cursor": 0}
 SIDES = ("left", "right")
 SURFACES = {
     f"{mode}, {left} and {right}": (mode, left, right) for mode in MODES for left, right in THIRTEEN
@@ -50,23 +61,30 @@ HAND = {"x": constant_speed(0.1, 0.12), "y": constant_speed(0.007, 0.12)}
 
 
 @public
-def nodules() -> Experiment:
+def nodules(self_paced: bool = True) -> Experiment:
     """Make the experiment: report whether a nodule is under each of two sides.
 
     There are thirteen surfaces with each of three techniques: depth of the cursor,
-    speed of the cursor, or both.  Participants begin with different techniques.
+    speed of the cursor, or both.  Participants begin with different techniques.  After
+    the last surface they say which technique they preferred.
+
+    Parameters
+    ----------
+    self_paced : bool
+        Whether a surface is there until both sides are answered, as in the paper, which
+        measures this time, for 120 s at most; otherwise for 30 s.
 
     Returns
     -------
     Experiment
         Its ``observer`` answers correctly as often as the paper's participants did, see
-        `person`; its ``analysis`` is `found`.
+        `person`; its ``analysis`` is `found`, with `spent` and the preferences.
 
     References
     ----------
     Li et al. (2016), "Single-point interaction study", fig. 5.  Our own choices: the
-    thirteen surfaces (`stimlib.soft.THIRTEEN`), the radii of the nodules, and 30 s for
-    each surface, whereas the paper sets no limit and measures the time.
+    thirteen surfaces (`stimlib.soft.THIRTEEN`), the radii of the nodules, and the
+    longest time, for which the paper sets no limit.
 
     Examples
     --------
@@ -91,12 +109,19 @@ def nodules() -> Experiment:
         fs=1000.0,
         safety=Safety(full_scale={"x": 0.12, "y": 0.12, "depth": 0.05}),
         motion=HAND,
-        timing=Timing(interval=30.0),
+        timing=Timing(interval=120.0, until="answer") if self_paced else Timing(interval=30.0),
         instructions=(
             "Move over the surface with the mouse. Then say on which sides there is a nodule."
         ),
         observer=person,
-        analysis=lambda sessions: text(found(columns(sessions))),
+        analysis=lambda sessions: "\n".join(
+            [
+                text(found(columns(sessions))),
+                times_text(spent(columns(sessions)), TIMES, "one-sided"),
+                preferences(sessions),
+            ]
+        ),
+        after=(choice("preferred", "Which feedback did you prefer?", *MODES),),
     )
 
 
@@ -144,14 +169,21 @@ def right_answers(condition: str) -> dict[str, str]:
 def person(trial: Trial, rng: np.random.Generator) -> Answer:
     """Answer a trial as a simulated participant with the paper's detection rates.
 
-    The rates are those of nodules found, and of empty sides recognised as empty.
+    The rates are those of nodules found, and of empty sides recognised as empty. The
+    time is log-normal, see `SPENT`.
     """
     hits, rejections = COUNTS[SURFACES[trial.condition][0]]
     values = {}
     for side, under in trial.correct.items():
         says_nodule = rng.random() < (hits / 252 if under == "nodule" else 1 - rejections / 112)
         values[side] = "nodule" if says_nodule else "none"
-    return Answer(values)
+    return Answer(values, seconds(rng, *SPENT[SURFACES[trial.condition][0]]))
+
+
+def seconds(rng: np.random.Generator, mean: float, sd: float) -> float:
+    """Return a log-normal time in s, from a stream beside that of the answers."""
+    spread = np.log1p((sd / mean) ** 2)
+    return round(float(mean * np.exp(spread**0.5 * rng.spawn(1)[0].normal() - spread / 2)), 3)
 
 
 # What they answered -------------------------------------------------------------------
@@ -215,6 +247,50 @@ def found(answers: Columns) -> Found:
         if spread:
             tests[name] = kruskal(groups), dunn(groups, "one-sided")
     return Found({mode: diagnosis(*counts) for mode, counts in totals.items()}, tests)
+
+
+@public
+def spent(answers: Columns) -> dict[str, np.ndarray]:
+    """Return the times of each technique, from the surface to the last answer.
+
+    Parameters
+    ----------
+    answers : dict of str to sequence
+        With ``condition`` and ``seconds``.
+
+    Raises
+    ------
+    UnknownName, BadValue
+        As `stimlib.experiments.elapsed_times`.
+
+    References
+    ----------
+    Li et al. (2016), figure 7 and table 2, whose p are one-sided and multiplied by 3.
+    """
+    need("nodules", ("condition", "seconds"), answers)
+    return elapsed_times(
+        {**answers, "condition": [SURFACES[name][0] for name in answers["condition"]]}
+    )
+
+
+@public
+def preferences(sessions: Sequence[Saved]) -> str:
+    """Return how many participants preferred each technique, as a line of text.
+
+    Parameters
+    ----------
+    sessions : sequence of Saved
+
+    Examples
+    --------
+    >>> from stimlib.experiments.papers.nodules import preferences
+    >>> preferences([])
+    'preferred: combined 0 (12 of 14), deformation 0 (1 of 14), cursor 0 (0 of 14)'
+    """
+    said = [s.after.get("preferred") for s in sessions]
+    return "preferred: " + ", ".join(
+        f"{mode} {said.count(mode)} ({n} of 14)" for mode, n in PREFERRED.items()
+    )
 
 
 Counts = tuple[int, int, int, int]

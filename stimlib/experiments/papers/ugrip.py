@@ -42,7 +42,7 @@ TIMING = Timing(interval=3.0, gap=0.5)
 
 
 @public
-def ugrip(reversals: int = 20) -> Experiment:
+def ugrip(reversals: int = 20, self_paced: bool = False) -> Experiment:
     """Make the experiment: say which of two objects is softer.
 
     There are four pairs of interleaved staircases, for one or two fingers, with and
@@ -53,6 +53,9 @@ def ugrip(reversals: int = 20) -> Experiment:
     ----------
     reversals : int
         Number of reversals of each staircase.
+    self_paced : bool
+        Whether the participant ends each squeeze with a key, after 20 s at most.  The
+        paper does not say what ended one; by default it is the time.
 
     Returns
     -------
@@ -103,7 +106,7 @@ def ugrip(reversals: int = 20) -> Experiment:
         safety=Safety(full_scale=100.0, peak=100.0, static=37.0),
         bounds={"k": BOUNDS},
         motion=SQUEEZES,
-        timing=TIMING,
+        timing=Timing(20.0, gap=0.5, until="done") if self_paced else TIMING,
         instructions="Squeeze both objects. Then say which one was softer, or less stiff.",
         observer=person(),
         analysis=lambda sessions: text(comparisons(columns(sessions))),

@@ -1,8 +1,12 @@
 // Questions of a session: the state that the server tells is shown, one answer to each is said. experiment.py has the messages.
 
+import { Field } from "./field.js";
+import { palette } from "./plots.js";
+
 const VERSION = 1;
 const GUARD = 250; // ms in which a new question takes nothing: the second half of a double click was for the one before
 const SILENT = 1500, DEAD = 5000, GONE = 30000; // ms without a word of the server: it is said; another connection; no more of them
+const OFTEN = 100; // pictures after which the server is told of them
 const MOST = 100, PAD = 24; // the end of a line; px beyond both ends, so that a finger reaches them
 const $ = id => document.getElementById(id);
 let texts = {}, ws = null, state = null, open = false, sent = false, final = false, begun = 0, frame = 0, late = 0;
@@ -12,6 +16,10 @@ const say = (key, values = {}) => (texts[key] ?? "..").replace(/\{(\w+)\}/g, (_,
 const element = (parent, tag, more = {}) => Object.assign(parent.appendChild(document.createElement(tag)), more);
 const words = (text, kind = "") => { $("state").textContent = text; $("state").className = kind; };
 const show = (id, wanted) => { $(id).hidden = !wanted; };
+
+/** The picture of a stimulus; tests and benchmarks read it. */
+export const field = new Field($("picture"), message => { if (open && drawing?.sources) ws.send(JSON.stringify(message)); }, true);
+let drawing = null, colours = palette(), values = null, newest = null, samples = []; // newest: sample that is drawn next; those that were drawn
 
 // What is asked ---------------------------------------------------------------------------------------------------------------------
 function become(now) {
@@ -24,10 +32,11 @@ function become(now) {
   $("told").replaceChildren();
   for (const textContent of now.told) element($("told"), "p", { textContent });
   if (fresh) ask(now);
+  if (now.drawing?.number !== drawing?.number) draw(now.drawing);
   enable(); // or it takes no focus
   const first = now.kind === "analogue" ? "vas" : now.line && (now.kind !== "rating" || !now.keys.length) ? "typed" : "text";
   if (fresh && now.phase !== "wait") $(first).focus({ preventScroll: true });
-  show("clock", ["rest", "feel"].includes(now.phase));
+  show("clock", now.phase === "rest" || now.intervals?.length);
   show("track", now.cursor);
   words(say("connected"), "good");
   tick();
@@ -55,6 +64,38 @@ function ask({ text, phase, kind, line, keys = [], apart = [], ends = [], hint =
   put(null);
   for (const [id, wanted] of [["hint", hint], ["words", names.length], ["vas", analogue], ["keys", keys.length], ["low", row], ["high", row],
     ["asked", line && !analogue], ["does", line], ["clear", names.length], ["apart", apart.length]]) show(id, wanted);
+}
+
+/** What is drawn from now on, or null. */
+function draw(now = null) {
+  tell();
+  [drawing, values, newest] = [now, null, null];
+  show("picture", drawing);
+  if (!drawing) return;
+  const driven = drawing.sources !== null;
+  Object.assign($("picture"), { role: driven ? "application" : "img", tabIndex: driven ? 0 : -1 });
+  $("picture").style.cursor = driven && drawing.cursor ? "none" : "";
+  field.set({ view: drawing.views[0], sources: drawing.sources ?? {}, parts: drawing, beside: drawing.beside });
+  if (driven) field.again();
+  $("picture").scrollIntoView({ block: "nearest" });
+}
+
+/** The newest sample of a stimulus: number of the drawing, sample, interval or -1, values of its view. */
+function see([number, sample, k, ...all]) {
+  if (number !== drawing?.number) return;
+  const view = drawing.views[Math.max(0, k)];
+  if (view !== field.view) field.set({ view });
+  values = k < 0 ? null : Object.fromEntries((view?.values ?? []).map((name, i) => [name, all[i]]));
+  newest = k < 0 ? null : sample;
+  field.dirty = true;
+}
+
+/** Says which samples were drawn, for the log. */
+function tell() {
+  if (!samples.length || !open) return;
+  const { left, top, width, height } = $("picture").getBoundingClientRect();
+  ws.send(JSON.stringify({ do: "pictures", number: drawing.number, wide: innerWidth, high: innerHeight, box: [left, top, width, height], samples }));
+  samples = [];
 }
 
 function button(parent, key, says) {
@@ -106,12 +147,13 @@ function tick() {
   if (state.phase === "rest") {
     const left = Math.max(0, Math.ceil(state.seconds - t));
     $("clock").textContent = `${Math.floor(left / 60)}:${String(left % 60).padStart(2, "0")}`;
-  } else if (state.phase === "feel") {
+  } else if (state.intervals?.length) { // of a self-paced one, while it is asked for its end
     const all = state.intervals, k = all.findIndex(([a, b]) => a <= t && t < b);
     $("clock").textContent = k < 0 ? "" : all.length > 1 ? say("interval", { number: k + 1, total: all.length }) : say("now");
     const y = k < 0 || !state.cursor ? 0 : Math.sin(2 * Math.PI * state.cursor * (t - all[k][0]));
     $("point").style.transform = `translateY(${-0.5 * y * ($("track").clientHeight - $("point").clientHeight)}px)`;
-  } else return;
+  } else if (!drawing) return;
+  if (drawing && field.refresh(performance.now(), colours, values) && newest !== null && samples.push(newest) >= OFTEN) tell();
   cancelAnimationFrame(frame);
   frame = requestAnimationFrame(tick);
 }
@@ -131,8 +173,12 @@ function connect() {
   ws?.close();
   ws = mine;
   [heard, open, final, drawn] = [performance.now(), false, false, ""];
+  mine.binaryType = "arraybuffer";
   mine.onopen = () => mine.send(JSON.stringify({ do: "hello", token: location.hash.slice(1), version: VERSION }));
-  mine.onmessage = ({ data }) => { if (mine === ws) hear(JSON.parse(data)); };
+  mine.onmessage = ({ data }) => {
+    if (mine !== ws) return;
+    if (typeof data === "string") hear(JSON.parse(data)); else see(new Float64Array(data));
+  };
   mine.onclose = ({ code, reason }) => { if (mine === ws) lose(code, reason); };
   show("retry", false);
 }
@@ -144,6 +190,7 @@ function hear(m) {
     document.documentElement.lang = texts.language;
     for (const [id, key] of [["name", "your_answer"], ["enter", "answer"], ["clear", "clear"], ["retry", "retry"]]) $(id).textContent = say(key);
     $("track").ariaLabel = say("follow");
+    $("picture").ariaLabel = say("picture");
   }
   if (!open) {
     [open, away] = [true, null];
@@ -180,9 +227,10 @@ function watch() {
 const again = () => { away = performance.now(); connect(); };
 connect();
 setInterval(watch, 250);
-addEventListener("hashchange", () => { if (state) state.number = null; again(); }); // another session, with the same numbers
+addEventListener("hashchange", () => { if (state) state.number = null; draw(); again(); }); // another session, with the same numbers
 for (const back of ["online", "visibilitychange"]) addEventListener(back, () => { if (!open && !final) again(); });
 addEventListener("resize", report);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { colours = palette(); field.dirty = true; });
 $("retry").onclick = again;
 
 // Keys and pointers -----------------------------------------------------------------------------------------------------------------
@@ -200,8 +248,11 @@ $("line").onsubmit = e => {
   const text = state?.kind === "analogue" ? String(mark ?? "") : $("typed").value;
   if (text.trim()) answer(text);
 };
+addEventListener("keyup", e => field.key(e, false));
 addEventListener("keydown", e => {
   if (e.ctrlKey || e.metaKey || e.altKey || e.isComposing || e.target.matches?.("input")) return;
+  const moves = drawing?.sources && (state.phase === "feel" || (e.key in STEPS && state.kind !== "analogue")); // not what answers
+  if (moves && field.key(e, true)) return e.preventDefault();
   if (e.target.matches?.("button") && ["Enter", " "].includes(e.key)) { if (e.repeat) e.preventDefault(); return; } // it clicks
   const analogue = state?.kind === "analogue" && open && !sent;
   const keys = [...(state?.keys ?? []), ...(state?.apart ?? [])].map(([key]) => key);

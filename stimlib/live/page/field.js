@@ -1,21 +1,24 @@
-// The field in which fingers move: mouse, pen, touch and keys in, places drawn; or the soft surface of a scene for the eye.
+// The field in which fingers move: mouse, pen, touch and keys in; places drawn, or the picture of a scene for the eye.
 
 import { axes } from "./controls.js";
-import { Backdrop, frame, sharp } from "./plots.js";
+import { pictures } from "./pictures.js";
+import { Backdrop, Turn, frame, sharp } from "./plots.js";
 import { scaled, short, text, ticks } from "./scales.js";
-import { camera, draw as drawSurface, levelAt } from "./surface.js";
 
 const FINGERS = 10, FIRM = 0.5, OFTEN = 2; // pressure without a sensor; ms between moves
 const STEP = 0.5, SLOW = 0.1, TAP = 0.02; // of the field per s by keys; s that a tap lasts
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1] };
-const MARGIN = { left: 58, right: 14, top: 12, bottom: 38 }, RADIUS = 0.005; // css pixels; of an avatar in m
+const MARGIN = { left: 58, right: 14, top: 12, bottom: 38 }, EDGE = { left: 12, right: 12, top: 12, bottom: 12 }; // css pixels
+const PIXELS = 96 / 0.0254, RIDGE = "#b08d57"; // in a nominal m
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
 const clip = v => Math.min(1, Math.max(0, v));
 const lowest = taken => Array.from({ length: FINGERS }, (_, k) => k).find(k => !taken.has(k));
 
 export class Field {
-  /** `say` takes messages for the server. */
-  constructor(canvas, say) {
-    Object.assign(this, { canvas, say, view: null, sources: {}, units: {}, dirty: true, hard: false, back: new Backdrop(canvas) });
+  /** `say` takes messages for the server; `bare`: without axes, as a participant sees it. */
+  constructor(canvas, say, bare = false) {
+    Object.assign(this, { canvas, say, bare, view: null, sources: {}, units: {}, beside: [0, 0], dirty: true, back: new Backdrop(canvas) });
+    Object.assign(this, { parts: { surface: true, cursor: true, hidden: false }, turn: new Turn() });
     Object.assign(this, { fingers: new Map(), held: new Map(), keys: new Map() });
     this.hover = { finger: 0, t: 0 };
     this.box = { x: 0, y: 0, w: 1, h: 1 };
@@ -28,29 +31,31 @@ export class Field {
     new ResizeObserver(() => { this.dirty = true; }).observe(canvas);
   }
 
-  /** A new scene or new sources. */
-  set({ view = this.view, units = this.units, sources = this.sources }) {
-    Object.assign(this, { view, units, sources, dirty: true, drawn: null });
-    this.canvas.classList.toggle("surface", !!this.view);
+  /** A new scene or new sources; what is drawn, and how far (m) beside a pointer it is. */
+  set({ view = this.view, units = this.units, sources = this.sources, parts = this.parts, beside = this.beside }) {
+    Object.assign(this, { view, units, sources, parts, beside, dirty: true, drawn: null });
+    this.kind = this.bare || view?.kind === "surface" ? pictures[view?.kind] : null; // else a field
+    this.canvas.classList.toggle("surface", !!this.kind);
     this.canvas.classList.toggle("flat", !axes(this.sources).v.length);
-    this.level = this.view && levelAt(this.view);
   }
 
   // Fingers ------------------------------------------------------------------------------------------------------------
   place(px, py) {
-    if (!this.cam) return [clip((px - this.box.x) / this.box.w), clip(1 - (py - this.box.y) / this.box.h)];
+    if (!this.cam?.from) return [clip((px - this.box.x) / this.box.w), clip(1 - (py - this.box.y) / this.box.h)];
     const [x, y] = this.cam.from(px, py), [across, up] = this.ranges();
     return [clip((x - across[0]) / (across[1] - across[0])), clip((y - up[0]) / (up[1] - up[0]))];
   }
 
-  /** What the left and right end, and the lower and upper, of the surface mean in m. */
+  /** What the two ends of an axis of the field mean in m, for an input that the pointer does not drive from 0 to `all`. */
+  span(input, all) {
+    const { from, low, high } = this.sources[input] ?? {};
+    return from === "u" || from === "v" ? [low, high] : [0, all];
+  }
+
+  /** The same of the left and right end, and the lower and upper, of the surface. */
   ranges() {
-    const { view, sources } = this;
-    const of = (input, all) => {
-      const { from, low, high } = sources[input] ?? {};
-      return from === "u" || from === "v" ? [low, high] : [0, all];
-    };
-    return [of(view.inputs.x, view.width), of(view.inputs.y, view.height)];
+    const { inputs, width, height } = this.view;
+    return [this.span(inputs.x, width), this.span(inputs.y, height)];
   }
 
   put(finger, u, v, p, on, t = performance.timeOrigin + performance.now()) {
@@ -60,10 +65,10 @@ export class Field {
   }
 
   report(e, on, moving = false) {
-    const r = this.canvas.getBoundingClientRect(), hold = this.held.get(e.pointerId) ?? this.hover;
+    const r = this.canvas.getBoundingClientRect(), [right, up] = this.beside.map(m => m * PIXELS), hold = this.held.get(e.pointerId) ?? this.hover;
     const all = e.getCoalescedEvents?.() ?? [];
     for (const c of all.length ? all : [e]) {
-      const p = on ? clip(c.pressure || FIRM) : 0, at = this.place(c.clientX - r.left, c.clientY - r.top);
+      const p = on ? clip(c.pressure || FIRM) : 0, at = this.place(c.clientX - r.left + right, c.clientY - r.top - up);
       const go = () => {
         Object.assign(hold, { t: c.timeStamp, late: null });
         this.put(hold.finger, ...at, p, on, performance.timeOrigin + c.timeStamp);
@@ -151,28 +156,51 @@ export class Field {
     return { name, at: at.map(v => [(v / factor - low) / (high - low), text(v, step)]) };
   }
 
-  draw(colours, outputs) {
-    if (this.view) { this.surface(this.avatars(outputs)); return; }
-    const { canvas, back, sources } = this, { left, right, top, bottom } = MARGIN, { u, v } = axes(sources);
+  /** With each frame: draws what is new, but takes at most a third of the time; whether it has drawn. */
+  refresh(now, colours, values) {
+    this.tick(now);
+    if (!this.dirty || !this.turn.due(now, calm.matches && this.kind ? 100 : 0)) return false;
+    this.dirty = false;
+    this.turn.take(now, () => this.draw(colours, values));
+    return true;
+  }
+
+  draw(colours, values) {
+    if (this.kind) { this.picture(values); return; }
+    const { canvas, back, sources, view, parts } = this, { left, right, top, bottom } = this.bare ? EDGE : MARGIN, { u, v } = axes(sources);
     const box = this.box = { x: left, y: top, w: canvas.clientWidth - left - right, h: canvas.clientHeight - top - bottom };
     this.cam = null;
-    const paper = back.changed(colours, sources, this.units);
+    const paper = back.changed(colours, sources, this.units, view, parts);
     if (paper) this.paper(paper, box, colours, u, v);
     const g = back.show();
     g.scale(devicePixelRatio || 1, devicePixelRatio || 1);
-    for (const [finger, f] of this.fingers)
+    for (const [finger, f] of this.marks(values))
       this.finger(g, box, colours, finger, f, ...[u, v].map(all => all.some(a => a.finger === finger)));
   }
 
   paper({ g, high }, box, colours, u, v) { // what stays while fingers move
+    if (this.parts.hidden && this.view?.hidden) {
+      const [low, high] = this.span(this.view.values[0], this.view.length), at = x => box.w * clip((x - low) / (high - low));
+      g.fillStyle = RIDGE;
+      for (const [begin, end] of this.view.hidden) g.fillRect(box.x + at(begin), box.y, at(end) - at(begin), box.h);
+    }
+    g.strokeStyle = this.bare ? colours.soft : colours.line;
+    if (!this.bare || this.parts.surface) g.strokeRect(box.x + 0.5, box.y + 0.5, box.w, box.h);
+    if (this.bare) return;
     const across = this.axis(u, box.w), up = this.axis(v, box.h);
-    g.strokeStyle = colours.line;
-    g.strokeRect(box.x + 0.5, box.y + 0.5, box.w, box.h);
     const xs = across.at.map(([k, s]) => [box.x + k * box.w, s]), ys = up.at.map(([k, s]) => [box.y + (1 - k) * box.h, s]);
     frame(g, box, colours, xs, ys, up.name);
     g.textAlign = "center";
     g.textBaseline = "alphabetic";
     g.fillText(across.name, box.x + box.w / 2, high - 6);
+  }
+
+  /** The fingers that are drawn: where they touch, or where the stimulus has its only position. */
+  marks(values) {
+    if (!this.parts.cursor) return [];
+    if (!this.bare || !this.view) return this.fingers;
+    const [name] = this.view.values, [low, high] = this.span(name, this.view.length);
+    return values ? [[0, { u: clip((values[name] - low) / (high - low)), v: 0.5, p: FIRM, on: 1 }]] : [];
   }
 
   finger(g, box, colours, finger, { u, v, p, on }, crosses, climbs) {
@@ -195,19 +223,15 @@ export class Field {
     g.fillText(`${finger + 1}`, x, y + 0.5);
   }
 
-  /** What of a surface is drawn; the same again needs no drawing. */
-  avatars(outputs) {
-    const value = name => (name && Number.isFinite(outputs[name]) ? outputs[name] : 0);
-    return this.view.avatars.map(a => ({ x: value(a.x), y: value(a.y), depth: value(a.depth) }));
-  }
-
-  surface(avatars) {
-    const { canvas, view: { width, height } } = this;
-    const key = JSON.stringify([avatars, canvas.clientWidth, canvas.clientHeight, this.hard]);
+  /** The picture of the scene; the same again needs no drawing. */
+  picture(values) {
+    const { canvas, view, parts, kind } = this;
+    const key = JSON.stringify([values && view.values.map(name => values[name]), canvas.clientWidth, canvas.clientHeight]);
     if (key === this.drawn || Math.min(canvas.clientWidth, canvas.clientHeight) < 48) return; // not laid out yet
     this.drawn = key;
     const { g, wide, high } = sharp(canvas);
-    this.cam = camera(width, height, 12, 12, wide - 24, high - 24);
-    drawSurface(g, this.cam, avatars, width, height, RADIUS, this.hard && this.level);
+    this.cam = kind.fit(view, wide, high);
+    this.box = { x: 0, y: 0, w: wide, h: high };
+    kind.draw(g, this.cam, view, values, parts);
   }
 }

@@ -2,7 +2,7 @@
 
 import { parameters, sources } from "./controls.js";
 import { Field } from "./field.js";
-import { History, Panel, Spectrum, grouped, isPlace, palette } from "./plots.js";
+import { History, Panel, Spectrum, Turn, grouped, isPlace, palette } from "./plots.js";
 import { scaled, short } from "./scales.js";
 import { LEAST, Level, Sound } from "./sound.js";
 
@@ -55,7 +55,7 @@ function greet(hello) {
   $("no-params").hidden = hello.params.length > 0;
   $("heard").replaceChildren(...outputs.map(({ name }, k) => new Option(name, k)));
   field.set({ view: hello.view, units: Object.fromEntries(inputs.map(i => [i.name, i.unit])) });
-  $("map-choice").hidden = !hello.view;
+  $("map-choice").hidden = !(hello.view?.levels ?? hello.view?.hidden);
   hear(Math.max(0, outputs.findIndex(o => !/^[xy]\d?$|^depth/.test(o.name))));
 }
 
@@ -126,7 +126,7 @@ function take(data) {
   if (level.take(all.subarray(row * n, (row + 1) * n).map(v => v * hello.outputs[heard].full), hello.fs)) fitted();
   hello.outputs.forEach(({ name }, i) => { live.outputs[name] = history.newest(of + i); });
   live.blocks++;
-  field.dirty = field.dirty || !!hello.view;
+  field.dirty = field.dirty || !!field.kind;
   if (head[1] && head[1] !== last && marks.length < 64) marks.push(last = head[1]);
 }
 
@@ -183,7 +183,7 @@ $("control").onclick = () => say({ do: "control" });
 $("heard").onchange = e => hear(+e.target.value);
 $("gain").oninput = e => { $("gain-is").textContent = `${e.target.value} dB`.replace("-", "−"); sound.loud(+e.target.value); };
 $("fit").onclick = refit;
-$("map").onchange = e => { field.hard = e.target.checked; field.dirty = true; };
+$("map").onchange = e => { field.set({ parts: { ...field.parts, hidden: e.target.checked } }); };
 $("sound").onclick = async () => {
   try {
     const on = await sound.toggle();
@@ -251,21 +251,8 @@ function lag() {
   return `From the pointer to the picture ${median(live.drawn).toFixed(0)} ms${heardToo} (medians), without the smoothing of the pointer.`;
 }
 
-/** What is drawn with a frame, but takes at most a third of the time, on however slow a machine. */
-class Turn {
-  cost = 0; // ms
-  last = 0;
-  due(now, least) { return now - this.last >= Math.max(least, 3 * this.cost); }
-  take(now, draw) {
-    const begun = performance.now();
-    draw();
-    this.last = now;
-    this.cost += 0.2 * (performance.now() - begun - this.cost);
-  }
-}
-
 let before = 0;
-const hand = new Turn(), curves = new Turn(), lines = new Turn();
+const curves = new Turn(), lines = new Turn();
 function plot(now, telling) {
   const { fs, inputs, outputs } = live.hello;
   shown = live.history.end;
@@ -279,11 +266,7 @@ function plot(now, telling) {
 
 function tick(now) {
   requestAnimationFrame(tick);
-  field.tick(now);
-  if (field.dirty && hand.due(now, calm.matches && field.view ? 100 : 0)) {
-    field.dirty = false;
-    hand.take(now, () => field.draw(colours, live.outputs));
-  }
+  field.refresh(now, colours, live.outputs);
   const telling = live.hello && now - told > 250;
   meter(Math.min(0.2, (now - before) / 1000));
   before = now;

@@ -88,6 +88,22 @@ export class Backdrop {
   }
 }
 
+/** What is drawn with a frame, but takes at most a third of the time, on however slow a machine. */
+export class Turn {
+  cost = 0; // ms
+  last = 0;
+  costs = []; // of the last thousand times, for benchmarks
+  due(now, least) { return now - this.last >= Math.max(least, 3 * this.cost); }
+  take(now, draw) {
+    const begun = performance.now();
+    draw();
+    this.last = now;
+    const cost = performance.now() - begun;
+    this.cost += 0.2 * (cost - this.cost);
+    if (this.costs.push(cost) > 1000) this.costs.shift();
+  }
+}
+
 /** The colours of the page's style, as they are in its theme now. */
 export function palette() {
   const probe = document.body.appendChild(document.createElement("i"));

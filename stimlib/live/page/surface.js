@@ -1,7 +1,8 @@
 // A soft surface under its avatars, as stimlib.soft draws it: heights of Li et al. (2016), perspective at 45 degrees, shades.
 
 const SKIN = [0.95, 0.84, 0.76], LIGHT = [-0.5, -0.5, 0.7071], TALL = 0.026, EYE = 4.563; // EYE: in diagonals, matplotlib's
-const BALLS = ["#2060c0", "#d03030", "#e8c020"], SIN = Math.SQRT1_2, FINE = 3; // parts of a cell, each way
+export const BALLS = ["#2060c0", "#d03030", "#e8c020"];
+const SIN = Math.SQRT1_2, FINE = 3; // parts of a cell, each way
 
 const clamp = (k, n) => Math.min(n - 1, Math.max(0, k));
 
@@ -105,7 +106,8 @@ function cells(g, cam, grid, level) {
     }
 }
 
-function ball(g, cam, { x, y, depth }, r, paint) {
+/** A ball that lies `depth` below the place (x, y) at z = 0. */
+export function ball(g, cam, { x, y, depth }, r, paint) {
   const [px, py, scale] = cam.to(x, y, r - depth), size = r * scale;
   const glow = g.createRadialGradient(px - size / 3, py - size / 3, size / 8, px, py, size);
   glow.addColorStop(0, "#fff");
@@ -122,12 +124,14 @@ export function levelAt({ width, height, rows, columns, levels }) {
   return (x, y) => levels[Math.round(y / height * (rows - 1)) * columns + Math.round(x / width * (columns - 1))] ?? 0;
 }
 
-/** Draws the surface and the balls; `level`, if given, darkens what is hard. */
-export function draw(g, cam, avatars, width, height, r, level) {
-  g.lineWidth = 0.75;
-  g.fillStyle = colour(1);
-  quad(g, cam, 0, 0, width, height, [0, 0, 0, 0]);
-  g.fill();
-  cells(g, cam, heights(avatars, width, height, r), level);
-  avatars.forEach((a, i) => ball(g, cam, a, r, BALLS[i % BALLS.length]));
+/** Draws the surface and the balls (surface, cursor: whether); `level`, if given, darkens what is hard. */
+export function draw(g, cam, avatars, width, height, r, level, { surface, cursor }) {
+  if (surface) {
+    g.lineWidth = 0.75;
+    g.fillStyle = colour(1);
+    quad(g, cam, 0, 0, width, height, [0, 0, 0, 0]);
+    g.fill();
+    cells(g, cam, heights(avatars, width, height, r), level);
+  }
+  if (cursor) avatars.forEach((a, i) => ball(g, cam, a, r, BALLS[i % BALLS.length]));
 }

@@ -1,0 +1,395 @@
+"""Intervals that the participant ends, conditions that begin them, response times, and
+questions after a session.
+"""
+
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+from experiments.some import QUESTION, TASK, experiment
+from experiments.test_experiment_cli import Pty
+from refusals import refused
+
+import stimlib
+from stimlib.checks import verify_log
+from stimlib.cli import terminal
+from stimlib.devices.sources import Live
+from stimlib.errors import BadValue, UnknownName
+from stimlib.experiments.bids import to_bids, to_psych_ds
+from stimlib.experiments.compare import elapsed_times, times_text
+from stimlib.experiments.designs import ConstantStimuli, Sequential
+from stimlib.experiments.experiment import Masking, Timing
+from stimlib.experiments.presentation import present
+from stimlib.experiments.questions import choice, free_text, places
+from stimlib.experiments.reader import columns, read, sessions, status
+from stimlib.experiments.runner import Simulated, run
+from stimlib.experiments.session import Session
+from stimlib.experiments.tasks import OneInterval, Rate
+from stimlib.experiments.trial import Answer, Stimulus, Trial
+from stimlib.files.log_reader import read_log
+from stimlib.files.log_replay import replay
+
+AFTER = (
+    choice("preferred", "Which did you prefer?", "soft", "stiff"),
+    free_text("remarks", "Is there anything else?"),
+)
+DONE = Timing(interval=30.0, gap=0.05, before=0.0, ramp=0.01, until="done")
+ONE = ConstantStimuli(((TASK, 4.0),))
+X = stimlib.Input("x", "m")
+
+
+class Front:
+    """A front end that ends a stimulus, and answers, after some time; it notes what is
+    displayed then.
+    """
+
+    def __init__(self, made, *answers, seconds=0.15):
+        self.answers, self.seconds, self.noted, self.texts = list(answers), seconds, [], made.texts
+
+    def tell(self, text):
+        self.noted.append(text)
+
+    def rest(self, seconds):
+        raise AssertionError
+
+    def ready(self, text):
+        self.noted.append((text, playing()))
+        time.sleep(self.seconds * text.startswith("When"))
+
+    def pick(self, names):
+        return None
+
+    def ask(self, trial, question, replays):
+        self.noted.append((question.name, playing()))
+        time.sleep(self.seconds)
+        return self.answers.pop(0)
+
+
+def playing():
+    """Whether a stimulus is there."""
+    return any(t.name == "stimlib sink" for t in threading.enumerate())
+
+
+def logs(session):
+    """The logs of what was displayed, which prove it."""
+    for record in read(session.folder).records:
+        for d in record.displayed:
+            log = read_log(session.folder / d["log"])
+            assert replay(log).matches and verify_log(log).passed, d["log"]
+            yield d, log
+
+
+def test_a_session_of_self_paced_squeezes_by_keys(tmp_path, monkeypatch):
+    """Each squeeze ends with a key, and its log proves what was there until then."""
+    pty, made = Pty(), experiment(design=ONE, timing=DONE, after=AFTER)
+    keys = {"Trial": b" ", "When you are done": b" ", "Which one": b"2", "prefer": b"1"}
+    keys |= {"anything": b"the second was sticky\n"}
+    shown = []
+
+    def print_(text, **options):
+        shown.append(text)
+        for words, key in keys.items():
+            if words in text:
+                threading.Timer(0.25, pty.hit, [key]).start()
+
+    monkeypatch.setattr(terminal, "print", print_, raising=False)
+    began = time.monotonic()
+    with open(pty.fd) as stdin, Session(made, tmp_path, "P01") as session:
+        monkeypatch.setattr(terminal.sys, "stdin", stdin)
+        with terminal.terminal() as face:
+            run(session, face, "null")
+    assert time.monotonic() - began < 30, "two squeezes of 30 s at most"
+    assert [t for t in shown if "done" in t] == ["When you are done: any key = Continue"] * 2
+    for d, log in logs(session):
+        ((a, b),) = d["intervals"]
+        assert 50 < b - a < 5000 and log.frames > b, "and the fade"
+        k = read(session.folder).records[0].trial.stimuli[d["interval"] - 1].params.get("k", 2.0)
+        assert d["peak"]["force"] == pytest.approx([k], rel=1e-6)
+    (record, after) = read(session.folder).records
+    assert [d["interval"] for d in record.displayed] == [1, 2]
+    assert after.answer.values == {"preferred": "soft", "remarks": "the second was sticky"}
+    assert 0.2 < record.answer.times["softer"] < 5 and record.answer.seconds < 5
+
+
+def test_a_stimulus_lasts_until_all_questions_are_answered(tmp_path):
+    made = experiment(
+        design=ConstantStimuli(((Rate("c", ("softer", "soft"), Stimulus("spring")), None),)),
+        questions=(QUESTION, choice("soft", "?", "yes", "no")),
+        timing=Timing(30.0, gap=0.0, before=0.0, ramp=0.01, until="answer"),
+        replays=1,
+    )
+    front = Front(made, "second", None, "first", "no")
+    with Session(made, tmp_path, "P01") as session:
+        run(session, front, "null")
+    names = ("softer", "soft") * 2
+    assert [n for n in front.noted if n[0] in names] == [(name, True) for name in names]
+    (record,) = session.records
+    assert record.answer.values == {"softer": "first", "soft": "no"} and record.answer.replays == 1
+    found = [d["intervals"][0] for d, _ in logs(session)]
+    assert len(found) == 2 and 100 < found[0][1] - found[0][0] < 5000
+    assert all(0.14 < v < 1.5 for v in record.answer.times.values())
+    assert record.answer.seconds == pytest.approx(sum(record.answer.times.values()))
+
+
+def test_an_answer_comes_in_the_last_interval_and_times_are_columns(tmp_path):
+    timing = Timing(30.0, gap=0.05, before=0.0, ramp=0.01, until="answer")
+    made = experiment(design=ONE, timing=timing)
+    front = Front(made, "second")
+    with Session(made, tmp_path, "P01") as session:
+        run(session, front, "null")
+    assert front.noted[1:] == [
+        ("When you are done", True),
+        ("softer", True),
+        "That was the last one. Thank you.",
+    ]
+    (saved,) = sessions("pair", tmp_path)
+    table = columns([saved])
+    (trial,) = (r.trial for r in saved.records)
+    order = [s.name for s in trial.stimuli]
+    assert [table["interval_1"][0], table["interval_2"][0]] == order
+    assert {*order} == {"standard", "comparison"}
+    at = [table[f"interval_{k}_{what}"][0] for k in (1, 2) for what in ("started", "stopped")]
+    assert sorted(at) == at and at[0] > 0
+    for a, b in (at[:2], at[2:]):
+        assert 0.03 < b - a < 5
+    assert 0.14 < table["softer_rt"][0] < 1.5
+    assert table["correct"] == [False if trial.correct else None]
+
+
+def test_answers_to_a_stimulus_that_was_missed_do_not_count(tmp_path):
+    timing = Timing(1.0, gap=0.0, before=0.0, ramp=0.01, until="answer")
+    made, missed = experiment(design=ONE, timing=timing), [False, True, False]
+
+    def show(trial, folder, *, meanwhile, **how):
+        assert len(trial.stimuli) == 1 and how["lasts"] is None
+        meanwhile()
+        return {"missed": True} if missed.pop(0) else {}
+
+    with Session(made, tmp_path, "P01") as session:
+        run(session, Front(made, "first", "second", seconds=0.0), show)
+    (record,) = session.records
+    assert record.answer.values == {"softer": "second"} and len(record.displayed) == 3
+
+
+def test_right_and_wrong_are_a_column(tmp_path):
+    """None where a trial has no right answer, and for places, which are near or far."""
+    named = {n: Stimulus("spring", {"k": k}) for n, k in (("first", 1.0), ("second", 3.0))}
+    task = OneInterval("c", "softer", named)
+    where = places("where", "?", 2)
+    marks = Rate("m", ("where",), Stimulus("spring"), {"where": [[0.0, 1.0]]})
+    parts = {
+        "a": ConstantStimuli(((task, "first"),)),
+        "b": ConstantStimuli(((task, "second"),)),
+        "c": ConstantStimuli(((marks, None),)),
+    }
+    made = experiment(design=Sequential(parts), questions=(QUESTION, where))
+    with Session(made, tmp_path, "P01") as session:
+        for answer in ({"softer": "first"}, {"softer": "first"}, {"where": [[0.0, 1.0]]}):
+            session.put(Answer(answer))
+    assert columns(sessions("pair", tmp_path))["correct"] == [True, False, None]
+    refused(BadValue, "answer at most 4000 characters, or n for nothing", AFTER[1].answer, "")
+    assert AFTER[1].answer("n") == ""
+
+
+@pytest.mark.parametrize("sink", ["null", "offline"])
+def test_a_simulated_observer_ends_a_stimulus_at_its_own_time(tmp_path, sink):
+    timing = Timing(1.0, gap=0.0, before=0.0, ramp=0.01, until="answer")
+    made = experiment(design=ConstantStimuli(((TASK, 4.0),), 2), timing=timing, after=AFTER)
+
+    def observer(trial, rng):
+        return Answer({"softer": "first"}, 0.1 + 0.1 * rng.random())
+
+    with Session(made, tmp_path, "P01") as session:
+        run(session, Simulated(session, observer), sink)
+    taken = [r.answer.seconds for r in session.records[:2]]
+    assert 0.1 < taken[0] != taken[1] < 0.2
+    for r in session.records[:2]:
+        spans = [np.diff(d["intervals"][0])[0] for d in r.displayed]
+        assert spans == [round(1000 * r.answer.seconds)] * 2
+    assert all(log.report for _, log in logs(session))
+    assert session.records[2].answer.values["remarks"] == ""
+
+
+def starting(starts, **other):
+    timing = Timing(0.2, gap=0.0, before=0.0, ramp=0.01, starts=starts, wait=1.0)
+    design = ConstantStimuli(((Rate("c", ("softer",), Stimulus("spring", {"k": 2.0})), None),))
+    told = {"design": design, "motion": {"x": lambda t: t}, "timing": timing}
+    return experiment(**(told | other))
+
+
+def test_an_interval_begins_at_the_sample_at_which_its_condition_holds(tmp_path):
+    """Here 0.3 s after contact, which begins at sample 201; it lasts for 0.2 s from
+    then, and the condition is on no channel.
+    """
+    contact = stimlib.blocks.envelope(
+        X > stimlib.constant(0.2, "m"), attack=0.3, release=0.0
+    ) >= stimlib.constant(1.0)
+    made, said = starting(contact, masking=Masking(rms=0.05)), []
+    with Session(made, tmp_path, "P01") as session:
+        trial = session.due()
+        markers, words = [], {"started": lambda: said.append(1)}
+        words["send"] = lambda marker: markers.append((marker.name, marker.sample))
+        shown = present(made, trial, "null", tmp_path / "a.stimlog", **words)
+    ((a, b),) = shown["intervals"]
+    assert markers == [("trial", 0), ("stimulus", 128), ("starts", a)]
+    assert a == 201 + 299 and b - a == 200 and shown["held"] and said == [1]
+    log = read_log(tmp_path / "a.stimlog")
+    assert replay(log).matches and verify_log(log).passed
+    assert log.outputs == ("force", "masking", "starts") and log.channels == (0, 1)
+    assert shown["peak"].keys() == {"force", "masking"}
+    assert shown["peak"]["force"] == pytest.approx([2 * (b - 1) / 1000], rel=1e-5)
+
+
+def test_a_condition_that_never_holds_and_one_that_the_scenes_cannot_have(tmp_path):
+    made = starting(X > stimlib.constant(9.0, "m"))
+    shown = present(made, trial_of(made), "offline")
+    ((a, b),) = shown["intervals"]
+    assert shown["held"] is False and b - a == 1200
+    for wrong in (stimlib.Input("z", "m") > stimlib.constant(0.0, "m"),):
+        refused(UnknownName, "starts takes z, and the scenes have the inputs x", starting, wrong)
+    refused(BadValue, "until = 'key' must be one of time, done, answer", Timing, until="key")
+    assert made.facts()["key"] != starting(X > stimlib.constant(8.0, "m")).facts()["key"]
+
+
+def trial_of(made):
+    design = made.designed("P01")
+    return design.next(design.init(1))
+
+
+def test_a_hand_moves_while_a_key_is_awaited():
+    rows = []
+
+    def hand(sink):
+        while not sink.finished:
+            rows.append(sink.push(np.full((1, 10), 0.5)))
+            time.sleep(0.005)
+
+    made = experiment(motion=Live(keep=0.2), hand=hand, timing=DONE)
+    part = Trial("c", (Stimulus("spring"),), ("softer",))
+    shown = present(made, part, "null", meanwhile=lambda: time.sleep(0.2), realtime=False)
+    ((a, b),) = shown["intervals"]
+    assert len(rows) > 5 and 20 < b - a < 5000
+    wrong = experiment(motion=Live(), hand=lambda sink: 1 / 0, timing=DONE)
+    with pytest.raises(ZeroDivisionError):
+        present(wrong, part, "null", meanwhile=lambda: None, realtime=False)
+
+
+def test_an_interrupted_session_of_self_paced_intervals_is_resumed(tmp_path, monkeypatch):
+    """A trial that was left in its second interval comes again, and the questions after
+    the session are asked when they were not.
+    """
+    made = experiment(design=ONE, timing=DONE, after=AFTER)
+
+    class Leaves(Front):
+        def __init__(self, at, *answers):
+            super().__init__(made, *answers)
+            self.at = at
+
+        def ready(self, text):
+            super().ready(text)
+            self.at -= 1
+            if not self.at:
+                raise KeyboardInterrupt
+
+        def ask(self, trial, question, replays):
+            value = super().ask(trial, question, replays)
+            if value == "leave":
+                raise KeyboardInterrupt
+            return value
+
+    for front, resume, left in (
+        (Leaves(3), False, 0),  # in the second squeeze
+        (Leaves(9, "first", "soft", "leave"), True, 1),
+        (Leaves(9, "soft", "none"), True, 2),
+    ):
+        with (
+            Session(made, tmp_path, "P01", resume=resume) as session,
+            pytest.raises(KeyboardInterrupt) if left < 2 else monkeypatch.context(),
+        ):
+            run(session, front, "null")
+        assert len(session.records) == left and not playing()
+    names = [d["log"] for d, _ in logs(session)]
+    assert names == ["trial-0001-3.stimlog", "trial-0001-4.stimlog"]
+    assert (session.folder / "trial-0001-2.stimlog").exists(), "what was left is kept"
+    assert columns(sessions("pair", tmp_path))["preferred"] == ["soft"]
+    with Session(made, tmp_path, "P01", resume=True) as session:
+        front = Front(made)
+        run(session, front, "null")
+    assert front.noted == ["All trials of this session are done."]
+
+
+def test_questions_after_a_session_are_asked_once_at_its_end(tmp_path):
+    made = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0))), after=AFTER)
+    with Session(made, tmp_path, "P01") as session:
+        refused(BadValue, "'softer' is not answered", session.put, Answer({"preferred": "soft"}))
+        for _ in range(2):
+            assert session.due().stimuli
+            session.put(Answer({"softer": "first"}))
+        assert session.due().questions == ("preferred", "remarks")
+        refused(BadValue, "at most 4000 characters", session.put, said("x" * 4001))
+        session.put(said("all good"))
+        assert session.due() is None
+        refused(BadValue, "the session is over", session.put, said("more"))
+    (saved,) = sessions("pair", tmp_path)
+    assert saved.after == {"preferred": "stiff", "remarks": "all good"}
+    for training in (False, True):
+        table = columns([saved], training)
+        assert table["remarks"] == ["all good"] * 2 and table["number"] == [1, 2]
+        assert "remarks_rt" not in table
+    assert status(saved)["trials"] == 2 and status(saved)["training"] == 0
+    asks = Trial("c", (Stimulus("spring"),), ("preferred",))
+    refused(BadValue, "preferred is asked after the session", made.check, asks)
+    refused(BadValue, "each with a name of its own", experiment, after=(QUESTION,))
+    refused(BadValue, "after = .* must be a tuple", experiment, after=["remarks"])
+
+
+def said(remarks):
+    return Answer({"preferred": "stiff", "remarks": remarks})
+
+
+def test_a_dataset_has_a_run_of_each_self_paced_interval(tmp_path):
+    made = experiment(design=ONE, timing=DONE, after=AFTER)
+    with Session(made, tmp_path / "data", "P01") as session:
+        run(session, Simulated(session, lambda t, rng: Answer({"softer": "first"}, 0.1)), "offline")
+    found = sessions("pair", tmp_path / "data")
+    to_bids(made, found, tmp_path / "bids")
+    beh = tmp_path / "bids/sub-P01/ses-1/beh"
+    for k in (1, 2):
+        place = f"sub-P01_ses-1_task-pair_acq-interval{k}_run-1_events.tsv"
+        head, row = (line.split("\t") for line in (beh / place).read_text().splitlines())
+        assert dict(zip(head, row, strict=True))["duration"] == "0.1"
+    about = json.loads((beh / "sub-P01_ses-1_task-pair_beh.json").read_text())
+    assert about["interval_2_stopped"]["Description"].startswith("End of this interval")
+    assert about["softer_rt"]["Units"] == "s" == about["interval_1_started"]["Units"]
+    assert about["remarks"]["Description"] == "Is there anything else?"
+    to_psych_ds(made, found, tmp_path / "psych")
+    told = json.loads((tmp_path / "psych/dataset_description.json").read_text())
+    kinds = {v["name"]: v["description"] for v in told["variableMeasured"]}
+    assert kinds["interval_1"].startswith("Stimulus of this interval")
+
+
+SLEEP = (
+    [0.7, -1.6, -0.2, -1.2, -0.1, 3.4, 3.7, 0.8, 0.0, 2.0],
+    [1.9, 0.8, 1.1, 0.1, -0.1, 4.4, 5.5, 1.6, 4.6, 3.4],
+)
+"""Student's (1908) sleep, hours, as R has it: t.test(.., var.equal = TRUE) prints t =
+-1.8608, df = 18, p-value = 0.07919.
+"""
+
+
+def test_times_have_the_t_of_student_and_intervals_of_medians():
+    """Ranks of intervals: Conover (1999), the binomial table: 2 and 9 of 10."""
+    table = {"drug": ["1"] * 10 + ["2"] * 10 + ["1"], "extra": [*SLEEP[0], *SLEEP[1], None]}
+    times = elapsed_times(table, "drug", "extra")
+    assert {k: v.tolist() for k, v in times.items()} == dict(zip("12", SLEEP, strict=True))
+    one, two, _, pair = times_text(times, {"1": "as printed"}).splitlines()
+    assert "0.3 s [-1.2, 3.4], mean 0.75 s, SD 1.79, n = 10  paper: as printed" in one
+    assert "[0.1, 4.6], mean 2.33 s, SD 2.00" in two and "t = -1.86, p = 0.079" in pair
+    assert "t = -1.86, p = 0.04 (one-sided" in times_text(times, sides="one-sided")
+    few = times_text({"a": [1.0, 2.0, 3.0, 4.0, 5.0], "b": [2.0] * 6, "c": [7.0]})
+    assert "[nan, nan]" in few.splitlines()[0] and "[2.0, 2.0]" in few.splitlines()[1]
+    assert times_text({"a": [3.0]}) == "a             3.0 s [nan, nan], mean 3.00 s, SD nan, n = 1"
+    assert "t = nan, p = nan" in times_text({"a": [3.0], "b": [4.0]})
+    refused(UnknownName, "seconds", elapsed_times, {"condition": ["a"]})
