@@ -65,8 +65,8 @@ def test_the_law_sees_another_force():
 def test_lifts_and_live_numbers_are_proved():
     scene = ultrasonic_friction(contact=True, duty=0.3, q=300.0)
     motion = {"x": sinusoid(0.05, 1.5), "contact": lambda t: 1.0 * (np.sin(9 * t) > -0.5)}
-    for A in (-12.0, 12.0):  # its sign does not count
-        words = {"A": A, "normal": 0.7, "duty": 0.6}
+    for A, normal in ((12.0, 0.7), (-150.0, 200.0)):  # its sign does not count, up to e^2 = 0.98
+        words = {"A": A, "normal": normal, "duty": 0.6}
         r = stimlib.render(scene, motion, 8000, 1.0, words)
         report = stimlib.verify(scene, motion, r)
         assert report.passed, str(report)
