@@ -1,12 +1,18 @@
 """Scenes that hold every block of the table, exported as C and compiled."""
 
+import math
 import subprocess
+from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from contract import TABLE
 
-from stimlib import Input, Scene
+from stimlib import Block, Input, Scene
+from stimlib.blocks.noise import deviates
+from stimlib.core import maths
+from stimlib.core.maths import each, pairs
 from stimlib.errors import SceneError
 from stimlib.export import export_c
 
@@ -60,3 +66,151 @@ def exported(k, folder, seconds=0.15, **words):
     """Export a group of the table; return how many samples its self test compares."""
     fs, scene, motion = groups()[k]
     return export_c(scene, fs, folder, motion, f"group{k}", seconds, **words).samples
+
+
+# Every node that a step or a tile may have ------------------------------------------
+U = np.uint64
+SMALL, LEAST, GREAT, NONE, MANY = -0.0, -math.inf, math.inf, math.nan, 2**40
+BIT, POSITIVE, KEY = U(2**63 + 5), U(2**63 - 1), U(0x9E3779B97F4A7C15)
+
+
+class Numbers(NamedTuple):
+    """Of every kind: floats, words, arrays of both, and arrays without elements."""
+
+    gain: float
+    seed: np.uint64
+    table: np.ndarray
+    masks: np.ndarray
+    none: np.ndarray
+
+
+class Memory(NamedTuple):
+    """State of every kind, with names that C does not take."""
+
+    double: float
+    n: np.uint64
+    st_line: np.ndarray
+    register: np.ndarray
+    none: np.ndarray
+
+
+class Three(NamedTuple):
+    low: float
+    high: float
+    chosen: np.uint64
+
+
+def split(x, by=3.0, less=-1.0):
+    """With defaults, and with the arguments of a NamedTuple in another order."""
+    return Three(high=x / by + 40.5, chosen=maths.bits(x) >> U(3), low=x - less)
+
+
+def none_of(v):
+    """With a truth value, and of an empty tuple."""
+    return v
+
+
+def powered(p, a):
+    return a * a - 1.0
+
+
+class Scale(NamedTuple):
+    gain: float
+    by: float
+
+
+def scaled(p, a, b):
+    return p.gain * a - p.by * b
+
+
+@dataclass(frozen=True, eq=False)
+class EveryNodeOfAStep(Block):
+    """A step that has all operators, and values at which they are easily confused."""
+
+    x: Block
+
+    def design(self, fs):
+        made = Numbers(
+            0.75,
+            U(0x9E3779B97F4A7C15),
+            np.arange(6.0) ** 2 - 3.0,
+            np.array([7, 1 << 63], U),
+            np.ones(0),
+        )
+        return made, Memory(0.5, U(5), np.arange(5.0), np.array([1, 2**63 + 1, 3], U), np.ones(0))
+
+    @staticmethod
+    def step(p, s, x):
+        double, st_it, index = (
+            -x * p.gain,
+            split(x, 7.0),
+            np.int64(maths.floor(maths.where(abs(x) < 99.0, x, 0.0))),
+        )
+        k = index % 5 + -index % -3
+        remainder = x % 2.5 + x % -2.5 + 1.0 / (-4.0 * maths.floor(x) % -2.0 + 4.0)
+        y = remainder - st_it.low / st_it.high + p.table[index % 6] - p.table.size
+        u = (s.n << U(7) ^ BIT) + (p.seed & st_it.chosen | p.masks[1]) % U(1000) * U(3)
+        u -= s.register[index % 3] >> U(60)
+        c = (x >= 0.0) & (x != 1.5) | (x <= -2.0) ^ (x == -3.0)
+        y += maths.where(c, 1.0, 2.0) + maths.where(-1.0 <= x < 1.0, 4.0, 0.0) * none_of(x > 0.25)
+        y += maths.where((x > LEAST) & (x < GREAT), 8.0, 0.0) + maths.where(x != NONE, 16.0, 0.0)
+        chosen = maths.where(x > 0.0, u, s.n)
+        total, n_1 = 0, 3
+        for i in range(n_1):
+            total = total + s.st_line[i] * (i - 1)
+        for i in range(4, 0, -2):
+            total += k * i % MANY
+        for i in range(1, p.none.size + s.st_line.size):
+            s.st_line[i] = 0.5 * s.st_line[i] + maths.fma(x, p.gain, double)
+        s.register[1] = chosen ^ U(k + 9)
+        y -= maths.flush(x * 1e-190) * 1e190 + abs(total)
+        sign = (maths.bits(maths.flush(x * 1e-191)) ^ maths.bits(SMALL)) >> U(63)
+        sign += maths.bits(x % -2.5) >> U(63)
+        y += maths.as_float(sign) + maths.unbits(maths.bits(x) & POSITIVE)
+        return y, Memory(double, u + U(1), s.st_line, s.register, s.none)
+
+
+@dataclass(frozen=True, eq=False)
+class EveryNodeOfATile(Block):
+    """A tile that has what a step has not: two outputs, branches, arrays as a whole."""
+
+    outputs = ("y", "z")
+    x: Block
+
+    def units(self, *u):
+        return u[0], u[0]
+
+    def design(self, fs):
+        return EveryNodeOfAStep.design(self, fs)
+
+    @staticmethod
+    def work(p):
+        return 160  # 80 floats and 80 words
+
+    @staticmethod
+    def tile(p, s, x, y, z, w):
+        n, line, key, odd = y.size, s.st_line, s.register, np.int64(s.n & U(1))
+        halves = maths.words(w[80:])
+        each(powered, (), (x,), y)
+        each(scaled, Scale(p.gain, 1.5), (x, y), z)
+        if n & 1 == 1 or x[0] > 1.0 and x[n - 1] > 1.0:
+            pairs(deviates, p.seed, s.n >> U(1), w[: n + odd])
+        else:
+            pairs(deviates, p.seed, s.n >> U(1), w[: n + odd + 1])
+        for i in range(n):
+            y[i] += w[odd + i]
+            halves[i] = (s.n + U(i)) * p.seed
+            halves[i] |= key[1:][0]
+        part, some = w[70:79], halves[70:75]
+        w[65:80], halves[64:80] = 2.0, U(9)
+        part[2:99], some[2:99] = 3, p.seed
+        w[70:72], halves[70:72] = line[1:3], key[1:3]
+        maths.copy(line[:2], w[67:])
+        w[75:74] = line[3:2]
+        total = part[7:5].size + some[4:3].size + part[20:99].size + some[2:99].size
+        for i in range(65, 80):
+            total = total * 0.5 + w[i] + maths.as_float(halves[i] >> U(40))
+        total += maths.as_float(maths.words(w[65:])[1] >> U(52))  # of 2.0
+        for i in range(n):
+            z[i] += maths.as_float((halves[i] ^ p.seed) >> U(40)) + total
+        return Memory(s.double, s.n + U(n), line, key, s.none)

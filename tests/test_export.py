@@ -1,5 +1,6 @@
 """Export to C99: the same bits as the processor, from every block of the table."""
 
+import inspect
 import json
 import shutil
 import subprocess
@@ -11,14 +12,25 @@ import pytest
 from commands import ran
 from contract import TABLE
 from correct import OwnHighPass
-from exported import GCC, LARGE, compared, exported, groups
+from exported import (
+    GCC,
+    LARGE,
+    EveryNodeOfAStep,
+    EveryNodeOfATile,
+    compared,
+    exported,
+    groups,
+)
 from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, enabled
-from stimlib.blocks import pink_noise, velocity, white_noise
+from stimlib.blocks import pink_noise, pinking, springpot, velocity, white_noise
+from stimlib.core import maths
+from stimlib.errors import SceneError
 from stimlib.export import INCLUDE, export_c
 from stimlib.export.program import comment
+from stimlib.export.translate import FLOATS, Unit
 from stimlib.motion.text import parse_motion
 from stimlib.scenes import ROWS, SHIPPED
 
@@ -30,7 +42,7 @@ FAST = ["gcc", "-std=c99", "-O0"]
 def same(folder, name="stimulus", compiler=FAST, samples=None):
     """Whether all samples of a self test have the bits of the processor."""
     said = compared(folder, name, compiler, options=["-lm"])
-    return said.endswith(f"0 of {samples} samples differ\n") if samples else said.startswith("0 of")
+    return said == f"0 of {samples} samples differ\n" if samples else said.startswith("0 of")
 
 
 def test_every_block_of_the_table_is_in_a_group():
@@ -106,6 +118,103 @@ def test_noise_has_the_seed_of_the_run(tmp_path):
     assert texts[0] != texts[1]
 
 
+EDGES = [0.0, -0.0, 1.0, -1.0, 1.5, -2.0, 2.5, -2.5, -3.0, 5.0, -7.5, 1e-190, -1e-190, 1e-191]
+EDGES += [-1e-189, -0.3, 0.3, 99.5, -99.5, -6.0, 6.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize("block", [EveryNodeOfAStep, EveryNodeOfATile])
+def test_every_node_of_a_step_and_of_a_tile_has_the_bits_of_the_interpreter(block, tmp_path):
+    made = block(Input("x"))
+    scene = Scene({n: getattr(made, n) for n in block.outputs} or {"y": made})
+    x = np.resize(EDGES, 300)
+    samples = export_c(scene, 1000, tmp_path, {"x": x}, seconds=0.3).samples
+    assert same(tmp_path, compiler=GCC, samples=samples)
+    first, other = (
+        stimlib.compile(scene, 1000, target).process(x[None, :46].copy())
+        for target in ("python", "numba")
+    )
+    assert first.tobytes() == other.tobytes() and np.unique(first).size > 20
+
+
+def test_silence_and_the_smallest_signals_have_the_same_bits(tmp_path):
+    """What keeps recursions off the denormals is seen in signals of 1e-188."""
+    x = Input("x", "m")
+    scene = Scene({"modes": pinking(x, 20.0), "memory": springpot(x, 1.0, 0.5)})
+    way = np.zeros(400)
+    way[:100] = 1e-188 * np.sin(np.arange(100) ** 2)
+    way[100:150] = 3e-191 * np.cos(np.arange(50))
+    samples = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.4).samples
+    assert same(tmp_path, samples=samples)
+    y = stimlib.compile(scene, 1000).process(way[None].copy())
+    assert (np.count_nonzero(y[:, :90], axis=1) > 60).all() and np.abs(y).max() < 1e-186
+
+
+def widened(k):
+    k = 0.5 * k
+    return k
+
+
+def mixed(p, s, x):
+    return maths.as_float(maths.bits(x) + np.int64(x)), s
+
+
+def changed(p, s, x):
+    x = maths.bits(x)
+    return maths.as_float(x), s
+
+
+def changed_argument(p, s, x):
+    return widened(np.int64(x)), s
+
+
+def stepped(p, s, x):
+    for i in range(0, 4, np.int64(x)):
+        x += i
+    return x, s
+
+
+def unrolled(p, s, x):
+    return x * s, s
+
+
+def called(p, s, x):
+    return abs(np.sin(x)), s
+
+
+def compared_by_is(p, s, x):
+    return maths.where(x is not s, 1.0, 2.0), s
+
+
+@pytest.mark.parametrize(
+    ("step", "at", "says"),
+    [
+        (mixed, mixed, "a uint64 and a whole number differ between targets"),
+        (changed, changed, "x changes its kind"),
+        (changed_argument, widened, "the argument k changes its kind"),
+        (stepped, stepped, "the step of a range must be a number"),
+        (unrolled, unrolled, "arithmetic with an array or a tuple has no form in C"),
+        (called, called, "a call of sin has no form in C"),
+        (compared_by_is, compared_by_is, "is and in have no form in C"),
+    ],
+)
+def test_what_has_no_form_in_c_is_refused_by_its_line(step, at, says):
+    error = refused(SceneError, says, Unit().function, step, [None, FLOATS, "double"])
+    first = inspect.getsourcelines(at)[1]
+    assert f"test_export.py:{first + 1}: " in str(error), str(error)
+    assert "so it cannot be exported: " in str(error)
+
+
+def test_a_compiler_that_would_change_samples_is_refused(tmp_path):
+    export_c(Scene({"y": 2 * Input("x")}), 1000, tmp_path, {"x": np.ones(100)})
+    probe = ["gcc", "-mfpmath=387", "-x", "c", "-dM", "-E", "/dev/null"]
+    if b"FLT_EVAL_METHOD__ 2" not in subprocess.run(probe, capture_output=True).stdout:
+        pytest.skip("gcc has no arithmetic in excess precision here")
+    done = subprocess.run(
+        [*FAST, "-mfpmath=387", "-c", "stimulus.c"], cwd=tmp_path, capture_output=True
+    )
+    assert done.returncode and b"without excess precision" in done.stderr
+
+
 def test_a_block_of_a_user_is_quoted(tmp_path):
     scene = Scene({"y": OwnHighPass(Input("x"), 0.01)})
     made = export_c(scene, 1000, tmp_path, {"x": np.linspace(-1, 1, 100)})
@@ -136,6 +245,8 @@ def test_what_is_refused(tmp_path):
     refused(BadValue, "name = 'My sound'", export_c, scene, 1000, tmp_path, x, "My sound")
     refused(BadValue, "tile = 65", export_c, scene, 1000, tmp_path, x, tile=65)
     refused(BadValue, "fs = 0", export_c, scene, 0, tmp_path, x)
+    short = {"x": np.ones(99)}
+    refused(BadValue, "x has 99 samples and the self test 100", export_c, scene, 1000, "no", short)
     refused(stimlib.UnknownName, "level", export_c, scene, 1000, tmp_path, x, params={"level": 1.0})
     assert not list(tmp_path.iterdir())
 
@@ -148,7 +259,15 @@ def test_names_that_would_be_the_same_in_c_are_refused(tmp_path):
     for name in ("math", "test", "stimlib"):
         refused(BadValue, "is taken in C", export_c, Scene({"y": x}), 1000, tmp_path, way, name)
     short = {"x": np.ones(10)}
-    refused(BadValue, "at least 100 samples", export_c, Scene({"y": x}), 1000, tmp_path, short)
+    refused(
+        BadValue,
+        "has 10 samples and the self test 100",
+        export_c,
+        Scene({"y": x}),
+        1000,
+        tmp_path,
+        short,
+    )
 
 
 def test_files_from_elsewhere_are_kept_and_those_of_an_export_replaced(tmp_path):

@@ -144,6 +144,8 @@ def test_mistakes_of_a_series_are_refused():
             mittag_leffler(x, alpha)
     with pytest.raises(BadValue):
         mittag_leffler(1.0, 0.5, 0.0)
+    with pytest.raises(BadValue):
+        mittag_leffler(1.0, 0.5, math.inf)
 
 
 @pytest.mark.parametrize("onset", ["steady", "step"])

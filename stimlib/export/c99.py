@@ -182,6 +182,12 @@ def export_c(
     if missing := [n for n in proc.inputs if n not in motion]:
         raise BadValue(f"export_c: no motion for {', '.join(missing)}; the self test needs one")
     n = max(3, round(number(seconds, "seconds") * fs))
+    for one, source in motion.items():
+        if not callable(source) and len(source) < n:
+            raise BadValue(
+                f"export_c: motion of {one} has {len(source)} samples and the self test {n}; give"
+                f" more, or seconds={len(source) / fs:g}"
+            )
     limits.check("render_bytes", 8 * n * len(proc.outputs), "export_c: bytes of the self test")
     x = positions(sources_of(motion, proc.inputs, n), 0, n, fs)
     writer, cut, first = Writer(proc, name, tile), n // 3, proc.state

@@ -13,7 +13,7 @@ from ..core import steps
 from ..core.graph import Block, at_rest, kind, pack
 from ..core.program import PARAMS, ROOT, Instance
 from ..run.processor import Processor
-from .translate import FLOATS, KINDS, WORD, Kind, Record, Unit, literal
+from .translate import FLOATS, KINDS, WORD, Kind, Record, Unit, literal, local
 
 RUNTIME = Path(__file__).with_name("runtime.h")
 
@@ -149,7 +149,7 @@ class Writer:
     def resettable(self, i: int, q: Instance, s: Any, contact: int, outputs: list[int]) -> str:
         """Write the stretches of contact of a resettable block; return their call."""
         rest = words_text(pack(at_rest(s)))
-        first = s._fields[0]
+        first = local(s._fields[0])
         clear = " ".join(f"memset(m->v[{k}] + a, 0, (size_t)(b - a) * 8);" for k in outputs)
         self.blocks.append(
             f"static void contact{i}({self.name}_state *m, int n)\n{{\n"
@@ -172,7 +172,7 @@ class Writer:
         assert made is not None
         texts = []
         for (f, c), v in zip(kinds, t, strict=True):
-            where, is_array = f"{prefix}_{f}", isinstance(v, np.ndarray)
+            where, is_array = f"{prefix}_{local(f)}", isinstance(v, np.ndarray)
             number = "uint64_t" if c in (WORD, KINDS["U"]) else "double"
             if is_array and constant:
                 self.constants_of(where, number, v)

@@ -1,5 +1,6 @@
 /* What exported steps are made of. Only functions that round correctly are taken from
    the C library: fma, sqrt, floor, fabs. */
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <string.h>

@@ -59,7 +59,7 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
         else:
             continue
         with np.errstate(all="ignore"):
-            reach = float(x.max(initial=0.0) - x.min(initial=0.0))
+            reach = float(np.ptp(x)) if x.size else 0.0
         if reach > travel.get(name, np.inf):
             text = f"{name} moves by {reach:.4g} m, beyond the travel of {travel[name]:g} m; give a"
             text += " shorter motion, or travel= of your device"

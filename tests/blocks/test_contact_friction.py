@@ -274,6 +274,19 @@ def test_friction_falls_with_speed_by_the_exponent(exponent):
         assert proc.process(x[None])[0, -1] == pytest.approx(want, rel=1e-9)
 
 
+@pytest.mark.parametrize("exponent", [1.0, 2.0])
+def test_at_rest_and_at_the_first_sample_of_a_contact_friction_is_static(exponent):
+    from stimlib.blocks.contact import Stribeck, StribeckPower
+
+    one = (X, constant(0.8, "N"), Input("contact"), 0.5, SPEED)
+    made = Stribeck(*one) if exponent == 2 else StribeckPower(*one, exponent)
+    x, contact = [0.3, 0.3, 0.3, 0.9, 0.9], [1.0, 1.0, 0.0, 1.0, 1.0]
+    proc = stimlib.compile(Scene({"f": made}), 1000, "python")
+    signals = {"x": x, "contact": contact}
+    got = proc.process(np.array([signals[n] for n in proc.inputs]))[0]
+    np.testing.assert_allclose(got, [1.2, 1.2, 0.0, 1.2, 1.2], rtol=1e-15)
+
+
 def test_the_damping_that_a_falling_friction_needs():
     """The steepest fall of the curve, found on a grid."""
     from stimlib.blocks.contact import Stribeck, StribeckPower
@@ -303,7 +316,8 @@ REFUSED = {
     "at least mu": dict(static=0.5),
     "multiply normal": dict(mu=Input("mu"), static=0.9),
     "speed": dict(static=0.9, speed=0.0),
-    "exponent = 0.9": dict(static=0.9, exponent=0.9),
+    "exponent = 0.99": dict(static=0.9, exponent=0.99),
+    "exponent = inf": dict(static=0.9, exponent=np.inf),
     "exponent = nan": dict(static=0.9, exponent=np.nan),
     "belong to law='lugre'": dict(damping=1.0),
     "viscosity belong to": dict(viscosity=1.0),

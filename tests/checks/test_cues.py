@@ -221,6 +221,8 @@ def test_a_single_press():
     assert nans == of_a_frequency | none
     c = cues(y, 5 * v, 1000.0, v=v, single=True)
     assert c.k_peak == pytest.approx(5 * 2 * np.pi, rel=1e-3)
+    c = cues(y - 0.008, 300 * y, 1000.0, v=v, single=True)  # largest, not farthest from 0
+    assert c.k_peak == pytest.approx(3.0 / 0.002, rel=1e-9)
     whole = movement(2 * np.pi, 3000, 1000.0)[0]
     assert cues(whole, whole, 1000.0)[7:] == cues(whole, whole, 1000.0, single=True)[7:]
 

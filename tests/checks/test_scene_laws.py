@@ -50,6 +50,9 @@ def test_viscoelastic_with_options_is_proved(live, words):
     motion = {name: motion[name] for name in scene.inputs}
     r = report(scene, motion, 1.0, 1000)
     assert r.passed and any("full sum" in c.name for c in r.checks), str(r)
+    want, tol = r.evidence.wanted["force"]()  # the report draws the full sum
+    assert np.abs(want - r.evidence.y[0]).max() <= tol
+    assert 1e-12 < tol / np.abs(want).max() < 1e-5
     if live:
         e = r.evidence
         e.changes = [Change(200, "alpha", 0.9, 0.3)]

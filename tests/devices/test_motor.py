@@ -42,16 +42,18 @@ MILLI = {"current": "mA", "position": "mm", "force": "N"}
 def test_the_interval_holds_in_95_of_100_rigs():
     """Of 400 rigs, each with its own readings; the share is over 5 positions, and the
     zero of the cell, 2400 intervals whose errors are hardly correlated."""
-    rng, inside, errors = np.random.default_rng(3), [], []
+    rng, inside, errors, zeros = np.random.default_rng(3), [], [], []
     for _ in range(400):
         found = calibrate_motor(rig(rng))
         at = np.arange(0, found.position.size, FINE_APART)
         true = NB * gamma(found.position[at])
         inside.append((found.low[at] <= true) & (true <= found.high[at]))
         errors.append((found.table[at] - true) / found.error[at])
+        zeros.append((found.zero - ZERO) / found.zero_error)
     share, spread = np.mean(inside, axis=0), np.std(errors, axis=0)
     assert (np.abs(share - 0.95) < 0.035).all() and abs(np.mean(share) - 0.95) < 0.012, share
     assert (np.abs(spread - 1) < 0.12).all(), spread
+    assert np.std(zeros) == pytest.approx(1, abs=0.12) and abs(np.mean(zeros)) < 0.2
 
 
 FINE_APART = 10
@@ -91,6 +93,17 @@ def test_more_than_noise_is_seen_in_the_residuals():
     rows = rig(np.random.default_rng(4), n=600, shape=bent)
     assert calibrate_motor(rows).pattern > 8
     assert abs(calibrate_motor(rows, knots=40).pattern) < 4
+    rows = rig(np.random.default_rng(4), n=600)
+    drift = rows | {"force": rows["force"] + 0.1 * np.sin(rows["position"] / 0.004)}
+    assert calibrate_motor(drift).pattern > 8  # of the zero, whatever the current
+
+
+def test_a_column_is_scaled_and_shifted():
+    rows = rig(np.random.default_rng(1))
+    raw = rows | {"position": rows["position"] / 2e-5 + 1472}
+    found = calibrate_motor(raw, position="(position - 1472)*2e-5")
+    np.testing.assert_allclose(found.table, calibrate_motor(rows).table, rtol=1e-9)
+    np.testing.assert_allclose(found.position[[0, -1]], [0.0, 0.04], atol=1e-12)
 
 
 def test_a_command_in_volts_gives_its_force():
@@ -150,6 +163,8 @@ def test_readings_that_say_too_little_are_refused():
     rows = rig(rng)
     held = rows | {"current": 0 * rows["current"]}
     refused(RecordingError, "do not tell", calibrate_motor, held)
+    same = rows | {"current": np.full(300, 2.0)}  # of which the zero is a part
+    refused(RecordingError, "do not tell", calibrate_motor, same)
     gap = {n: v[np.abs(rows["position"] - 0.02) > 0.006] for n, v in rows.items()}
     refused(RecordingError, "no reading lies between", calibrate_motor, gap)
     refused(RecordingError, "take 5 or more", calibrate_motor, rig(rng, n=29))

@@ -74,6 +74,8 @@ def test_an_observer_by_several_cues_has_the_d_of_all_of_them():
     alarms, hits = (sum(a == "green" for a in answers) / n for answers in said)
     d = norm.ppf(hits) - norm.ppf(alarms)
     assert d == pytest.approx(np.sqrt(1.25), abs=0.12)
+    # the criterion is in the middle: 0.03 is a standard error
+    assert norm.ppf(hits) + norm.ppf(alarms) == pytest.approx(0.0, abs=0.12)
     for wrong in ({"weight": 1.0}, {"W": 0.0}, {"W": np.inf}):
         refused(BadValue, "by_cues", by_cues, "firmer", firm.pair_stimuli, wrong)
 

@@ -58,7 +58,10 @@ def test_the_law_sees_another_voltage():
     for factor, passed in ((1.0, True), (1.00001, False)):
         changed = Scene({"voltage": factor * scene.outputs["voltage"]}, scene.parts)
         r = stimlib.render(changed, HANDS, 8000, 0.3, {"A": 3.0, "duty_y": 0.7})
-        assert stimlib.verify(changed, HANDS, r).passed is passed
+        report = stimlib.verify(changed, HANDS, r)
+        assert report.passed is passed
+        want, tol = report.evidence.wanted["voltage"]()  # what the report draws
+        assert (np.abs(want - r["voltage"]).max() <= tol) == passed
     one = bump_grid(across=0)
     r = stimlib.render(one, {"x": HANDS["x"]}, 8000, 0.3)
     assert stimlib.verify(one, {"x": HANDS["x"]}, r).passed
@@ -66,6 +69,26 @@ def test_the_law_sees_another_voltage():
 
 def test_nothing_is_computed_at_amplitude_zero():
     assert (rendered(bump_grid(), 0.2, A=0.0) == 0).all()
+
+
+def test_after_silence_the_envelope_begins_at_the_place_of_the_finger():
+    """Not with the mean over a movement during which the amplitude was still 0."""
+    scene = bump_grid("square", 1, 0, 0.5, rectify=None, length=1.0)
+    proc = stimlib.compile(scene, 8000, "python")
+    proc.set("A", 0.0, ramp=0.0)
+    assert (proc.process(np.full((1, 7), 0.2)) == 0).all()
+    proc.set("A", 4.0, ramp=0.0)
+    assert (proc.process(np.full((1, 3), 0.8)) == 0).all()  # beside the ridge
+
+
+def test_the_law_takes_far_places_and_leaves_tables_out():
+    hands = {"x": lambda t: 3e5 + HANDS["x"](t), "y": HANDS["y"]}
+    scene = bump_grid("square")
+    assert stimlib.verify(scene, hands, stimlib.render(scene, hands, 8000, 0.3)).passed
+    scene = bump_grid(np.array([0.0, 1.0, 0.5, 0.0]), across=0)
+    hand = {"x": HANDS["x"]}
+    report = stimlib.verify(scene, hand, stimlib.render(scene, hand, 8000, 0.3))
+    assert report.passed and any("not tables" in s for s in report.evidence.skipped)
 
 
 def test_what_makes_no_sense_is_refused():

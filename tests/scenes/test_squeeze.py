@@ -2,6 +2,8 @@
 without blocks; and what it promises.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 from laws import assert_same, played
@@ -15,6 +17,7 @@ from stimlib.blocks.filters import Differentiator
 from stimlib.blocks.impedance import Loading
 from stimlib.blocks.noise import PinkNoise
 from stimlib.checks import laws
+from stimlib.checks.scenes import scene_law
 from stimlib.experiments import (
     Experiment,
     Stimulus,
@@ -25,6 +28,8 @@ from stimlib.experiments import (
 from stimlib.experiments.presentation import program
 from stimlib.motion import minimum_jerk
 from stimlib.run import Safety
+from stimlib.run.driver import samples
+from stimlib.run.processor import Change
 from stimlib.scenes import squeeze
 
 TAU = 1 / 8000  # the paper's sample period
@@ -353,11 +358,15 @@ def test_off_contact_the_force_is_0(words):
 
 @pytest.mark.filterwarnings("error:.*beyond the travel")
 def test_a_motion_beyond_the_travel_is_a_warning_and_a_line_of_the_report():
-    for depth, travel, beyond in ((0.05, 0.04, True), (0.039, 0.04, False), (0.05, None, False)):
-        scene, motion = (
-            squeeze(fingers=1, travel=travel),
-            {"x1": minimum_jerk(depth=depth, rise=1.0)},
-        )
+    for depth, start, travel, beyond in (
+        (0.05, 0.0, 0.04, True),
+        (0.039, 0.0, 0.04, False),
+        (0.039, 0.02, 0.04, False),
+        (0.05, 0.0, None, False),
+    ):
+        scene = squeeze(fingers=1, travel=travel)
+        hand = minimum_jerk(depth=depth, rise=1.0)
+        motion = {"x1": start + hand(np.arange(12000) / 8000) if start else hand}
         if beyond:
             says = "x1 moves by 0.05 m, beyond the travel of 0.04 m; give a shorter motion"
             y = warned(RuntimeWarning, says, stimlib.render, scene, motion, 8000, 1.5)
@@ -381,6 +390,25 @@ def test_a_motion_beyond_the_measured_geometry_is_a_line_of_the_report():
         y = stimlib.render(scene, motion, 8000, 0.5)
         numbers = stimlib.verify(scene, motion, y).evidence.numbers
         assert (says in numbers) == (depth > 0.02)
+
+
+def test_an_impedance_is_held_while_its_parameter_ramps_and_with_its_noise():
+    stiff = stimlib.Param("stiff", 900.0, "N/m")
+
+    def rough(v):
+        return b.constant(0.25, "N*s/m") * v * (1.0 + 0.1 * b.white_noise(99))
+
+    scene = squeeze(fingers=1, Z_c=lambda x: b.spring(x, stiff), Z_n=rough)
+    motion = {"x1": press()["x1"]}
+    y = stimlib.render(scene, motion, 8000, 0.5, seed=3)
+    report = stimlib.verify(scene, motion, y)
+    assert report.passed, str(report)
+    e = report.evidence
+    e.changes = [Change(1000, "stiff", 1500.0, 0.1)]
+    e.y = samples(stimlib.compile(scene, 8000, seed=3), e.x, e.x.shape[1], e.changes)
+    assert e.y[0, -1] == pytest.approx(1500 * 0.02)
+    checks = scene_law(dataclasses.replace(e, skipped=[], wanted={}, taps=[]))
+    assert checks and all(c.passed for c in checks), checks
 
 
 @pytest.mark.parametrize("fs", [8000.0, 48000.0])

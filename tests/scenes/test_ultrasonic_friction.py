@@ -65,10 +65,11 @@ def test_the_law_sees_another_force():
 def test_lifts_and_live_numbers_are_proved():
     scene = ultrasonic_friction(contact=True, duty=0.3, q=300.0)
     motion = {"x": sinusoid(0.05, 1.5), "contact": lambda t: 1.0 * (np.sin(9 * t) > -0.5)}
-    words = {"A": 12.0, "normal": 0.7, "duty": 0.6}
-    r = stimlib.render(scene, motion, 8000, 1.0, words)
-    report = stimlib.verify(scene, motion, r)
-    assert report.passed, str(report)
+    for A, normal in ((12.0, 0.7), (-150.0, 200.0)):  # its sign does not count, up to e^2 = 0.98
+        words = {"A": A, "normal": normal, "duty": 0.6}
+        r = stimlib.render(scene, motion, 8000, 1.0, words)
+        report = stimlib.verify(scene, motion, r)
+        assert report.passed, str(report)
     assert (r["force"][motion["contact"](r.t) <= 0] == 0).all()
 
 
@@ -77,8 +78,13 @@ def test_a_scene_that_makes_no_sense_is_refused():
         ({"gap": 0.0}, "gap = 0.0 must be above 0"),
         ({"freq": 100.0}, "squeeze number .* below 10"),
         ({"gap": 40e-6}, "squeeze number 8.22 is below 10"),
+        ({"gap": 36.27e-6}, "squeeze number 9.99 is below 10"),
+        ({"mu": 0.0}, "mu = 0.0 must be above 0"),
         ({"amplitude": 101.0}, "as far as gap"),
+        ({"amplitude": -101.0}, "as far as gap"),
+        ({"gap": 2.0**-17, "per_volt": 2.0**-20, "amplitude": 8.0}, "as far as gap"),
         ({"duty": 1.5}, "duty"),
     ):
         with pytest.raises(BadValue, match=f"ultrasonic_friction: .*{text}"):
             ultrasonic_friction(**words)
+    ultrasonic_friction(gap=36.25e-6)

@@ -98,7 +98,7 @@ def _squeeze(a: Asked) -> list[Check]:
             f" closes at {off:.4g}"
             f" m/s{f', held to {PEAK:g} N peak and {STATIC:g} N static' if g['limits'] else ''}"
         )
-        if travel and (reach := x.max(initial=0.0) - x.min(initial=0.0)) > travel:
+        if travel and x.size and (reach := np.ptp(x)) > travel:
             a.say(f"x{i} moves by {reach:.4g} m, beyond the travel of {travel:g} m")
         scale = max(np.abs(finger.force).max(), 1e-300)
         quiet = a.far(np.where(runs, 0, a.y[name] - want)) / scale
