@@ -19,7 +19,6 @@ NONE = "n"
 """Answer for "no places" or "no remark", because Enter alone may be a slip."""
 
 
-@public
 def typed(text: str) -> float:
     """Return a typed number; ValueError for Python's own way to group digits."""
     if "_" in text:
@@ -27,6 +26,7 @@ def typed(text: str) -> float:
     return float(text) + 0.0  # -0 is 0
 
 
+@public
 @dc.dataclass(frozen=True)
 class Question:
     """A question; made by `choice`, `rating`, `ranking` and so on.
