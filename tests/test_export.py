@@ -281,6 +281,18 @@ def test_files_from_elsewhere_are_kept_and_those_of_an_export_replaced(tmp_path)
     assert "2000 Hz" in (tmp_path / "README.md").read_text()
 
 
+def test_files_of_two_exports_do_not_compile_together(tmp_path):
+    """Such as after an export that was killed between two files."""
+    scene, x = Scene({"y": Input("x") * 2.0}), {"x": np.ones(100)}
+    export_c(scene, 1000, tmp_path, x, seconds=0.05)
+    old = (tmp_path / "stimulus.c").read_text()
+    export_c(scene, 2000, tmp_path, x, seconds=0.05)
+    assert same(tmp_path)
+    (tmp_path / "stimulus.c").write_text(old)
+    made = subprocess.run([*FAST, "-c", "stimulus.c"], cwd=tmp_path, capture_output=True)
+    assert made.returncode and b"stimulus.h is of another export" in made.stderr
+
+
 def test_two_stimuli_of_different_tiles_in_one_program(tmp_path):
     """The header of one must not change the state of the other."""
     scene, x = Scene({"y": Input("x") * 2.0}), {"x": np.ones(100)}

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ..errors import BadValue, public
 from ..files.audio import write_frames
 from ..files.sidecar import FileReport
+from ..motion.source import unmasked
 from ..run.rendering import Rendering
 
 CUTOFF = 40.0  # Hz: what is slower is no vibration
@@ -77,7 +78,7 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
     """
     if not 0 < cutoff < fs / 2:
         raise BadValue(f"cutoff = {cutoff!r} Hz must be above 0 and below fs/2 = {fs / 2:g} Hz")
-    y = np.asarray(y, np.float64)
+    y = unmasked(y)
     if y.ndim != 1 or not y.size:
         raise BadValue(f"vibration: y must be a row of numbers, got shape {y.shape}")
     step = max(1, round(fs / cutoff / 6))  # samples between two knots

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, public
+from ..motion.source import unmasked
 
 SHORTEST = 8  # samples
 PERIODS = 2  # of the dominant component
@@ -268,7 +269,7 @@ def _component(
 
 
 def _record(name: str, a: ArrayLike) -> np.ndarray:
-    a = np.asarray(a, np.float64)
+    a = unmasked(a)
     if a.ndim != 1:
         raise BadValue(f"cues: {name} must be one row of samples, got shape {a.shape}")
     if a.size < SHORTEST:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ..core.scene import Scene
 from ..core.units import unit as unit_of
 from ..errors import BadValue, UnitError, one_of, public
+from ..motion.source import unmasked
 from ..run.rendering import Rendering
 from ..scenes import ROWS
 from .listening import vibration
@@ -246,7 +247,7 @@ def sensation_level(
             " force in N"
         )
     detection_threshold(HIGH, area)  # which knows the areas
-    if not np.isfinite(rows := np.asarray(y, float)).all():
+    if not np.isfinite(rows := unmasked(y)).all():
         raise BadValue("sensation_level: y has a number that is not finite; give finite samples")
     with np.errstate(all="ignore"):  # of silence, and of numbers beyond any skin
         fast = gain * vibration(rows, fs, CHANNELS["NP"].low / 2)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, UnknownName, public
+from ..motion.source import unmasked
 
 
 class Weighting(NamedTuple):
@@ -131,7 +132,7 @@ def weighted_rms(acceleration: ArrayLike, fs: float, name: str = "Wh") -> float 
     >>> round(weighted_rms(a, 8000), 3), round(weighted_rms(a, 8000, "Wk"), 3)
     (0.904, 0.382)
     """
-    y = np.asarray(acceleration, float)
+    y = unmasked(acceleration)
     if not y.ndim or not y.size or not np.isfinite(y).all():
         raise BadValue("weighted_rms: acceleration must be finite samples, at least one")
     if not 0 < fs < float("inf"):

@@ -26,7 +26,7 @@ TAKEN = frozenset(
     " prn".split()
 )
 """Names of files that are included, of targets of CMake and of devices of Windows."""
-MACROS = ("fs", "inputs", "outputs", "tile")  # of the header, beside those of parameters
+MACROS = ("export", "fs", "inputs", "outputs", "tile")  # of the header, beside those of parameters
 MARK = b"xported by stimlib"  # in each file
 
 CMAKE = """\

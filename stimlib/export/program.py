@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from hashlib import sha256
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from ..core.program import PARAMS, ROOT, Instance
 from ..run.processor import Processor
 from .translate import FLOATS, KINDS, WORD, Kind, Record, Unit, literal, local
 
+OF_EXPORT = "NUMBER_OF_EXPORT"  # stands for it until all texts are there
 RUNTIME = Path(__file__).with_name("runtime.h")
 
 
@@ -229,6 +231,7 @@ class Writer:
 extern "C" {{
 #endif
 
+#define {n.upper()}_EXPORT {OF_EXPORT} /* the same in all files of an export */
 #define {n.upper()}_FS {self.proc.fs!r}
 #define {n.upper()}_INPUTS {len(inputs)}
 #define {n.upper()}_OUTPUTS {len(outputs)}
@@ -270,6 +273,7 @@ void {n}_run_set(void *m, int parameter, double value, double samples);
         source = f"""\
 /* Exported by stimlib. */
 #include "{n}.h"
+{together(n)}
 {RUNTIME.read_text()}
 ST_INLINE int st_open(const double *by, const int *up, int *place, int *top, int n)
 {{
@@ -345,7 +349,17 @@ void {n}_run_set(void *m, int parameter, double value, double samples)
     {n}_set(({n}_state *)m, parameter, value, samples);
 }}
 """
-        return Files(header, source, self_test(self, x, y, cut, values, ramp))
+        texts = header, source, self_test(self, x, y, cut, values, ramp)
+        number = f"0x{sha256(''.join(texts).encode()).hexdigest()[:7]}"
+        return Files(*(text.replace(OF_EXPORT, number) for text in texts))
+
+
+def together(name: str) -> str:
+    """Return the check that a header is of the same export."""
+    return (
+        f"#if {name.upper()}_EXPORT != {OF_EXPORT}\n"
+        f'#error "{name}.h is of another export: export again"\n#endif'
+    )
 
 
 def lines(rows: Iterable[str]) -> str:
@@ -388,6 +402,7 @@ def self_test(
     return f"""\
 /* Exported by stimlib: compares {n} with its samples, bit by bit; prints how many differ. */
 #include "{n}.h"
+{together(n)}
 #include <stdio.h>
 #include <string.h>
 

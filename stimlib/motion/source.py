@@ -8,7 +8,7 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..core.graph import NUMBERS
 from ..errors import BadValue, UnknownName, outside, place
@@ -128,7 +128,8 @@ def sources_of(
             if hint := _hint(source):
                 raise BadValue(f"motion of {name} is a {type(source).__name__}{hint}")
             try:
-                source = np.asarray(source)
+                masked = np.ma.isMaskedArray(source)
+                source = unmasked(source) if masked else np.asarray(source)
             except (TypeError, ValueError):  # rows of several lengths
                 source = np.array("")
             if source.dtype.kind not in "iuf":
@@ -144,6 +145,11 @@ def sources_of(
                 )
         sources[name] = source
     return sources
+
+
+def unmasked(values: ArrayLike) -> Array:
+    """Return numbers as float64; what a mask hides is nan, not what lies below."""
+    return np.ma.filled(np.ma.asarray(values, np.float64), np.nan)
 
 
 def _hint(given: Any) -> str:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..core.units import unit
 from ..errors import BadValue, UnitError, public
+from ..motion.source import unmasked
 from ..run.rendering import Rendering
 
 
@@ -108,7 +109,7 @@ def amplifier_load(
     elif fs is None:
         raise BadValue("amplifier_load: samples need their sample rate; give fs=")
     else:
-        row = np.asarray(voltage, float)
+        row = unmasked(voltage)
     if row.ndim != 1 or row.size < 2 or not np.isfinite(row).all():
         raise BadValue(
             "amplifier_load: voltage must be one row of at least two finite samples; give"

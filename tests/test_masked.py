@@ -1,0 +1,30 @@
+"""Masked arrays: a gap of a recording is no number that lies below its mask."""
+
+import numpy as np
+import pytest
+from refusals import refused
+
+import stimlib
+from stimlib import BadValue, Input, Scene
+from stimlib.analysis import cues, sensation_level, vibration, weighted_rms
+from stimlib.plate import amplifier_load
+
+WAVE = np.sin(np.arange(400) / 9)
+GAP = np.ma.masked_where((np.arange(400) > 200) & (np.arange(400) < 220), WAVE)
+CALLS = {
+    "render": lambda y: stimlib.render(Scene({"y": Input("x") * 2.0}), {"x": y}, 1000.0),
+    "cues": lambda y: cues(y, WAVE, 1000.0),
+    "sensation_level": lambda y: sensation_level(y, 1000.0, "m"),
+    "weighted_rms": lambda y: weighted_rms(y, 1000.0),
+    "amplifier_load": lambda y: amplifier_load(y, 1e-9, 1000.0),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_a_gap_is_refused_and_a_mask_that_hides_nothing_is_taken(name):
+    refused(BadValue, "finite", CALLS[name], GAP)
+    CALLS[name](np.ma.masked_less(WAVE, -2.0))
+
+
+def test_a_gap_is_not_heard():
+    assert np.isnan(vibration(GAP, 1000.0)).any()
