@@ -338,10 +338,13 @@ void {n}_run(void *m, const double *x, double *y, int64_t n)
 {{
     const double *in[{max(1, len(inputs))}];
     double *out[{len(outputs)}];
+    int64_t at;
     int k;
-    for (k = 0; k < {max(1, len(inputs))}; k++) in[k] = x + k * n;
-    for (k = 0; k < {len(outputs)}; k++) out[k] = y + k * n;
-    {n}_process(({n}_state *)m, in, out, (int)n);
+    for (at = 0; at < n; at += 1 << 20) {{
+        for (k = 0; k < {max(1, len(inputs))}; k++) in[k] = x + k * n + at;
+        for (k = 0; k < {len(outputs)}; k++) out[k] = y + k * n + at;
+        {n}_process(({n}_state *)m, in, out, (int)(n - at < 1 << 20 ? n - at : 1 << 20));
+    }}
 }}
 
 void {n}_run_set(void *m, int parameter, double value, double samples)

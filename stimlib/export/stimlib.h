@@ -20,7 +20,7 @@ static inline void stimlib_set_processor(void *run, int parameter, double value,
 {
     int64_t *q = (int64_t *)(intptr_t)((int64_t *)run)[13] + 4 * parameter;
     const double left = samples >= 1.0 ? samples : 1.0;
-    if (value - value != 0.0) return;
+    if (value - value != 0.0 || parameter < 0 || parameter >= ((int64_t *)run)[14]) return;
     memcpy(q + 2, &value, 8);
     memcpy(q + 3, &left, 8);
     q[0] = 1;
