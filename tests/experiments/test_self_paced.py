@@ -21,7 +21,7 @@ from stimlib.experiments.bids import to_bids, to_psych_ds
 from stimlib.experiments.compare import elapsed_times, times_text
 from stimlib.experiments.designs import ConstantStimuli, Sequential
 from stimlib.experiments.experiment import Masking, Timing
-from stimlib.experiments.presentation import present
+from stimlib.experiments.presentation import present, spans
 from stimlib.experiments.questions import choice, free_text, places
 from stimlib.experiments.reader import columns, read, sessions, status
 from stimlib.experiments.runner import Simulated, run
@@ -239,6 +239,7 @@ def test_an_interval_begins_at_the_sample_at_which_its_condition_holds(tmp_path)
     assert replay(log).matches and verify_log(log).passed
     assert log.outputs == ("force", "masking", "starts") and log.channels == (0, 1)
     assert shown["peak"].keys() == {"force", "masking"}
+    assert list(log.safety.scales(log.outputs))[1:] == [1.0, 1.0]  # as they have no unit
     assert shown["peak"]["force"] == pytest.approx([2 * (b - 1) / 1000], rel=1e-5)
 
 
@@ -251,6 +252,25 @@ def test_a_condition_that_never_holds_and_one_that_the_scenes_cannot_have(tmp_pa
         refused(UnknownName, "starts takes z, and the scenes have the inputs x", starting, wrong)
     refused(BadValue, "until = 'key' must be one of time, done, answer", Timing, until="key")
     assert made.facts()["key"] != starting(X > stimlib.constant(8.0, "m")).facts()["key"]
+
+
+def test_a_condition_that_holds_at_once_begins_where_the_stimulus_does():
+    """And the stimulus comes after the gap only if its intervals are self-paced."""
+    made = starting(X > stimlib.constant(-1.0, "m"))
+    ((a, b),) = present(made, trial_of(made), "null")["intervals"]
+    assert (a, b - a) == (128, 200)  # after the fade of the sink
+    for until, first in (("time", 128), ("done", 428)):
+        timing = Timing(0.2, gap=0.3, before=0.0, until=until)
+        made = starting(None, timing=timing)
+        assert spans(made, trial_of(made)) == [(first, first + 200)]
+
+
+def test_an_observer_that_takes_longer_than_a_stimulus_ends_with_it():
+    timing = Timing(0.5, gap=0.0, before=0.0, ramp=0.01, until="done")
+    made = starting(None, timing=timing)
+    shown = [present(made, trial_of(made), "offline", lasts=v) for v in (0.1, 9.0)]
+    assert [np.diff(d["intervals"][0])[0] for d in shown] == [100, 500]
+    assert shown[0]["produced"] < shown[1]["produced"] <= 500 + 3 * 128
 
 
 def trial_of(made):
