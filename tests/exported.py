@@ -217,5 +217,10 @@ class EveryNodeOfATile(Block):
             total = total * 0.5 + w[i] + maths.as_float(halves[i] >> U(40))
         total += maths.as_float(maths.words(w[65:])[1] >> U(52))  # of 2.0
         for i in range(n):
+            if x[i] > 1.0 and x[i] < 3.0 or x[i] < -5.0:
+                z[i] += 0.5
+            else:
+                z[i] -= 0.25
+        for i in range(n):
             z[i] += maths.as_float((halves[i] ^ p.seed) >> U(40)) + total
         return Memory(s.double, s.n + U(n), line, key, s.none)

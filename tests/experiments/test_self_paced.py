@@ -2,9 +2,11 @@
 questions after a session.
 """
 
+import dataclasses
 import json
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ import stimlib
 from stimlib.checks import verify_log
 from stimlib.cli import terminal
 from stimlib.devices.sources import Live
-from stimlib.errors import BadValue, UnknownName
+from stimlib.errors import BadValue, SinkError, UnknownName
 from stimlib.experiments.bids import to_bids, to_psych_ds
 from stimlib.experiments.compare import elapsed_times, times_text
 from stimlib.experiments.designs import ConstantStimuli, Sequential
@@ -27,7 +29,7 @@ from stimlib.experiments.reader import columns, read, sessions, status
 from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import OneInterval, Rate
-from stimlib.experiments.trial import Answer, Stimulus, Trial
+from stimlib.experiments.trial import Answer, Stimulus, Trial, correct
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
 
@@ -173,6 +175,18 @@ def test_answers_to_a_stimulus_that_was_missed_do_not_count(tmp_path):
     assert record.answer.values == {"softer": "second"} and len(record.displayed) == 3
 
 
+def test_each_self_paced_interval_needs_room_for_a_log_of_its_own(tmp_path, monkeypatch):
+    """Of 1 MiB and its samples; a trial of another timing has one log."""
+    free = SimpleNamespace(free=1_900_000)
+    monkeypatch.setattr("stimlib.experiments.session.shutil.disk_usage", lambda path: free)
+    timing = Timing(0.1, gap=0.0, before=0.0, ramp=0.01)
+    with Session(experiment(design=ONE, timing=timing), tmp_path, "P01") as session:
+        assert len(session.due().stimuli) == 2
+    timing = dataclasses.replace(timing, until="done")
+    with Session(experiment(design=ONE, timing=timing), tmp_path, "P02") as session:
+        refused(SinkError, "the log of a trial may need 21", session.due)
+
+
 def test_right_and_wrong_are_a_column(tmp_path):
     """None where a trial has no right answer, and for places, which are near or far."""
     named = {n: Stimulus("spring", {"k": k}) for n, k in (("first", 1.0), ("second", 3.0))}
@@ -189,6 +203,9 @@ def test_right_and_wrong_are_a_column(tmp_path):
         for answer in ({"softer": "first"}, {"softer": "first"}, {"where": [[0.0, 1.0]]}):
             session.put(Answer(answer))
     assert columns(sessions("pair", tmp_path))["correct"] == [True, False, None]
+    two = Trial("c", (named["first"],), ("a", "b"), correct={"a": "x", "b": "y"})
+    for said, right in (({"a": "x", "b": "y"}, True), ({"a": "x", "b": "z"}, False), ({}, False)):
+        assert correct(two, Answer(said)) is right
     refused(BadValue, "answer at most 4000 characters, or n for nothing", AFTER[1].answer, "")
     assert AFTER[1].answer("n") == ""
 
