@@ -161,7 +161,7 @@ class EveryNodeOfAStep(Block):
             total = total + s.st_line[i] * (i - 1)
         turn = 0  # a whole number at first
         for _ in range(3):
-            y += turn % 2 + none_of(k) + maths.sin(k)
+            y += turn % 2 + none_of(k) + maths.sin(k) + powered((), x)
             turn = turn + 0.75
         for i in range(4, 0, -2):
             total += k * i % MANY

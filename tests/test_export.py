@@ -186,7 +186,7 @@ def compared_by_is(p, s, x):
     ("step", "at", "says"),
     [
         (mixed, mixed, "a uint64 and a whole number differ between targets"),
-        (changed, changed, "x changes its kind"),
+        (changed, changed, "changed: x changes its kind"),
         (changed_argument, widened, "the argument k changes its kind"),
         (stepped, stepped, "the step of a range must be a number"),
         (unrolled, unrolled, "an array is no number, and needs a loop"),

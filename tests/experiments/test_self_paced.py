@@ -207,7 +207,7 @@ def test_right_and_wrong_are_a_column(tmp_path):
     for said, right in (({"a": "x", "b": "y"}, True), ({"a": "x", "b": "z"}, False), ({}, False)):
         assert correct(two, Answer(said)) is right
     refused(BadValue, "answer at most 4000 characters, or n for nothing", AFTER[1].answer, "")
-    assert AFTER[1].answer("n") == ""
+    assert AFTER[1].answer("n") == "" and len(AFTER[1].answer("x" * 4000)) == 4000
 
 
 @pytest.mark.parametrize("sink", ["null", "offline"])
