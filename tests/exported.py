@@ -159,7 +159,7 @@ class EveryNodeOfAStep(Block):
         total, n_1 = 0, 3
         for i in range(n_1):
             total = total + s.st_line[i] * (i - 1)
-        turn = 0  # a whole number at first
+        turn = 0  # a whole number at first */
         for _ in range(3):
             y += turn % 2 + none_of(k) + maths.sin(k) + powered((), x)
             turn = turn + 0.75

@@ -73,12 +73,14 @@ def test_parameters_gates_and_cuts(tmp_path):
     noise = enabled(pink_noise(1.0, 3), velocity(x) > stimlib.constant(0.0, "m/s"))
     scene = Scene({"f": k * x + stimlib.constant(1.0, "N") * noise})
     way = 0.01 * np.sin(np.arange(300) / 20)
-    export_c(scene, 1000, tmp_path, {"x": way}, params={"k": 250.0})
+    made = export_c(scene, 1000, tmp_path, {"x": way}, params={"k": 250.0})
     proc = stimlib.compile(scene, 1000)
     proc.set("k", 250.0, ramp=0.0)
     first = proc.process(way[None, :100].copy())
     proc.set("k", 50.0, ramp=0.02)
-    want = np.r_[first[0], proc.process(way[None, 100:].copy())[0]]
+    want = np.r_[first[0], proc.process(way[None, 100:200].copy())[0]]
+    proc.set("k", 80.0, ramp=0.0)
+    want = np.r_[want, proc.process(way[None, 200:].copy())[0]]
     rows = ", ".join(map(float.hex, way))
     (tmp_path / "servo.c").write_text(f"""
 #include "stimulus.h"
@@ -93,15 +95,19 @@ int main(void)
         const double *in[1] = {{ way + i }};
         double y, *out[1] = {{ &y }};
         if (i == 100) stimulus_set(&m, STIMULUS_K, 50.0, 20.0);
+        if (i == 200) stimulus_set(&m, STIMULUS_K, 80.0, 0.0);
         stimulus_process(&m, in, out, 1);
         printf("%a\\n", y);
     }}
+    printf("%a\\n", (double)sizeof m);
     return 0;
 }}
 """)
     subprocess.run([*GCC, "servo.c", "stimulus.c", "-o", "servo", "-lm"], cwd=tmp_path, check=True)
     said = subprocess.run([tmp_path / "servo"], capture_output=True, text=True).stdout
-    np.testing.assert_array_equal([float.fromhex(v) for v in said.split()], want)
+    *got, size = (float.fromhex(v) for v in said.split())
+    np.testing.assert_array_equal(got, want)
+    assert made.state_bytes == pytest.approx(size, rel=0.02)
     assert np.ptp(want) > 1
 
 
@@ -229,6 +235,7 @@ def test_a_self_test_that_differs_says_so(tmp_path):
     (tmp_path / "stimulus.c").write_text(source.replace("(a * b)", "(a * b + 1e-15)"))
     said = compared(tmp_path, "stimulus", FAST, options=["-lm"])
     assert said.endswith("100 of 100 samples differ\n") and "output 0, sample 0: 2" in said
+    assert subprocess.run([tmp_path / "stimulus.exe"], capture_output=True).returncode == 1
     fast = subprocess.run(
         [*FAST, "-ffast-math", "-c", "stimulus.c"], cwd=tmp_path, capture_output=True
     )
@@ -240,7 +247,8 @@ def test_what_is_refused(tmp_path):
     x = {"x": np.ones(100)}
     refused(BadValue, "no motion for x", export_c, scene, 1000, tmp_path)
     refused(BadValue, "name = 'My sound'", export_c, scene, 1000, tmp_path, x, "My sound")
-    refused(BadValue, "tile = 65", export_c, scene, 1000, tmp_path, x, tile=65)
+    for tile in (0, 65):
+        refused(BadValue, f"tile = {tile}", export_c, scene, 1000, tmp_path, x, tile=tile)
     refused(BadValue, "fs = 0", export_c, scene, 0, tmp_path, x)
     short = {"x": np.ones(99)}
     refused(BadValue, "x has 99 samples and the self test 100", export_c, scene, 1000, "no", short)
