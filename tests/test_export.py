@@ -111,6 +111,16 @@ int main(void)
     assert np.ptp(want) > 1
 
 
+def test_a_gate_in_a_gate_has_the_same_bits(tmp_path):
+    """A parameter that ramps is gathered there from the whole scene's samples."""
+    x = Input("x")
+    inner = enabled(white_noise(3) * Param("g", 2.0), pink_noise(1.0, 5) > stimlib.constant(0.0))
+    scene = Scene({"y": enabled(pink_noise(1.0, 4) + inner, x > stimlib.constant(0.0))})
+    way = np.sin((np.arange(300) - 103.5) / 5)  # which opens while it ramps
+    made = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.3)
+    assert same(tmp_path, samples=made.samples)
+
+
 def test_noise_has_the_seed_of_the_run(tmp_path):
     scene = Scene({"w": white_noise(3), "p": pink_noise(1.0, 4)})
     texts = []
