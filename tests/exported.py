@@ -141,16 +141,17 @@ class EveryNodeOfAStep(Block):
 
     @staticmethod
     def step(p, s, x):
-        double, st_it, index = (
+        double, st_word, index = (
             -x * p.gain,
             split(x, 7.0),
             np.int64(maths.floor(maths.where(abs(x) < 99.0, x, 0.0))),
         )
         k = index % 5 + -index % -3
         remainder = x % 2.5 + x % -2.5 + 1.0 / (-4.0 * maths.floor(x) % -2.0 + 4.0)
-        y = remainder - st_it.low / st_it.high + p.table[index % 6] - p.table.size
-        u = (s.n << U(7) ^ BIT) + (p.seed & st_it.chosen | p.masks[1]) % U(1000) * U(3)
+        y = remainder - st_word.low / st_word.high + p.table[index % 6] - p.table.size
+        u = (s.n << U(7) ^ BIT) + (p.seed & st_word.chosen | p.masks[1]) % U(1000) * U(3)
         u -= s.register[index % 3] >> U(60)
+        u ^= none_of(s.n) << U(9)
         c = (x >= 0.0) & (x != 1.5) | (x <= -2.0) ^ (x == -3.0)
         y += maths.where(c, 1.0, 2.0) + maths.where(-1.0 <= x < 1.0, 4.0, 0.0) * none_of(x > 0.25)
         y += maths.where((x > LEAST) & (x < GREAT), 8.0, 0.0) + maths.where(x != NONE, 16.0, 0.0)
@@ -158,6 +159,10 @@ class EveryNodeOfAStep(Block):
         total, n_1 = 0, 3
         for i in range(n_1):
             total = total + s.st_line[i] * (i - 1)
+        turn = 0  # a whole number at first */
+        for _ in range(3):
+            y += turn % 2 + none_of(k) + maths.sin(k) + powered((), x)
+            turn = turn + 0.75
         for i in range(4, 0, -2):
             total += k * i % MANY
         for i in range(1, p.none.size + s.st_line.size):
@@ -211,6 +216,11 @@ class EveryNodeOfATile(Block):
         for i in range(65, 80):
             total = total * 0.5 + w[i] + maths.as_float(halves[i] >> U(40))
         total += maths.as_float(maths.words(w[65:])[1] >> U(52))  # of 2.0
+        for i in range(n):
+            if x[i] > 1.0 and x[i] < 3.0 or x[i] < -5.0:
+                z[i] += 0.5
+            else:
+                z[i] -= 0.25
         for i in range(n):
             z[i] += maths.as_float((halves[i] ^ p.seed) >> U(40)) + total
         return Memory(s.double, s.n + U(n), line, key, s.none)

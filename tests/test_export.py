@@ -76,12 +76,14 @@ def test_parameters_gates_and_cuts(tmp_path):
     noise = enabled(pink_noise(1.0, 3), velocity(x) > stimlib.constant(0.0, "m/s"))
     scene = Scene({"f": k * x + stimlib.constant(1.0, "N") * noise})
     way = 0.01 * np.sin(np.arange(300) / 20)
-    export_c(scene, 1000, tmp_path, {"x": way}, params={"k": 250.0})
+    made = export_c(scene, 1000, tmp_path, {"x": way}, params={"k": 250.0})
     proc = stimlib.compile(scene, 1000)
     proc.set("k", 250.0, ramp=0.0)
     first = proc.process(way[None, :100].copy())
     proc.set("k", 50.0, ramp=0.02)
-    want = np.r_[first[0], proc.process(way[None, 100:].copy())[0]]
+    want = np.r_[first[0], proc.process(way[None, 100:200].copy())[0]]
+    proc.set("k", 80.0, ramp=0.0)
+    want = np.r_[want, proc.process(way[None, 200:].copy())[0]]
     rows = ", ".join(map(float.hex, way))
     (tmp_path / "servo.c").write_text(f"""
 #include "stimulus.h"
@@ -96,16 +98,30 @@ int main(void)
         const double *in[1] = {{ way + i }};
         double y, *out[1] = {{ &y }};
         if (i == 100) stimulus_set(&m, STIMULUS_K, 50.0, 20.0);
+        if (i == 200) stimulus_set(&m, STIMULUS_K, 80.0, 0.0);
         stimulus_process(&m, in, out, 1);
         printf("%a\\n", y);
     }}
+    printf("%a\\n", (double)sizeof m);
     return 0;
 }}
 """)
     subprocess.run([*GCC, "servo.c", "stimulus.c", "-o", "servo", "-lm"], cwd=tmp_path, check=True)
     said = subprocess.run([tmp_path / "servo"], capture_output=True, text=True).stdout
-    np.testing.assert_array_equal([float.fromhex(v) for v in said.split()], want)
+    *got, size = (float.fromhex(v) for v in said.split())
+    np.testing.assert_array_equal(got, want)
+    assert made.state_bytes == pytest.approx(size, rel=0.02)
     assert np.ptp(want) > 1
+
+
+def test_a_gate_in_a_gate_has_the_same_bits(tmp_path):
+    """A parameter that ramps is gathered there from the whole scene's samples."""
+    x = Input("x")
+    inner = enabled(white_noise(3) * Param("g", 2.0), pink_noise(1.0, 5) > stimlib.constant(0.0))
+    scene = Scene({"y": enabled(pink_noise(1.0, 4) + inner, x > stimlib.constant(0.0))})
+    way = np.sin((np.arange(300) - 103.5) / 5)  # which opens while it ramps
+    made = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.3)
+    assert same(tmp_path, samples=made.samples)
 
 
 def test_noise_has_the_seed_of_the_run(tmp_path):
@@ -189,7 +205,7 @@ def compared_by_is(p, s, x):
     ("step", "at", "says"),
     [
         (mixed, mixed, "a uint64 and a whole number differ between targets"),
-        (changed, changed, "x changes its kind"),
+        (changed, changed, "changed: x changes its kind"),
         (changed_argument, widened, "the argument k changes its kind"),
         (stepped, stepped, "the step of a range must be a number"),
         (unrolled, unrolled, "arithmetic with an array or a tuple has no form in C"),
@@ -232,6 +248,7 @@ def test_a_self_test_that_differs_says_so(tmp_path):
     (tmp_path / "stimulus.c").write_text(source.replace("(a * b)", "(a * b + 1e-15)"))
     said = compared(tmp_path, "stimulus", FAST, options=["-lm"])
     assert said.endswith("100 of 100 samples differ\n") and "output 0, sample 0: 2" in said
+    assert subprocess.run([tmp_path / "stimulus.exe"], capture_output=True).returncode == 1
     fast = subprocess.run(
         [*FAST, "-ffast-math", "-c", "stimulus.c"], cwd=tmp_path, capture_output=True
     )
@@ -243,7 +260,8 @@ def test_what_is_refused(tmp_path):
     x = {"x": np.ones(100)}
     refused(BadValue, "no motion for x", export_c, scene, 1000, tmp_path)
     refused(BadValue, "name = 'My sound'", export_c, scene, 1000, tmp_path, x, "My sound")
-    refused(BadValue, "tile = 65", export_c, scene, 1000, tmp_path, x, tile=65)
+    for tile in (0, 65):
+        refused(BadValue, f"tile = {tile}", export_c, scene, 1000, tmp_path, x, tile=tile)
     refused(BadValue, "fs = 0", export_c, scene, 0, tmp_path, x)
     short = {"x": np.ones(99)}
     refused(BadValue, "x has 99 samples and the self test 100", export_c, scene, 1000, "no", short)

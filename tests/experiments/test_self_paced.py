@@ -2,9 +2,11 @@
 questions after a session.
 """
 
+import dataclasses
 import json
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,18 +18,18 @@ import stimlib
 from stimlib.checks import verify_log
 from stimlib.cli import terminal
 from stimlib.devices.sources import Live
-from stimlib.errors import BadValue, UnknownName
+from stimlib.errors import BadValue, SinkError, UnknownName
 from stimlib.experiments.bids import to_bids, to_psych_ds
 from stimlib.experiments.compare import elapsed_times, times_text
 from stimlib.experiments.designs import ConstantStimuli, Sequential
 from stimlib.experiments.experiment import Masking, Timing
-from stimlib.experiments.presentation import present
+from stimlib.experiments.presentation import present, spans
 from stimlib.experiments.questions import choice, free_text, places
 from stimlib.experiments.reader import columns, read, sessions, status
 from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import OneInterval, Rate
-from stimlib.experiments.trial import Answer, Record, Stimulus, Trial
+from stimlib.experiments.trial import Answer, Record, Stimulus, Trial, correct
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
 
@@ -180,6 +182,18 @@ def test_answers_to_a_stimulus_that_was_missed_do_not_count(tmp_path):
     assert record.answer.values == {"softer": "second"} and len(record.displayed) == 3
 
 
+def test_each_self_paced_interval_needs_room_for_a_log_of_its_own(tmp_path, monkeypatch):
+    """Of 1 MiB and its samples; a trial of another timing has one log."""
+    free = SimpleNamespace(free=1_900_000)
+    monkeypatch.setattr("stimlib.experiments.session.shutil.disk_usage", lambda path: free)
+    timing = Timing(0.1, gap=0.0, before=0.0, ramp=0.01)
+    with Session(experiment(design=ONE, timing=timing), tmp_path, "P01") as session:
+        assert len(session.due().stimuli) == 2
+    timing = dataclasses.replace(timing, until="done")
+    with Session(experiment(design=ONE, timing=timing), tmp_path, "P02") as session:
+        refused(SinkError, "the log of a trial may need 21", session.due)
+
+
 def test_right_and_wrong_are_a_column(tmp_path):
     """None where a trial has no right answer, and for places, which are near or far."""
     named = {n: Stimulus("spring", {"k": k}) for n, k in (("first", 1.0), ("second", 3.0))}
@@ -196,8 +210,11 @@ def test_right_and_wrong_are_a_column(tmp_path):
         for answer in ({"softer": "first"}, {"softer": "first"}, {"where": [[0.0, 1.0]]}):
             session.put(Answer(answer))
     assert columns(sessions("pair", tmp_path))["correct"] == [True, False, None]
+    two = Trial("c", (named["first"],), ("a", "b"), correct={"a": "x", "b": "y"})
+    for said, right in (({"a": "x", "b": "y"}, True), ({"a": "x", "b": "z"}, False), ({}, False)):
+        assert correct(two, Answer(said)) is right
     refused(BadValue, "answer at most 4000 characters, or n for nothing", AFTER[1].answer, "")
-    assert AFTER[1].answer("n") == ""
+    assert AFTER[1].answer("n") == "" and len(AFTER[1].answer("x" * 4000)) == 4000
 
 
 @pytest.mark.parametrize("sink", ["null", "offline"])
@@ -246,6 +263,7 @@ def test_an_interval_begins_at_the_sample_at_which_its_condition_holds(tmp_path)
     assert replay(log).matches and verify_log(log).passed
     assert log.outputs == ("force", "masking", "starts") and log.channels == (0, 1)
     assert shown["peak"].keys() == {"force", "masking"}
+    assert list(log.safety.scales(log.outputs))[1:] == [1.0, 1.0]  # as they have no unit
     assert shown["peak"]["force"] == pytest.approx([2 * (b - 1) / 1000], rel=1e-5)
 
 
@@ -278,6 +296,25 @@ def test_a_condition_that_never_holds_and_one_that_the_scenes_cannot_have(tmp_pa
         refused(UnknownName, "starts takes z, and the scenes have the inputs x", starting, wrong)
     refused(BadValue, "until = 'key' must be one of time, done, answer", Timing, until="key")
     assert made.facts()["key"] != starting(X > stimlib.constant(8.0, "m")).facts()["key"]
+
+
+def test_a_condition_that_holds_at_once_begins_where_the_stimulus_does():
+    """And the stimulus comes after the gap only if its intervals are self-paced."""
+    made = starting(X > stimlib.constant(-1.0, "m"))
+    ((a, b),) = present(made, trial_of(made), "null")["intervals"]
+    assert (a, b - a) == (128, 200)  # after the fade of the sink
+    for until, first in (("time", 128), ("done", 428)):
+        timing = Timing(0.2, gap=0.3, before=0.0, until=until)
+        made = starting(None, timing=timing)
+        assert spans(made, trial_of(made)) == [(first, first + 200)]
+
+
+def test_an_observer_that_takes_longer_than_a_stimulus_ends_with_it():
+    timing = Timing(0.5, gap=0.0, before=0.0, ramp=0.01, until="done")
+    made = starting(None, timing=timing)
+    shown = [present(made, trial_of(made), "offline", lasts=v) for v in (0.1, 9.0)]
+    assert [np.diff(d["intervals"][0])[0] for d in shown] == [100, 500]
+    assert shown[0]["produced"] < shown[1]["produced"] <= 500 + 3 * 128
 
 
 def trial_of(made):

@@ -21,6 +21,7 @@ from stimlib.experiments.papers.nodules import nodules
 from stimlib.experiments.tasks import Rate
 from stimlib.experiments.trial import Stimulus
 from stimlib.live.describe import view_of
+from stimlib.run import Safety
 from stimlib.scenes import bumps, squeeze, touch_screen, viscoelastic
 
 FOLDER = "pair/P01-s1"
@@ -123,6 +124,23 @@ def test_the_hand_on_a_device_is_drawn_from_its_motion(tmp_path):
     assert len(drawn) > 6 and record.displayed[0]["sink"] == "null"
     for n, y in drawn:  # motion and index may be a block apart
         assert np.abs(motion["y"][max(0, n - 64) : n + 65] - y).min() < 1e-12
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+def test_the_places_of_bumps_are_sent_only_if_they_are_wanted(tmp_path, hidden):
+    made = experiment(
+        scenes={"bumps": bumps()},
+        design=ConstantStimuli(((Rate("bumps", ("softer",), Stimulus("bumps")), None),)),
+        motion={"x": lambda t: 0.05 + 0.0 * t},
+        bounds={},
+        fs=4000,
+        safety=Safety(1000.0),
+        timing=Timing(interval=0.1, gap=0.0, before=0.0),
+        drawing=Drawing(hidden=hidden),
+    )
+    eye, *_ = looked(tmp_path, made, "null")
+    (view,) = eye.feel["drawing"]["views"]
+    assert view["kind"] and ("hidden" in view) == hidden
 
 
 def test_a_page_says_which_samples_it_has_drawn_and_of_no_other_stimulus(tmp_path):
