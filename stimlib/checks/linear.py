@@ -17,7 +17,7 @@ import numpy as np
 # which loads its parts where they are used: all of them would be a second of each start
 import scipy
 
-from ..blocks.noise import White
+from ..blocks.noise import FilteredNoise, White
 from . import laws
 from .rows import Row, Rows, law, touched
 
@@ -229,7 +229,7 @@ def _linear(b, fs, x, y):
         )
         if not isinstance(made, Modes):
             tol[s] = np.inf if type(b).resettable and not (x.rest or s.start) else tol[s]
-        elif s.start == 0 and (not x.rest or hasattr(b, "white")):
+        elif s.start == 0 and (not x.rest or isinstance(b, FilteredNoise)):
             before = free(made.L, y[s] - want[s])
             if x.rest:
                 began = stationary(b, made, fs, x.seed, y[s].size)

@@ -149,7 +149,7 @@ def export_c(
 
     Examples
     --------
-    >>> import tempfile, stimlib
+    >>> import tempfile, numpy as np, stimlib
     >>> from stimlib.export import export_c
     >>> folder = tempfile.mkdtemp()
     >>> made = export_c(stimlib.scenes.wall(), 8000, folder, {"x": 0.01 * np.ones(800)})

@@ -239,7 +239,7 @@ def springpot_series_force(
     >>> springpot_series_force(
     ...     [0.0, 1e-6, 0.1, 10.0], [0.0, 0.01, 0.01, 0.01], 100.0, 0.5, k=1000.0
     ... ).round(4)
-    array([0.    , 9.925 , 1.7058, 0.1783])
+    array([0.    , 9.9253, 1.7058, 0.1783])
     """
     t, y = signals_at(t, y)
     other = b if k is None else k

@@ -32,12 +32,12 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
 
     The first 100 s of generators and arrays in metres are checked every 10 ms, arrays
     only if ``fs`` is given; recordings have their own ``max_speed``.  The travel is the
-    argument of that name of a shipped scene.
+    argument of that name of the scene ``squeeze``.
     """
     travel = {
         name: float((part.given or {})["travel"])
         for part in scene.parts
-        if "." not in part.law and (part.given or {}).get("travel")
+        if part.law == "squeeze" and (part.given or {}).get("travel")
         for name in part.inputs.values() or scene.inputs
     }
     t = np.arange(0.0, min(seconds, 100.0), 0.01)
