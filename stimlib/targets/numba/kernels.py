@@ -238,56 +238,92 @@ def fir(ctx, taps, size, w, y, n):
 
 
 # Modes --------------------------------------------------------------------------------
-def _pass(b, x, w, n, first, update, groups, r, states):
-    """Run groups of eight modes for n samples: w[8 i] += sum r q.
+def _pass(b, x, w, n, first, update, groups, r, states, last=None):
+    """Run groups of eight modes for n samples: s += sum r q, in eight lanes.
 
     Their states stay in registers; the groups are independent, so that each runs during
-    the latency of the others.
+    the latency of the others. The sums begin with 0 in the first pass, else with w.
+    They go to w, or eight of them at a time to ``last``.
     """
     held = [[variable(b, load(b, p, 8 * g)) for p in states(g)] for g in range(groups)]
     weights = [load(b, r, 8 * g) for g in range(groups)]
     nothing = variable(b, zeros(V8))
     source = b.select(first, b.bitcast(nothing, w.type), w)
     stride = b.select(first, I64(0), I64(8))
-    with loop(b, I64(0), n, 1) as (i, _):
-        drive = splat(b, b.fadd(b.load(b.gep(x, [i])), ir.Constant(DOUBLE, TINY)))
+    drives = cgutils.alloca_once(b, DOUBLE, 64)  # in memory, from where a splat costs nothing
+    with loop(b, I64(0), n, 8) as (i, _):
+        store(b, b.fadd(load(b, x, i), splat(b, ir.Constant(DOUBLE, TINY))), drives, i)
+
+    def sample(i):
+        drive = splat(b, b.load(b.gep(drives, [i])))
         sums = load(b, source, b.mul(i, stride))
         for g in range(groups):
             new = update(g, drive, *map(b.load, held[g]))
             for p, v in zip(held[g], new, strict=True):
                 b.store(v, p)
             sums = known(b, "fma", weights[g], new[0], sums)
-        store(b, sums, w, b.mul(i, I64(8)))
+        if last is None:
+            store(b, sums, w, b.mul(i, I64(8)))
+        return sums
+
+    turn = 1 if last is None else 8
+    whole = b.and_(n, I64(-turn))
+    with loop(b, I64(0), whole, turn) as (i, _):
+        sums = [sample(b.add(i, I64(k))) for k in range(turn)]
+        if last is not None:
+            last(sums, i)
+    if last is not None:
+        with loop(b, whole, n, 1) as (i, _):
+            last([sample(i)], i)
     for g in range(groups):
         for p, v in zip(states(g), held[g], strict=True):
             store(b, b.load(v), p, 8 * g)
 
 
-@intrinsic
-def poles(ctx, p, r, q, x, w, n, groups, first):
-    """Run 1 to 4 groups of modes, q = fma(p, q, x + TINY)."""
+def _finish(b, sums, i, y, direct=None):
+    """Emit y[i] = flush(tree(sums)), for one sample or eight; direct is (d, x)."""
+    one = len(sums) == 1
+    s = across(b, sums[0]) if one else fold(b, sums)
+    if direct:
+        d, x = direct
+        s = known(
+            b, "fma", *((d, b.load(b.gep(x, [i]))) if one else (splat(b, d), load(b, x, i))), s
+        )
+    b.store(flush(b, s), b.gep(y, [i])) if one else store(b, flush(b, s), y, i)
 
-    def code(c, b, sig, v):
-        p, r, q, x, w, n, groups, first = v
 
-        def body(count):
-            at = [load(b, p, 8 * g) for g in range(count)]
-            _pass(
-                b,
-                x,
-                w,
-                n,
-                first,
-                lambda g, drive, old: [known(b, "fma", at[g], old, drive)],
-                count,
-                r,
-                lambda g: [q],
-            )
+def _poles(last):
+    @intrinsic
+    def poles(ctx, p, r, q, d, x, w, y, n, groups, first):
+        """Run 1 to 4 groups of modes, q = fma(p, q, x + TINY)."""
 
-        cases(b, groups, {k: lambda k=k: body(k) for k in range(1, 5)})
-        return c.get_dummy_value()
+        def code(c, b, sig, v):
+            p, r, q, d, x, w, y, n, groups, first = v
 
-    return types.void(F8, F8, F8, F8, F8, i8, i8, types.boolean), code
+            def body(count):
+                at = [load(b, p, 8 * g) for g in range(count)]
+                _pass(
+                    b,
+                    x,
+                    w,
+                    n,
+                    first,
+                    lambda g, drive, old: [known(b, "fma", at[g], old, drive)],
+                    count,
+                    r,
+                    lambda g: [q],
+                    (lambda sums, i: _finish(b, sums, i, y, (d, x))) if last else None,
+                )
+
+            cases(b, groups, {k: lambda k=k: body(k) for k in (range(1, 5) if last else [4])})
+            return c.get_dummy_value()
+
+        return types.void(F8, F8, F8, f8, F8, F8, F8, i8, i8, types.boolean), code
+
+    return poles
+
+
+poles, last_poles = _poles(last=False), _poles(last=True)
 
 
 @intrinsic
@@ -321,34 +357,17 @@ def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first):
     return types.void(F8, F8, F8, F8, F8, F8, i8, i8, i8, types.boolean), code
 
 
-def _total(direct):
-    @intrinsic
-    def total(ctx, d, x, w, y, n):
-        """Compute y = flush(d x + tree(w)), or without d, eight samples at once."""
+@intrinsic
+def total(ctx, w, y, n):
+    """Compute y = flush(tree(w))."""
 
-        def code(c, b, sig, v):
-            d, x, w, y, n = v
-
-            def finish(s, i, gain, sample):
-                s = known(b, "fma", gain, sample(), s) if direct else s
-                store(b, flush(b, s), y, i) if s.type == V8 else b.store(flush(b, s), b.gep(y, [i]))
-
-            whole = b.and_(n, I64(-8))
-            with loop(b, I64(0), whole, 8) as (i, _):
+    def code(c, b, sig, v):
+        w, y, n = v
+        whole = b.and_(n, I64(-8))
+        for turn, start, stop in ((8, I64(0), whole), (1, whole, n)):
+            with loop(b, start, stop, turn) as (i, _):
                 base = b.gep(w, [b.mul(i, I64(8))])
-                finish(
-                    fold(b, [load(b, base, 8 * k) for k in range(8)]),
-                    i,
-                    splat(b, d),
-                    lambda: load(b, x, i),
-                )
-            with loop(b, whole, n, 1) as (i, _):
-                finish(across(b, load(b, w, b.mul(i, I64(8)))), i, d, lambda: b.load(b.gep(x, [i])))
-            return c.get_dummy_value()
+                _finish(b, [load(b, base, 8 * k) for k in range(turn)], i, y)
+        return c.get_dummy_value()
 
-        return types.void(f8, F8, F8, F8, i8), code
-
-    return total
-
-
-total, total_of_modes = _total(direct=True), _total(direct=False)
+    return types.void(F8, F8, i8), code

@@ -33,12 +33,12 @@ OPEN, CLOSE, GATHER, RESETTABLE, OPERATION, SEGMENT = 1, 2, 3, 4, 16, 4096
 
 MOST = kernels.MOST
 _whole_tile, _operation = kernels.whole_tile, vectors.operation
-_fir, _poles, _leaks, _total, _total_of_modes = (
+_fir, _poles, _last_poles, _leaks, _total = (
     kernels.fir,
     kernels.poles,
+    kernels.last_poles,
     kernels.leaks,
     kernels.total,
-    kernels.total_of_modes,
 )
 
 
@@ -51,9 +51,10 @@ def fir(taps, size, w, y, n):
 @cfunc(MODES, cache=True, error_model="numpy")
 def modes(p, r, q, size, d, x, w, y, n):
     """Compute a bank of modes."""
-    for k in range(0, size, 32):
-        _poles(at(p, k), at(r, k), at(q, k), x, w, n, min(4, (size - k) >> 3), k == 0)
-    _total(d, x, w, y, n)
+    for k in range(0, size - 32, 32):
+        _poles(at(p, k), at(r, k), at(q, k), d, x, w, y, n, 4, k == 0)
+    k = ((size - 1) >> 5) << 5
+    _last_poles(at(p, k), at(r, k), at(q, k), d, x, w, y, n, (size - k) >> 3, k == 0)
 
 
 @cfunc(MEMORY, cache=True, error_model="numpy")
@@ -72,7 +73,7 @@ def memory(e, r, q, low, size, lows, x, w, y, n):
             coarse = min(MOST, ((size - k) >> 3) - fine)
         _leaks(at(e, k), at(r, k), at(q, k), at(low, k), x, w, n, fine, coarse, k == 0)
         k += 8 * (fine + coarse)
-    _total_of_modes(0.0, x, w, y, n)
+    _total(w, y, n)
 
 
 @njit(error_model="numpy", inline="always")

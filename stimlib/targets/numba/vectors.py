@@ -487,15 +487,23 @@ def _pairs(ctx, f, key, first, z, n):
 
     def code(c, b, sig, v):
         key, first, z, n = v[1:]
-        whole = b.and_(n, I64(-2 * WIDTHS[0]))
-        for W, start, stop in zip(WIDTHS, (I64(0), whole), (whole, n), strict=True):
+
+        def at(i, W):
             steps = ir.Constant(ir.VectorType(I64, W), list(range(W)))
-            with loop(b, start, stop, 2 * W) as (i, _):
-                m = b.add(splat(b, b.add(first, b.lshr(i, I64(1))), W), steps)
-                one, other = helper(Lanes(b, splat(b, key, W)), Lanes(b, m))
-                for k in range(0, W, min(4, W)):
-                    both = [lane for j in range(k, min(k + 4, W)) for lane in (j, W + j)]
-                    store(b, shuffle(b, one.v, other.v, both), z, b.add(i, I64(2 * k)))
+            m = b.add(splat(b, b.add(first, b.lshr(i, I64(1))), W), steps)
+            one, other = helper(Lanes(b, splat(b, key, W)), Lanes(b, m))
+            for k in range(0, W, min(4, W)):
+                both = [lane for j in range(k, min(k + 4, W)) for lane in (j, W + j)]
+                store(b, shuffle(b, one.v, other.v, both), z, b.add(i, I64(2 * k)))
+
+        with b.if_else(b.icmp_signed("==", n, I64(64))) as (tile, part):
+            with tile:  # no loop: its constants and keys would be prepared for two turns
+                at(I64(0), 32)
+            with part:
+                whole = b.and_(n, I64(-2 * WIDTHS[0]))
+                for W, start, stop in zip(WIDTHS, (I64(0), whole), (whole, n), strict=True):
+                    with loop(b, start, stop, 2 * W) as (i, _):
+                        at(i, W)
         return c.get_dummy_value()
 
     return types.void(f, types.uint64, types.uint64, F8, types.int64), code
