@@ -31,22 +31,39 @@ LOW, HALF_WORD = U(0xFFFFFFFF), U(32)
 TWO = U(2)
 
 
-def philox(c0, c1, c2, c3, k0, k1):
-    """Return the Philox4x32-10 output for a 128-bit counter and a 64-bit key.
+def rounds(number, c0, c1, c2, c3, k0, k1):
+    """Return counter and key after some rounds of Philox4x32.
 
     All words have 32 bits and are held in uint64.
     """
-    for _ in range(10):
+    for _ in range(number):
         a, b = FACTOR_0 * c0, FACTOR_1 * c2
         c0, c1, c2, c3 = (b >> HALF_WORD) ^ c1 ^ k0, b & LOW, (a >> HALF_WORD) ^ c3 ^ k1, a & LOW
         k0, k1 = (k0 + KEY_STEP_0) & LOW, (k1 + KEY_STEP_1) & LOW
+    return c0, c1, c2, c3, k0, k1
+
+
+def philox(c0, c1, c2, c3, k0, k1):
+    """Return the Philox4x32-10 output for a 128-bit counter and a 64-bit key."""
+    c0, c1, c2, c3, k0, k1 = rounds(10, c0, c1, c2, c3, k0, k1)
     return c0, c1, c2, c3
 
 
+def swapped(w):
+    """Return a 64-bit word with its halves swapped."""
+    return (w << HALF_WORD) | (w >> HALF_WORD)
+
+
 def pair_of_words(key, m):
-    """Return the two 64-bit random words of pair m of a stream."""
-    c0, c1, c2, c3 = philox(m & LOW, m >> HALF_WORD, NONE, NONE, key & LOW, key >> HALF_WORD)
-    return c0 | (c1 << HALF_WORD), c2 | (c3 << HALF_WORD)
+    """Return the two 64-bit random words of pair m of a stream.
+
+    They are c0 + 2^32 c1 and c2 + 2^32 c3 of ``philox``: its last round is written with
+    whole products, whose halves change places at once.
+    """
+    c0, c1, c2, c3, k0, k1 = rounds(
+        9, m & LOW, m >> HALF_WORD, NONE, NONE, key & LOW, key >> HALF_WORD
+    )
+    return swapped(FACTOR_1 * c2) ^ c1 ^ k0, swapped(FACTOR_0 * c0) ^ c3 ^ k1
 
 
 # log((1+t)/(1-t))/t in t^2 for |t| < 0.1716;  cos(2 pi v), sin(2 pi v)/v in v^2 for |v|

@@ -147,7 +147,7 @@ def pairs(f, key, first, z):
 
 
 def copy(a, b):
-    """Copy the start of b into a: a[:] = b[: a.size], without overlap."""
+    """Copy a into the start of b: b[: a.size] = a, without overlap."""
     b[: a.size] = a
 
 

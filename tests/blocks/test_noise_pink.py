@@ -88,3 +88,43 @@ def test_streams_and_seeds_differ():
     outputs = {f"p{s}{k}": pink_noise(1.0, s, k, f_low=20.0) for s in (1, 2) for k in (0, 1)}
     y = stimlib.compile(Scene(outputs), 1000).process(np.empty((0, 60_000)))
     assert np.abs(np.corrcoef(y) - np.eye(4)).max() < 0.15
+
+
+def one_row(cuts, seed, tol_db=0.01):
+    """White noise and pink noise made with it, in pieces, and the state after it."""
+    white = white_noise(seed=3)
+    proc = stimlib.compile(Scene({"white": white, "pink": pinking(white, tol_db=tol_db)}), 8000)
+    segments = proc._engine.segments
+    assert len({s for s in segments if s.startswith("White")}) == 1
+    assert sum(s.startswith("White") for s in segments) == 2, "both blocks run in one segment"
+    proc.reset(seed)
+    y = np.concatenate([proc.process(np.empty((0, n))) for n in cuts], axis=1)
+    return y, proc.state
+
+
+@pytest.mark.parametrize("tol_db", [0.01, 0.0001])
+@pytest.mark.parametrize(
+    "cuts", [[640], [64] * 10, [1, 639], [64, 64, 30, 34, 64, 384], [128, 1, 63, 448]]
+)
+def test_noise_drawn_ahead_is_that_of_the_interpreter(cuts, tol_db):
+    """From the second whole tile on, the deviates of the next are drawn beside the
+    filter; whatever cut follows, they are those of their samples.
+    """
+    y, _ = one_row(cuts, 5, tol_db)
+    white = white_noise(seed=3)
+    scene = Scene({"white": white, "pink": pinking(white, tol_db=tol_db)})
+    assert np.array_equal(
+        y, stimlib.compile(scene, 8000, "python", seed=5).process(np.empty((0, 640)))
+    )
+
+
+def test_noise_drawn_ahead_is_not_taken_for_that_of_another_seed_or_sample():
+    """A state set in the middle of a run, where deviates of the old one are at hand."""
+    y, _ = one_row([1024], 6)
+    states = {n: one_row([n], 6)[1] for n in (192, 256)}
+    white = white_noise(seed=3)
+    proc = stimlib.compile(Scene({"white": white, "pink": pinking(white)}), 8000, seed=5)
+    for n, state in states.items():  # the same sample of another seed, then another sample
+        proc.process(np.empty((0, n if n == 192 else 64)))
+        proc.state = state
+        assert np.array_equal(proc.process(np.empty((0, 64))), y[:, n : n + 64])

@@ -17,13 +17,13 @@ from typing import Any
 import llvmlite.binding
 import numpy as np
 
-from ...blocks.noise import FilteredNoise, White
+from ...blocks.noise import FilteredNoise, Modes, White
 from ...core import steps
 from ...core.graph import Block, Map, Param, Pick, at_rest, pack
 from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
 from . import entry_points, vectors
 from .cache import expect, load
-from .segments import Form, kinds, segment, written
+from .segments import Form, kinds, noise_behind, segment, written
 
 TILE = 64
 
@@ -147,23 +147,26 @@ class _Table:
         i, instances = group[0], self.program.instances
         q, cls = instances[i], instances[i].block.definition
         form = self.form(group)
-        compiled, count = segment(form), form.inputs
+        compiled = segment(form)
         resets = cls.resettable and not _always(instances[q.args[-1]])
         rest = pack(at_rest(self.design[i][1])) if resets else np.zeros(0, np.uint64)
         address, words, starts = compiled._sl_segment.address, [], []
-        for k in group:
+        for k, part in zip(group, form.parts, strict=True):
             self.segments[k] = compiled.__name__
             p, s = self.design[k]
-            words += [*(self.arg(a, q.clock) for a in instances[k].args[:count]), *self.places(k)]
+            args = instances[k].args[: part.inputs]
+            words += [*(self.arg(a, q.clock) for a in args), *self.places(k)]
             sizes = [v.size for v in s if isinstance(v, np.ndarray)]
-            if cls.work:
-                sizes.append(cls.work(p))
+            if part.cls.work:
+                sizes.append(part.cls.work(p))
                 self.scratch = max(self.scratch, sizes[-1])
             self.P.append(np.concatenate([_parameter_words(p, sizes), rest]))
             starts.append(self.p_at)
             self.p_at += self.P[-1].size
         for k, start in zip(group[1:], starts[1:], strict=True):
             words += [start - starts[0], self.state[k] - self.state[i]]
+        if noise_behind(form):
+            words += [self.place(("ahead", i)), self.place(("mark", i))]
         if resets:
             outs, at = self.places(i), self.p_at - starts[0] - rest.size
             contact = self.arg(q.args[-1], q.clock)
@@ -187,7 +190,7 @@ class _Table:
             (f.__code__, meaning),
             *types,
             inputs=len(q.args) - cls.resettable,
-            copies=len(group),
+            beside=tuple(self.form((k,)) for k in group[1:]),
             read=read,
         )
 
@@ -385,9 +388,15 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
     """Return groups of instances in running order.
 
     Two instances of one class that step on one clock run in one loop, each during the
-    other's latency.
+    other's latency. So do white noise and the first bank of modes that filters it.
     """
     instances = program.instances
+    behind: dict[int, int] = {}
+    for i, q in enumerate(instances):
+        if q.kind == "block" and q.block.definition.tile is Modes.tile:
+            white = instances[q.args[0]]
+            if white.block.definition is White and white.clock == q.clock:
+                behind.setdefault(q.args[0], i)
     opened = {q.child: i for i, q in enumerate(instances) if q.kind == "open"}
     done = [q.kind in ("const", "input") for q in instances]
     keys = [_recursion(program, design, i) for i in range(len(instances))]
@@ -401,6 +410,8 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
         if done[i]:
             continue
         group: tuple[int, ...] = (i,)
+        if i in behind:
+            group = i, behind[i]
         others = alike[key]
         while others and (done[others[-1]] or others[-1] <= i):
             others.pop()

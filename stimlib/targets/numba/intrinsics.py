@@ -186,7 +186,7 @@ def words(a):
 
 @plain
 def copy(a, b):
-    """Copy the start of b into a."""
+    """Copy a into the start of b."""
     move(data(b), data(a), a.size)
 
 

@@ -326,6 +326,19 @@ def _poles(last):
 poles, last_poles = _poles(last=False), _poles(last=True)
 
 
+def eight_modes(b, p, r, q, d, x, y):
+    """Emit maths.modes of eight modes for 64 samples, in straight-line code."""
+    at, weight, state = load(b, p), load(b, r), load(b, q)
+    for i in range(0, 64, 8):
+        sums = []
+        for k in range(i, i + 8):
+            drive = b.fadd(b.load(b.gep(x, [I64(k)])), ir.Constant(DOUBLE, TINY))
+            state = known(b, "fma", at, state, splat(b, drive))
+            sums.append(known(b, "fma", weight, state, zeros(V8)))
+        _finish(b, sums, I64(i), y, (d, x))
+    store(b, state, q)
+
+
 @intrinsic
 def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first):
     """Run groups of slow modes, q += (x + TINY) - e q.

@@ -102,7 +102,8 @@ def _tuple_text(name: str, t: Any) -> str:
 class Form(NamedTuple):
     """The form of a segment: a block class and the kinds of its fields.
 
-    It may also stand for two blocks side by side.
+    It may also stand for two blocks side by side: two of one class, or white noise with
+    a bank of modes behind it.
     """
 
     cls: Any
@@ -112,11 +113,16 @@ class Form(NamedTuple):
     s_type: type
     s_kinds: str
     inputs: int
-    copies: int = 1
+    beside: tuple[Form, ...] = ()
     read: tuple[bool, ...] = (True,)
     """Of each output, whether anybody listens; a step's others are neither stored nor,
     for that, computed.
     """
+
+    @property
+    def parts(self) -> tuple[Form, ...]:
+        """The forms of the blocks, each by itself."""
+        return self, *self.beside
 
     @property
     def signals(self) -> list[str]:
@@ -145,14 +151,18 @@ def written(form: Form) -> tuple[str, str]:
     if any(isinstance(g, types.FunctionType) and g.__annotations__ for g in (f, *done.values())):
         # types that an author notes may have any names
         out.insert(0, "from __future__ import annotations\n")
-    for ours, t in (("_sl_P", form.p_type), ("_sl_S", form.s_type)):
-        # the step's own, or the types would differ
-        theirs = [name for name, v in done.items() if v is t]
-        if fields(t):
-            out.append(f"{ours} = {theirs[0]}" if theirs else _tuple_text(ours, t))
+    if noise_behind(form):
+        _embed(form.beside[0].cls.tile, "_sl_other", done, out)
+    different = form.parts if noise_behind(form) else form.parts[:1]
+    for b, part in zip(["", "1"], different, strict=False):
+        for ours, t in ((f"_sl_P{b}", part.p_type), (f"_sl_S{b}", part.s_type)):
+            # the step's own, or the types would differ
+            theirs = [name for name, v in done.items() if v is t]
+            if fields(t):
+                out.append(f"{ours} = {theirs[0]}" if theirs else _tuple_text(ours, t))
     taken: list[str] = []
     kept: list[str] = []
-    for c in range(form.copies):
+    for c in range(len(form.parts)):
         _take(form, c, taken, kept)
     body = [*taken, *_run(form, f, out), *kept]
     decorator = '@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")'
@@ -186,20 +196,27 @@ C and Z the same as uint64.  A small letter is a number, a capital an array.
 """
 
 
+def noise_behind(form: Form) -> bool:
+    """Return whether a segment makes white noise and runs modes behind it."""
+    return bool(form.beside) and form.beside[0].cls is not form.cls
+
+
 def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
     """Add source lines that read a block's numbers, and write its state back.
 
     The words and the state of a second block are at offsets given in A; its names end
     with 1.
     """
-    b, signals = str(c or ""), form.signals
-    slot, at = c * len(signals), 0
+    b, part = str(c or ""), form.parts[c]
+    kind = b if noise_behind(form) else ""
+    slot, at = sum(len(one.signals) for one in form.parts[:c]), 0
     if c:
-        lines.append(f"P{b} = _sl.at(P, A[{2 * slot}])")
-        lines.append(f"S{b} = _sl.at(S, A[{2 * slot + 1}])")
+        behind = sum(len(one.signals) for one in form.parts)
+        lines.append(f"P{b} = _sl.at(P, A[{behind}])")
+        lines.append(f"S{b} = _sl.at(S, A[{behind + 1}])")
     lines += [f"C{b} = _sl.as_u8(P{b})", f"Z{b} = _sl.as_u8(S{b})"]
     numbers, state, at_s = [], [], "0"
-    for k in form.p_kinds:
+    for k in part.p_kinds:
         memory = _MEMORY[k][0] + b
         if k.isupper():  # words: place, size
             start, size = codegen.each(f"_sl_np.int64(C{b}[%d])", (at, at + 1))
@@ -208,7 +225,7 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
         else:
             numbers.append(f"{memory}[{at}]")
         at += 1
-    for k, name in zip(form.s_kinds, fields(form.s_type), strict=True):
+    for k, name in zip(part.s_kinds, fields(part.s_type), strict=True):
         memory = _MEMORY[k][1] + b
         if k.isupper():
             size = f"z{b}_{name}"
@@ -220,13 +237,47 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
             state.append(f"{memory}[{at_s}]")
             after.append(f"{memory}[{at_s}] = s{b}.{name}")
             at_s += " + 1"
-    lines.append(f"p{b} = {codegen.record('_sl_P', numbers)}")
-    lines.append(f"s{b} = {codegen.record('_sl_S', state)}")
-    slots = range(slot, slot + len(signals))
-    lines += codegen.each(f"%s{b} = _sl_carray(_sl.at(W, A[%d]), n)", signals, slots)
-    if form.cls.tile and form.cls.work:
-        size = f"_sl_np.int64(C[{at}])"
-        lines.append(f"w = _sl_carray(_sl.at(W, A[{len(signals)}]), {size})")
+    lines.append(f"p{b} = {codegen.record(f'_sl_P{kind}', numbers)}")
+    lines.append(f"s{b} = {codegen.record(f'_sl_S{kind}', state)}")
+    slots = range(slot, slot + len(part.signals))
+    lines += codegen.each(f"%s{b} = _sl_carray(_sl.at(W, A[%d]), n)", part.signals, slots)
+    if part.cls.tile and part.cls.work:
+        size = f"_sl_np.int64(C{b}[{at}])"
+        lines.append(f"w{b} = _sl_carray(_sl.at(W, A[{_scratch(form)}]), {size})")
+
+
+def _scratch(form: Form) -> int:
+    """Return the place of the scratch's slot in A, the last of a segment's words."""
+    signals = sum(len(one.signals) for one in form.parts)
+    return signals + (4 if noise_behind(form) else 2 * len(form.beside))
+
+
+NOISE_BEHIND = """
+ahead, mark = _sl_carray(_sl.at(W, A[{0}]), 64), _sl.as_u8(_sl.at(W, A[{1}]))
+later = s.n + _sl_np.uint64(64)
+if n == 64 and p1.p.size == 8 and mark[0] == s.n and mark[1] == s.key and mark[2] > 0:
+    if mark[2] == 1:
+        _sl_vectors.pairs(deviates, s.key, s.n >> _sl_np.uint64(1), y)
+    else:
+        _sl.copy(ahead, y)
+    _sl_vectors.pairs_beside_modes(
+        deviates, s.key, later >> _sl_np.uint64(1), ahead, p1.p, p1.r, s1.q, p1.d, y, y1
+    )
+    s = _sl_S(s.key, later)
+    mark[2] = 2
+else:
+    mark[2] = n == 64 and s.n & _sl_np.uint64(1) == 0
+    s = _sl_block(p, s, y, w)
+    s1 = _sl_other(p1, s1, y, y1, w1)
+mark[0], mark[1] = s.n, s.key
+"""
+"""White noise and modes: while each sample of the modes waits for the one before, the
+deviates of the next tile are drawn.
+
+They are pure functions of the key and the index of a sample, which are noted with them:
+``mark`` has that index, the key, and 2 if the deviates are there, 1 if the tile before
+was whole and they are worth to be drawn.
+"""
 
 
 def _run(form: Form, f: Any, out: list[str]) -> list[str]:
@@ -235,7 +286,9 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
     out: the source that precedes the segment.
     """
     inputs, numbers = form.inputs, (form.p_type, form.p_kinds)
-    slots = codegen.each("_sl.at(W, A[%d])", range(form.copies * len(form.signals)))
+    slots = codegen.each("_sl.at(W, A[%d])", range(len(form.parts) * len(form.signals)))
+    if noise_behind(form):
+        return NOISE_BEHIND.format(_scratch(form) - 2, _scratch(form) - 1).strip().splitlines()
     if form.cls.tile:
         given = ["p", "s", *form.signals, *(["w"] if form.cls.work else [])]
         return [f"s = {codegen.call('_sl_block', *given)}", *form.warm("s")]
@@ -249,7 +302,7 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
     if flat and vectors.in_vectors(f, *numbers, inputs):
         x = "".join(codegen.each("%s, ", slots[:inputs]))
         return [f"_sl_vectors.steps(_sl_block, p, ({x}), {slots[inputs]}, n)"]
-    if form.copies == 2 and vectors.go_abreast(f, *numbers, form.s_type, form.s_kinds, inputs):
+    if form.beside and vectors.go_abreast(f, *numbers, form.s_type, form.s_kinds, inputs):
         body = ["y, s = _sl_block(p, s, *x)", *form.warm("s"), "return y, s"]
         one = codegen.define("_sl_one", ["p", "s", "*x"], body)
         out.append(f'@_sl_njit(error_model="numpy")\n{one}')
@@ -257,7 +310,7 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
         pairs = f"(p, p1), (s, s1), ({x}, {x1}), ({slots[inputs]}, {slots[-1]})"
         return [f"s, s1 = _sl_vectors.abreast(_sl_one, {pairs.replace('(,)', '()')}, n)"]
     lines = []
-    for b in ["", "1"][: form.copies]:
+    for b in ["", "1"][: len(form.parts)]:
         samples = codegen.each(f"%s{b}[i]", form.signals)
         for j, listened in enumerate(form.read, inputs):
             if not listened:

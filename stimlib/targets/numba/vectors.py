@@ -37,7 +37,7 @@ from ...core.steps import used
 from ...errors import SceneError
 from . import intrinsics, kernels
 from .intrinsics import I8
-from .kernels import DOUBLE, F8, I32, I64, cases, known, load, loop, shuffle, splat, store
+from .kernels import DOUBLE, F8, I32, I64, cases, f8, known, load, loop, shuffle, splat, store
 
 WIDTHS = 16, 2
 """Sixteen hide the latency of the operations; two are quickest where a sink asks for a
@@ -481,29 +481,31 @@ def operation(ctx, number, W, A, n):
     return types.void(types.int64, F8, I8, types.int64), code
 
 
+def _draw(b, helper, key, first, z, W):
+    """Emit z[2 k : 2 k + 2] = helper(key, first + k) for W pairs."""
+    steps = ir.Constant(ir.VectorType(I64, W), list(range(W)))
+    m = b.add(splat(b, first, W), steps)
+    one, other = helper(Lanes(b, splat(b, key, W)), Lanes(b, m))
+    for k in range(0, W, min(4, W)):
+        both = [lane for j in range(k, min(k + 4, W)) for lane in (j, W + j)]
+        store(b, shuffle(b, one.v, other.v, both), z, 2 * k)
+
+
 @intrinsic
 def _pairs(ctx, f, key, first, z, n):
     helper = _helper(f, (), "", "uu")
 
     def code(c, b, sig, v):
         key, first, z, n = v[1:]
-
-        def at(i, W):
-            steps = ir.Constant(ir.VectorType(I64, W), list(range(W)))
-            m = b.add(splat(b, b.add(first, b.lshr(i, I64(1))), W), steps)
-            one, other = helper(Lanes(b, splat(b, key, W)), Lanes(b, m))
-            for k in range(0, W, min(4, W)):
-                both = [lane for j in range(k, min(k + 4, W)) for lane in (j, W + j)]
-                store(b, shuffle(b, one.v, other.v, both), z, b.add(i, I64(2 * k)))
-
         with b.if_else(b.icmp_signed("==", n, I64(64))) as (tile, part):
-            with tile:  # no loop: its constants and keys would be prepared for two turns
-                at(I64(0), 32)
+            with tile:  # no loop, for two turns of which keys and constants would be prepared
+                _draw(b, helper, key, first, z, 32)
             with part:
                 whole = b.and_(n, I64(-2 * WIDTHS[0]))
                 for W, start, stop in zip(WIDTHS, (I64(0), whole), (whole, n), strict=True):
                     with loop(b, start, stop, 2 * W) as (i, _):
-                        at(i, W)
+                        m = b.add(first, b.lshr(i, I64(1)))
+                        _draw(b, helper, key, m, b.gep(z, [i]), W)
         return c.get_dummy_value()
 
     return types.void(f, types.uint64, types.uint64, F8, types.int64), code
@@ -513,3 +515,36 @@ def _pairs(ctx, f, key, first, z, n):
 def pairs(f, key, first, z):
     """Compute maths.pairs."""
     _pairs(f, key, first, intrinsics.data(z), z.size)  # type: ignore[call-arg]
+
+
+@intrinsic
+def _pairs_beside_modes(ctx, f, key, first, z, p, r, q, d, x, y):
+    helper = _helper(f, (), "", "uu")
+
+    def code(c, b, sig, v):
+        key, first, z, p, r, q, d, x, y = v[1:]
+        done = b.block.instructions
+        before = len(done)
+        kernels.eight_modes(b, p, r, q, d, x, y)
+        between = len(done)
+        _draw(b, helper, key, first, z, 32)
+        done[before:] = _merged(done[before:between], done[between:])
+        return c.get_dummy_value()
+
+    return types.void(f, types.uint64, types.uint64, F8, F8, F8, F8, f8, F8, F8), code
+
+
+def _merged(one: list, other: list) -> list:
+    """Return two lists of independent instructions as one, evenly mixed."""
+    places = [((k + 0.5) / len(v), v is other, k) for v in (one, other) for k in range(len(v))]
+    return [(other if second else one)[k] for _, second, k in sorted(places)]
+
+
+@intrinsics.plain
+def pairs_beside_modes(f, key, first, z, p, r, q, d, x, y):
+    """Compute maths.pairs into z, and maths.modes of 8 from x to y, for a tile each.
+
+    Each sample of the modes waits for the one before; the pairs are drawn meanwhile.
+    """
+    at: Any = intrinsics.data
+    _pairs_beside_modes(f, key, first, at(z), at(p), at(r), at(q), d, at(x), at(y))  # type: ignore[call-arg]
