@@ -156,12 +156,16 @@ def encode(
         v = y / scales[:, None]
         if subtype in BITS:
             step, top = 32 - BITS[subtype], 2.0 ** (BITS[subtype] - 1)
-            noise = 0.0 if dither is None else dither_of(dither, len(v), at, v.shape[1])
-            codes = np.rint(v * top + noise)
-            limited = np.clip(codes, -top, top - 1)
-            # libsndfile keeps the upper bits of the 32 as they are
-            whole = interleaved(limited, np.int32) << step
-            return whole, np.count_nonzero(limited != codes, axis=1)
+            v *= top
+            if dither is not None:
+                v += dither_of(dither, len(v), at, v.shape[1])
+            codes, limited = np.rint(v, out=v), np.zeros(len(v), dtype=np.int64)
+            if codes.size and (codes.min() < -top or codes.max() > top - 1):
+                limited = np.count_nonzero((codes < -top) | (codes > top - 1), axis=1)
+                codes = np.clip(codes, -top, top - 1)
+            whole = interleaved(codes, np.int32)
+            whole <<= step  # libsndfile keeps the upper bits of the 32 as they are
+            return whole, limited
         samples = interleaved(v, np.float32 if subtype == "FLOAT" else np.float64)
     if not np.isfinite(samples).all():
         name = outputs[int(np.argwhere(~np.isfinite(samples))[0][1])]
