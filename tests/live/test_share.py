@@ -231,6 +231,16 @@ def test_a_pointer_is_heard_and_a_recording_plays(page):
 
 
 @in_a_browser
+def test_a_page_says_if_samples_differ(made, page, tmp_path):
+    path = tmp_path / "other.html"
+    path.write_text(made[1].page.replace(made[1].sha256, "0" * 64), "utf-8")
+    page.go(path.as_uri())
+    page.until("document.querySelector('#checked').className === 'bad'")
+    said = page.js("document.querySelector('#checked').textContent")
+    assert said.endswith(f"the samples differ: their SHA-256 is {made[1].sha256}.")
+
+
+@in_a_browser
 def test_no_text_of_others_runs(page, tmp_path):
     path = tmp_path / "evil.html"
     path.write_text(empty(EVIL), "utf-8")
