@@ -166,7 +166,8 @@ def share(
 
     shown = description(scene, given, full_scales(scene, fs, given), motion or {})
     for p in shown["params"]:
-        p["value"] = (params or {}).get(p["name"], p["value"])
+        v = p["value"] = float((params or {}).get(p["name"], p["value"]))
+        p["low"], p["high"] = min(p["low"], v), max(p["high"], v)
     title = title or repr(scene)
     data["wasm"] = base64.b64encode(wasm).decode()
     data["facts"] = list((facts | {"made by": f"stimlib {__version__}"}).items())

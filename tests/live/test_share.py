@@ -120,6 +120,8 @@ def test_a_notebook_shows_it_where_no_port_can_be_opened(monkeypatch):
     assert shown.startswith('<iframe srcdoc="') and '"value": 3.0' in page.page
     assert shown.count("<") == 2 and "A &amp;lt;b&amp;gt;" in shown
     refused(SinkError, "no port", scene.live, 1000, 4.0, port=80)
+    wide = share(scene, 1000, params={"k": 8.0})  # a slider reaches where it begins
+    assert '"value": 8.0, "low": 0.0, "high": 8.0' in wide.page
 
 
 def test_the_command_writes_a_page(tmp_path):
