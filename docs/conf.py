@@ -15,7 +15,8 @@ from sphinx_gallery.sorting import ExplicitOrder
 
 import stimlib
 
-sys.path.insert(0, str(Path(__file__).parent))  # shown.py
+sys.path.insert(0, str(Path(__file__).parent))  # shown.py, played.py
+from played import Played
 
 project = "stimlib"
 author = "the stimlib authors"
@@ -147,4 +148,5 @@ def setup(app):
     app.connect("build-finished", accessible)
     app.add_directive("functions", Functions)
     app.add_directive("shown", Shown)
+    app.add_directive("played", Played)
     app.connect("autodoc-process-docstring", plain_marks, priority=400)

@@ -171,6 +171,7 @@ def test_python_runs_as_it_is_pasted(name, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("stimlib.devices.PortAudioSink", quiet)
     for transport in ("lsl_motion", "lsl_markers", "osc_markers", "serial_markers"):
         monkeypatch.setattr(f"stimlib.devices.{transport}", lambda *where: lambda given: ([], []))
+    monkeypatch.setattr("stimlib.live.share.compiled", lambda folder: b"")  # not for a browser
     level = logging.getLogger("stimlib").level
     exec(compile(python_blocks()[name], name, "exec"), {"__name__": "pasted"})
     logging.getLogger("stimlib").setLevel(level)

@@ -4,9 +4,12 @@ wrote.
 
 import runpy
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+
+from stimlib import MissingPackage
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "examples" / "gallery"
@@ -73,3 +76,27 @@ def test_a_sound_stands_in_the_page_itself(tmp_path, monkeypatch):
     assert "thumb" not in rst and wide < 2 * high, "the thumbnail is the panel that fills it"
     assert wide < 500, "its letters are large"
     assert ":alt: A hiss: force over time\n" in rst, "what it shows, for those who do not see it"
+
+
+def test_a_scene_can_be_played_with_or_a_note_says_how(tmp_path, monkeypatch):
+    """Documentation is built with and without a compiler for WebAssembly."""
+    pytest.importorskip("sphinx_gallery")
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    import played
+
+    def run(share, docname="gallery/scenes/plot_squeeze", form="html"):
+        monkeypatch.setattr(played, "share", share)
+        app = SimpleNamespace(builder=SimpleNamespace(format=form, outdir=tmp_path))
+        env = SimpleNamespace(app=app, docname=docname)
+        return played.Played.run(SimpleNamespace(arguments=["squeeze"], env=env))
+
+    def missing(*given, **words):
+        raise MissingPackage("no compiler")
+
+    (note,) = run(missing)
+    assert "stimlib share squeeze --out page.html" in note.astext()
+    frame, link = run(lambda scene, fs, path, motion, title: path.write_text(title))
+    assert (tmp_path / "_played" / "squeeze.html").read_text() == "squeeze"
+    for node in (frame, link):
+        assert "../../_played/squeeze.html" in node.astext()
+    assert 'title="squeeze' in frame.astext() and run(missing, form="text") == []

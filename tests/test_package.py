@@ -88,7 +88,8 @@ def test_a_wheel_of_the_source_distribution_works_alone(tmp_path):
     with zipfile.ZipFile(tmp_path / f"{name}-py3-none-any.whl") as wheel:
         wheel.extractall(site)
     assert {p.name for p in site.iterdir()} == {"stimlib", f"{name}.dist-info"}
-    assert (site / "stimlib" / "live" / "page" / "index.html").exists()
+    for file in ("live/page/index.html", "live/web/page.c", "live/web/math.h", "export/runtime.h"):
+        assert (site / "stimlib" / file).exists(), file
     assert (site / "stimlib" / "py.typed").exists() and (
         site / f"{name}.dist-info" / "licenses" / "LICENSE"
     ).exists()

@@ -1,4 +1,4 @@
-"""The command ``live``: a scene on a page in the browser."""
+"""The commands ``live`` and ``share``: a scene on a page in the browser."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import typer
 
 from ..errors import BadValue
 from . import options as opt
-from .app import command, errors, note, say
+from .app import command, errors, note, print_json, say
 from .devices import safety_of
 from .motions import motions_of
 from .scene import SceneText, number, params_of, run_files, scene_of, touching
@@ -40,6 +40,15 @@ def page_safety_of(
     """Return the safety stage of a page; full scales default to those of the page."""
     full_scale = full_scale or ",".join(f"{name}={v!r}" for name, v in scales().items())
     return safety_of(None, full_scale=full_scale, peak=peak, static=static, slew=slew)
+
+
+Ranges = Annotated[
+    list[str],
+    typer.Option(
+        "--range",
+        help="Range of an input or of a slider, in its unit: [bold]x=0:0.05[/]. Repeatable.",
+    ),
+]
 
 
 def _ranges(items: list[str]) -> dict[str, tuple[float, float]]:
@@ -77,13 +86,7 @@ def live(
             "--no-browser", help="Print the address only; by default a browser opens the page."
         ),
     ] = False,
-    range_: Annotated[
-        list[str],
-        typer.Option(
-            "--range",
-            help=("Range of an input or of a slider, in its unit: [bold]x=0:0.05[/]. Repeatable."),
-        ),
-    ] = [],
+    range_: Ranges = [],
     smooth: Annotated[
         float,
         typer.Option(
@@ -180,3 +183,57 @@ def _serve(server: Any, browser: bool) -> None:
     except KeyboardInterrupt:
         errors.print("faded out")
         raise typer.Exit(130) from None
+
+
+@command("share", motions=motions_of)
+def share_(
+    scene: SceneText,
+    out: Annotated[
+        Path, typer.Option("--out", "-o", help="HTML file to write.", show_default=False)
+    ],
+    motions: Any,
+    title: Annotated[
+        str, typer.Option(help="Heading of the page; by default SCENE.", show_default=False)
+    ] = "",
+    range_: Ranges = [],
+    seconds: opt.Length = None,
+    fs: opt.Rate = 8000.0,
+    set_: opt.Params = [],
+    seed: opt.Seed = 0,
+    quiet: opt.Quiet = False,
+    import_: opt.Import = [],
+    json_: opt.Json = False,
+):
+    """Write a scene as one HTML page that needs no Python and no server.
+
+    A pointer drives it, sliders set its parameters, plots and sound show its outputs. A
+    reader can also play the motion, and the page checks its samples.
+
+    Needs clang with lld, or [bold]pip install ziglang[/].
+
+    [bold]stimlib share squeeze --motion "minimum_jerk(depth=0.02)" --out page.html[/]
+    """
+    run_files(import_)
+    from ..live.share import share
+
+    made = scene_of(scene)
+    given, length = motions(made, contact=touching(scene), all_=False)
+    page = share(
+        made,
+        fs,
+        out,
+        given if given or not made.inputs else None,
+        length if seconds is None else seconds,
+        params_of(set_, made),
+        seed,
+        title=title or scene,
+        ranges=_ranges(range_),
+    )
+    size = len(page.page.encode())
+    if json_:
+        facts = {"file": str(out), "bytes": size, "wasm_bytes": page.wasm_bytes}
+        print_json(facts | {"samples": page.samples, "sha256": page.sha256})
+    elif not quiet:
+        print(f"{out}: {size / 1000:.0f} kB, of which {page.wasm_bytes / 1000:.0f} kB WebAssembly")
+        if page.samples:
+            print(f"the page checks {page.samples} samples of each output: SHA-256 {page.sha256}")

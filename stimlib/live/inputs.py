@@ -57,6 +57,50 @@ class Clock:
         return min(self._before, self._least)
 
 
+def first_sources(
+    scene: Scene, ranges: Mapping[str, tuple[float, float]], given: Mapping[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """Return the initial source of every input.
+
+    Inputs x1, x2, .. share an axis, and inputs that are not positions hold a value.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    axes: dict[str, str] = {}
+    for name in scene.inputs:
+        low, high = ranges[name]
+        unit = str(scene.inputs[name].dim)
+        if name in given:
+            kind = "given"
+        elif name in ("contact", "press"):
+            kind = {"contact": "contact", "press": "pressure"}[name]
+        elif unit in ("m", "m/s") or name == "angle":
+            kind = axes.setdefault(
+                name.rstrip("0123456789"), ("u", "v")[len(axes)] if len(axes) < 2 else "value"
+            )
+        else:
+            kind = "value"
+        rest = min(max(0.0, low), high) if kind != "value" else (low + high) / 2
+        found[name] = {
+            "from": kind,
+            "finger": 0,
+            "low": low,
+            "high": high,
+            "freq": 1.0,
+            "value": rest,
+            "channel": 0,
+            "scale": 1.0,
+        }
+    return found
+
+
+def following(n: int, bandwidth: float = SMOOTH) -> Scene:
+    """Return the scene that smooths n inputs: x0, on0, x1, on1, .. to y0, y1, .."""
+    outputs: dict[str, Block] = {
+        f"y{k}": track(Input(f"x{k}"), bandwidth, Input(f"on{k}"), max_jump=None) for k in range(n)
+    }
+    return Scene(outputs)
+
+
 class Inputs:
     """The motion of a live scene, computed block by block.
 
@@ -144,54 +188,15 @@ class Inputs:
             threading.Thread(
                 target=_listen, args=(weakref.ref(self), stream), name="stimlib stream", daemon=True
             ).start()
-        self.sources = self._first(scene, ranges)
+        self.sources = first_sources(scene, ranges, self.given)
         self._see_touch()
         self._changed: dict[str, float | None] = dict.fromkeys(
             self.names, -math.inf
         )  # sample of the source's change; None: the next
         self._last = np.zeros(len(self.names))
         self._from = np.zeros(len(self.names))
-        outputs: dict[str, Block] = {
-            f"y{k}": track(Input(f"x{k}"), bandwidth, Input(f"on{k}"), max_jump=None)
-            for k in range(len(self.names))
-        }
-        self._follow = compile(Scene(outputs), fs) if outputs else None
+        self._follow = compile(following(len(self.names), bandwidth), fs) if self.names else None
         self._row = {name: k for k, name in enumerate(self._follow.inputs)} if self._follow else {}
-
-    def _first(
-        self, scene: Scene, ranges: Mapping[str, tuple[float, float]]
-    ) -> dict[str, dict[str, Any]]:
-        """Return the initial source of every input.
-
-        Inputs x1, x2, .. share an axis, and inputs that are not positions hold a value.
-        """
-        found: dict[str, dict[str, Any]] = {}
-        axes: dict[str, str] = {}
-        for name in self.names:
-            low, high = ranges[name]
-            unit = str(scene.inputs[name].dim)
-            if name in self.given:
-                kind = "given"
-            elif name in ("contact", "press"):
-                kind = {"contact": "contact", "press": "pressure"}[name]
-            elif unit in ("m", "m/s") or name == "angle":
-                kind = axes.setdefault(
-                    name.rstrip("0123456789"), ("u", "v")[len(axes)] if len(axes) < 2 else "value"
-                )
-            else:
-                kind = "value"
-            rest = min(max(0.0, low), high) if kind != "value" else (low + high) / 2
-            found[name] = {
-                "from": kind,
-                "finger": 0,
-                "low": low,
-                "high": high,
-                "freq": 1.0,
-                "value": rest,
-                "channel": 0,
-                "scale": 1.0,
-            }
-        return found
 
     def _see_touch(self) -> None:
         self.touches = any(s["from"] in ("contact", "pressure") for s in self.sources.values())

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from ..core.scene import Scene
+from ..errors import SinkError
 from ..run.safety import Safety
 from .server import Server
+from .share import Shared, share
 from .stream import Stream
 
 NEAR = "http://127.0.0.1:* http://localhost:*"
@@ -21,7 +23,7 @@ def show(
     *,
     port: int = 0,
     **options: Any,
-) -> Server:
+) -> Server | Shared:
     """Serve a live scene in a thread, as ``Scene.live`` does.
 
     Parameters
@@ -33,9 +35,10 @@ def show(
 
     Returns
     -------
-    Server
+    Server or Shared
         A notebook shows its page; ``url`` is its address, and ``close()`` fades out and
-        ends it.  If the scene is shown already, the earlier server is closed.
+        ends it.  If the scene is shown already, the earlier server is closed.  Where no
+        port can be opened, the page of ``stimlib.live.share.share``, which needs none.
 
     Raises
     ------
@@ -59,5 +62,11 @@ def show(
     stream.warm_up()
     if earlier := _shown.pop(scene.hash, None):
         earlier.close()
-    _shown[scene.hash] = server = Server(stream, port=port, framed_by=NEAR)
+    try:
+        _shown[scene.hash] = server = Server(stream, port=port, framed_by=NEAR)
+    except SinkError:
+        if port:
+            raise
+        own = {n: options[n] for n in ("params", "seed", "title", "ranges") if n in options}
+        return share(scene, fs, **own)
     return server.start()

@@ -4,6 +4,11 @@ Squeeze
 
 A spring between thumb and index finger. Look at the vibration: it is there while the
 spring is compressed, and only then. See :doc:`/reference/scenes/squeeze`.
+
+Press Start, turn the sound on, and move the pointer over the field
+(:doc:`/howto/share`):
+
+.. played:: squeeze
 """
 
 import stimlib

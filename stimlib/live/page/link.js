@@ -3,13 +3,14 @@
 // To the page: {state: "open" | "lost" | "silent" | "heard" | "refused", code, why, seconds}, {text: what the server said},
 // {samples: ArrayBuffer, at: ms}: as they came, and after them what vibrates in each output,
 // {played: t of the move that has just been heard, at: ms}, {audio: figures of the audio thread, late: where samples were}.
-"use strict";
+
+import { Vibration } from "./vibration.js";
+
 const HEAD = 6, VERSION = 1, SILENT = 1500, STALE = 4000; // ms without a message: it is said; another connection is tried
 const REFUSED = [4400, 4401, 4409, 4410, 4429]; // where trying again does not help
-const EDGE = 40, DAMPED = [0.5412, 1.3066]; // Hz above which something vibrates: a Butterworth high-pass of order 4
 let ws = null, audio, url, token, page, tries = 0, up = false, quiet = false, hello = null, output = 0, seen = 0;
 let heard = 0, opened = 0, retry = 0; // ms: last message, last try; its timer
-let sections = [], next = -1, session = -1, made = 0, came = 0, late = { made: 0, came: 0 }; // ms: longest from one block to the next
+let vibration = null, next = -1, session = -1, made = 0, came = 0, late = { made: 0, came: 0 }; // ms: longest from one block to the next
 const now = () => performance.timeOrigin + performance.now();
 
 function open() {
@@ -51,7 +52,7 @@ setInterval(() => {
 function text(m) {
   if (m.is === "hello") {
     hello = m; up = true; tries = 0;
-    sections = DAMPED.map(q => section(Math.tan(Math.PI * Math.min(EDGE, m.fs / 8) / m.fs), q, m.outputs?.length ?? 0));
+    vibration = new Vibration(m.fs, m.outputs?.length ?? 0);
     audio?.postMessage({ fs: m.fs });
     postMessage({ state: "open" });
   } else if (m.is === "report") ws.send(JSON.stringify({ do: "seen", at: m.at }));
@@ -59,29 +60,12 @@ function text(m) {
   postMessage({ text: m });
 }
 
-const section = (c, q, n) => {
-  const g = 1 / (1 + c / q + c * c);
-  return { g, a: 2 * (c * c - 1) * g, b: (1 - c / q + c * c) * g, s: new Float64Array(n), t: new Float64Array(n) };
-};
-
-/** The high-pass of output k, in place; after a gap as if its first value had always been. */
-function vibration(y, k, gap) {
-  sections.forEach(({ g, a, b, s, t }, i) => {
-    if (gap) { t[k] = i ? 0 : g * y[0]; s[k] = -t[k]; }
-    for (let j = 0; j < y.length; j++) {
-      const x = y[j], v = y[j] = g * x + s[k];
-      s[k] = t[k] - 2 * g * x - a * v;
-      t[k] = g * x - b * v;
-    }
-  });
-}
-
 function samples(data) {
   const head = new Float64Array(data, 0, HEAD), n = head[5], { inputs: { length: of }, outputs: { length: all } } = hello;
   const more = new ArrayBuffer(data.byteLength + 4 * all * n), size = 8 * HEAD, at = performance.now();
   new Uint8Array(more).set(new Uint8Array(data));
   new Float32Array(more, data.byteLength).set(new Float32Array(data, size + 4 * of * n));
-  for (let k = 0; k < all; k++) vibration(new Float32Array(more, data.byteLength + 4 * k * n, n), k, head[0] !== next);
+  for (let k = 0; k < all; k++) vibration.take(new Float32Array(more, data.byteLength + 4 * k * n, n), k, head[0] !== next);
   if (head[4] === session) late = { made: Math.max(late.made, 1e3 * head[3] - made), came: Math.max(late.came, at - came) };
   [next, session, made, came] = [head[0] + n, head[4], 1e3 * head[3], at];
   if (audio) {

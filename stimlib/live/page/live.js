@@ -1,17 +1,18 @@
 // The page: what comes from the server is shown, what is done by hand is said to it. protocol.py has the messages.
 
+import { connected } from "./connect.js";
 import { parameters, sources } from "./controls.js";
 import { Field } from "./field.js";
 import { History, Panel, Spectrum, Turn, grouped, isPlace, palette } from "./plots.js";
 import { scaled, short } from "./scales.js";
-import { LEAST, Level, Sound } from "./sound.js";
+import { LEAST, Level } from "./sound.js";
 
 const HEAD = 6, LONGEST = 10, QUIET = -60; // float64 ahead of the samples, s that are kept, dB below which nothing is shown
 const WORDS = { idle: "stopped", starting: "fading in", running: "running", stopping: "fading out" };
 const $ = id => document.getElementById(id), clock = () => performance.timeOrigin + performance.now();
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
-const link = new Worker("link.js"), sound = new Sound(link);
+const { link, sound } = connected();
 const say = message => link.postMessage(message);
 
 /** What the page knows; tests and benchmarks read it. */
@@ -64,7 +65,8 @@ function become(state) {
   live.state = state;
   away = false;
   const who = mine() ? "this page controls" : state.controlled ? "another page controls, this one watches" : "no page controls";
-  words(`Connected, ${WORDS[state.phase]}${state.log ? ", recording" : ""}; ${who}`, runs() ? "good" : "");
+  if (live.hello.alone) words(WORDS[state.phase], runs() ? "good" : "");
+  else words(`Connected, ${WORDS[state.phase]}${state.log ? ", recording" : ""}; ${who}`, runs() ? "good" : "");
   if (another || back) field.again();
   if (another) {
     Object.assign(sound, { gaps: 0, causes: {} });
@@ -83,9 +85,10 @@ function become(state) {
 function enable() {
   const on = !away && runs(), phase = live.state?.phase;
   $("run").textContent = on ? "Stop" : "Start";
-  $("record").textContent = on && live.state.log ? "Stop recording" : "Record";
+  $("record").textContent = on && live.state.log ? "Stop recording" : live.hello.alone ? "Play recorded motion" : "Record";
   $("record").setAttribute("aria-pressed", String(!!(on && live.state.log)));
   for (const id of ["run", "record"]) $(id).disabled = !mine() || phase === "stopping";
+  $("record").hidden = live.hello.alone === "without motion";
   $("mark").disabled = !mine() || phase !== "running";
   $("control").hidden = away || mine();
   $("field").setAttribute("aria-disabled", String(!mine()));

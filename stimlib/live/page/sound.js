@@ -68,6 +68,13 @@ export class Sound {
     this.gain?.gain.setTargetAtTime(10 ** (db / 20), this.context.currentTime, 0.02);
   }
 
+  /** From what is amplified through the limit and the loudness to the sound card. */
+  chain() {
+    this.amplified = new GainNode(this.context);
+    this.gain = new GainNode(this.context, { gain: 10 ** (this.db / 20) });
+    this.amplified.connect(new WaveShaperNode(this.context, { curve: LIMIT })).connect(this.gain).connect(this.context.destination);
+  }
+
   /** On or off; whether it is on now. */
   async toggle() {
     if (this.node) {
@@ -80,9 +87,7 @@ export class Sound {
     if (!this.context) {
       this.context = new AudioContext({ sampleRate: 48000, latencyHint: "interactive" });
       await this.context.audioWorklet.addModule("worklet.js");
-      this.amplified = new GainNode(this.context);
-      this.gain = new GainNode(this.context, { gain: 10 ** (this.db / 20) });
-      this.amplified.connect(new WaveShaperNode(this.context, { curve: LIMIT })).connect(this.gain).connect(this.context.destination);
+      this.chain();
     }
     this.context.resume(); // not awaited: it may wait for a click, and `missing` says so
     this.amplify();

@@ -1,0 +1,199 @@
+// The audio thread of a shared page: the scene as WebAssembly, driven by fingers, sines or the recorded motion. What is heard is
+// one output at the scene's rate; a context of another rate reads it at a fractional step by a 4-point Hermite polynomial.
+"use strict";
+const MOST = 128, RING = 1024, MASK = RING - 1, FINGERS = 10;
+const APART = 1 / 60, CHANGE = 0.1, FADE = 0.02; // s: a line from one report to the next, a change of source, of the sound
+const now = () => (globalThis.performance ?? Date).now();
+const POINTERS = { u: 0, v: 1, pressure: 2 };
+
+class Scene extends AudioWorkletProcessor {
+  constructor({ processorOptions: o }) {
+    super();
+    Object.assign(this, o); // fs, wasm, inputs (names), outputs (full scales), held (names), motion (rows), check, sources
+    const { exports: e } = new WebAssembly.Instance(new WebAssembly.Module(o.wasm)), rows = [o.inputs.length + 1, o.outputs.length];
+    const view = (at, n) => new Float64Array(e.memory.buffer, at, MOST * n);
+    this.run = e;
+    this.x = view(e.inputs(), rows[0]);
+    this.y = view(e.outputs(), rows[1]);
+    if (e.targets) this.targets = view(e.targets(), o.held.length);
+    this.length = o.motion.length / (o.inputs.length || 1);
+    this.on = false;
+    this.ring = new Float64Array(RING);
+    this.heard = this.wanted = this.gain = this.session = 0;
+    this.fingers = Array.from({ length: FINGERS }, () => ({ now: [0, 0, 0], to: [0, 0, 0], left: 0, on: 0, line: new Float64Array(3 * MOST) }));
+    this.size = Math.max(MOST, Math.ceil(o.fs / 100)); // of what is posted at once
+    this.rows = o.inputs.length + o.outputs.length;
+    this.pack = new Float64Array(this.rows * (this.size + MOST));
+    this.choose(o.sources);
+    if (o.check) Object.assign(this, { all: new Float64Array(o.outputs.length * o.samples), spent: 0, calls: 0 });
+    this.begin([]);
+    this.port.onmessage = ({ data: d }) => {
+      for (const [what, given] of Object.entries(d)) this[what](given);
+    };
+  }
+
+  // From the page ------------------------------------------------------------------------------------------------------
+  begin(params) {
+    Object.assign(this, { at: 0, head: 3, place: 1, packed: 0, first: 0, stopping: false });
+    this.ring.fill(0);
+    this.last = this.inputs.map(() => 0);
+    this.changed = this.inputs.map(() => -Infinity);
+    this.from = this.inputs.map(() => 0);
+    this.run.begin();
+    for (const p of params) this.set(p);
+  }
+
+  /** A new session, after the one that runs has faded out. */
+  start(next) {
+    if (this.on) { Object.assign(this, { next, stopping: true }); return; }
+    const { params, sources, session } = next;
+    this.choose(sources);
+    this.begin(params);
+    this.session = session;
+    this.gain = 0;
+    this.on = true;
+  }
+
+  stop() { this.stopping = true; }
+  listen(k) { this.wanted = k; }
+  set([parameter, value, samples]) { this.run.set(parameter, value, samples); }
+
+  choose(sources) {
+    const before = this.chosen;
+    this.chosen = this.inputs.map(name => sources[name]);
+    this.touches = this.chosen.some(({ from }) => from === "contact" || from === "pressure");
+    this.chosen.forEach((s, k) => {
+      if (!before || JSON.stringify(s) === JSON.stringify(before[k])) return;
+      this.changed[k] = this.at;
+      this.from[k] = this.last[k];
+    });
+  }
+
+  /** A finger goes to its new place along a line; where it lands it is at once. */
+  move({ finger, u, v, p, on, t }) {
+    const f = this.fingers[finger];
+    f.to = this.touches && !on ? [f.to[0], f.to[1], 0] : [u, v, on ? p : 0];
+    const lands = this.touches && on && !f.on;
+    if (lands) f.now = f.to.slice();
+    f.left = lands ? 0 : Math.ceil(APART * this.fs);
+    f.on = on;
+    this.moved = t;
+  }
+
+  // Samples ------------------------------------------------------------------------------------------------------------
+  lines(n) {
+    for (const f of this.fingers)
+      for (let i = 0; i < n; i++) {
+        for (let j = 0; j < 3; j++) {
+          if (f.left) f.now[j] += (f.to[j] - f.now[j]) / f.left;
+          f.line[j * MOST + i] = f.now[j];
+        }
+        f.left = Math.max(0, f.left - 1);
+      }
+  }
+
+  /** What the smoothing follows for input k: a finger, or a value. */
+  target(k, n) {
+    const { from, finger, low, high, value } = this.chosen[k], f = this.fingers[finger], axis = POINTERS[from];
+    const x = MOST * this.held.indexOf(`x${k}`), on = MOST * this.held.indexOf(`on${k}`), pointer = axis !== undefined;
+    this.targets.fill(pointer && this.touches && from !== "pressure" ? f.on : 1, on, on + n);
+    if (!pointer) this.targets.fill(from === "contact" ? f.on : value, x, x + n);
+    else for (let i = 0; i < n; i++) this.targets[x + i] = low + (high - low) * f.line[axis * MOST + i];
+  }
+
+  /** What is not smoothed: contact, a sine, the recorded motion; and a change from one source to another. */
+  direct(k, n) {
+    const { from, finger, low, high, freq } = this.chosen[k], row = this.x.subarray(k * MOST, k * MOST + n), { at } = this;
+    if (from === "contact") row.fill(this.fingers[finger].on);
+    else if (from === "sine")
+      for (let i = 0; i < n; i++) row[i] = (low + high - (high - low) * Math.cos(2 * Math.PI * freq * (at + i) / this.fs)) / 2;
+    else if (from === "given") for (let i = 0; i < n; i++) row[i] = this.motion[k * this.length + Math.min(at + i, this.length - 1)];
+    const since = at - this.changed[k], length = CHANGE * this.fs;
+    if (since < length && from !== "contact")
+      for (let i = 0; i < n; i++) row[i] = this.from[k] + Math.min(1, (since + 1 + i) / length) * (row[i] - this.from[k]);
+    this.last[k] = row[n - 1];
+  }
+
+  make(n) {
+    if (this.targets) {
+      this.lines(n);
+      for (let k = 0; k < this.inputs.length; k++) this.target(k, n);
+      this.run.follow(n);
+    }
+    for (let k = 0; k < this.inputs.length; k++) this.direct(k, n);
+    this.run.run(n);
+    this.at += n;
+  }
+
+  /** The samples of the recorded motion alone, with changes [sample, parameter, value, samples], for their hash. */
+  checked() {
+    const { check, samples, outputs, y } = this, first = this.at, begun = now();
+    let n = Math.min(MOST, samples - first);
+    for (const [at, ...p] of check)
+      if (at === first) this.set(p);
+      else if (at > first) n = Math.min(n, at - first);
+    this.make(n);
+    this.spent += now() - begun;
+    this.calls += n / MOST;
+    outputs.forEach((_, k) => this.all.set(y.subarray(k * MOST, k * MOST + n), k * samples + first));
+    if (this.at < samples) return true;
+    this.port.postMessage({ all: this.all, spent: this.spent / this.calls }, [this.all.buffer]);
+    return false;
+  }
+
+  post() {
+    const { packed: n, rows, session, first } = this, all = new Float64Array(rows * n);
+    for (let k = 0; k < rows; k++) all.set(this.pack.subarray(k * (this.size + MOST), k * (this.size + MOST) + n), k * n);
+    this.port.postMessage({ all, n, first, session, t: this.seen ?? 0 }, [all.buffer]);
+    this.first += n;
+    this.packed = 0;
+  }
+
+  /** One more block: into the ring of what is heard, and to the page. */
+  more(n) {
+    const { x, y, inputs, outputs, size } = this;
+    this.make(n);
+    for (let k = 0; k < this.rows; k++) {
+      const [from, i] = k < inputs.length ? [x, k] : [y, k - inputs.length];
+      this.pack.set(from.subarray(i * MOST, i * MOST + n), k * (size + MOST) + this.packed);
+    }
+    for (let i = 0; i < n; i++) this.ring[this.head++ & MASK] = y[this.heard * MOST + i] / outputs[this.heard];
+    if (this.moved) {
+      this.port.postMessage({ moved: this.moved, frame: currentFrame });
+      this.seen = this.moved;
+      this.moved = 0;
+    }
+    if ((this.packed += n) >= size) this.post();
+    if (this.length && this.at >= this.length && this.chosen.some(s => s.from === "given")) this.stopping = true;
+  }
+
+  read() {
+    const k = Math.floor(this.place), f = this.place - k, r = this.ring;
+    const a = r[(k - 1) & MASK], b = r[k & MASK], c = r[(k + 1) & MASK], d = r[(k + 2) & MASK];
+    const m0 = (c - a) / 2, m1 = (d - b) / 2, q = 2 * (b - c) + m0 + m1;
+    return b + f * (m0 + f * (c - b - m0 - q + f * q));
+  }
+
+  process(_, [[out]]) {
+    if (this.check) return this.checked();
+    if (!this.on) return true;
+    const step = this.fs / sampleRate, up = 1 / (FADE * sampleRate);
+    for (let i = 0; i < out.length; i++) {
+      // as many samples as this call still needs, so that a context of the scene's rate takes whole blocks
+      if (this.head - this.place < 3) this.more(Math.min(MOST, Math.max(1, Math.ceil((out.length - i) * step))));
+      this.gain = Math.min(1, Math.max(0, this.gain + (this.stopping || this.heard !== this.wanted ? -up : up)));
+      if (this.gain === 0) this.heard = this.wanted;
+      out[i] = this.read() * this.gain;
+      this.place += step;
+    }
+    if (this.stopping && this.gain === 0) {
+      this.on = false;
+      if (this.packed) this.post();
+      this.port.postMessage({ ended: this.session });
+      if (this.next) this.start(this.next);
+      this.next = null;
+    }
+    return true;
+  }
+}
+registerProcessor("scene", Scene);

@@ -1,0 +1,254 @@
+"""A scene as one HTML file: its samples in a browser without a network, its sound, and
+that no text in it becomes code.
+"""
+
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+import time
+import zlib
+from base64 import b64decode
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import ran
+from live.chromium import Browser, where
+from live.shared import OFFLINE, changes_for, need_compiler, numbers, with_changes
+from refusals import refused
+
+import stimlib
+from stimlib import BadValue, Input, MissingPackage, Param, Scene, SinkError, UnknownName
+from stimlib.live import notebook
+from stimlib.live.share import WEB, compiled, packed, page_of, share
+from stimlib.motion import sinusoid
+from stimlib.scenes import squeeze
+
+FS, N = 8000, 4000
+MOTION = {"x1": sinusoid(0.01, 2.0, 0.01), "x2": sinusoid(0.01, 3.0, 0.01)}
+EVIL = "\"'></title></script><script>window.hacked = 1</script><img src=x onerror=hacked=1>&lt;"
+
+
+def test_motion_is_packed_without_loss():
+    t = np.arange(8000) / FS
+    smooth = np.array([0.02 * np.sin(3 * t), np.full(8000, -0.0)])
+    odd = np.random.default_rng(1).standard_normal((3, 100))
+    odd[0, :4] = np.inf, np.nan, 5e-324, -1e308
+    for x in (smooth, odd, odd[:, :1]):
+        made = packed(x)
+        planes = np.frombuffer(zlib.decompress(b64decode(made["data"])), np.uint8)
+        words = np.ascontiguousarray(planes.reshape(8, -1).T).view("<i8").reshape(x.shape)
+        for _ in range(made["order"]):
+            words = np.cumsum(words, axis=1)
+        assert words.tobytes() == x.tobytes()
+    assert packed(smooth)["order"] > 1 and len(packed(smooth)["data"]) < 3 * 8000
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
+def test_fma_and_fmod_of_the_page_are_those_of_the_c_library(tmp_path):
+    words = "gcc -O1 -ffp-contract=off -w -o fma -I".split()
+    source = Path(__file__).with_name("fma.c")
+    subprocess.run([*words, WEB.parent, source, "-lm"], cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "fma"], capture_output=True, text=True).stdout == "0"
+
+
+def empty(title):
+    """A page of a scene that does nothing, with texts of others everywhere."""
+    hello = {"title": title, "fs": FS, "inputs": [], "params": [], "view": None, "alone": "yes"}
+    hello["outputs"] = [{"name": title, "unit": title, "full": 1.0}]
+    data = {"hello": hello, "facts": [[title, title]], "sources": {}, "held": [], "wasm": title}
+    return page_of(title, data | {"motion": None, "samples": 0, "sha256": ""})
+
+
+def test_a_page_loads_nothing_and_no_text_becomes_markup():
+    page = empty(EVIL)
+    assert len(re.findall("<script", page)) == 3 == page.count("</script>")
+    assert "<img" not in page and page.count("window.hacked") == 7
+    assert not re.findall(r"<\w+[^<>]+(?:src|href)=\"(?!data:,)", page)
+    (policy,) = re.findall(r'Content-Security-Policy" content="(.+)">', page)
+    assert policy.startswith("default-src 'none'; script-src 'sha256-")
+    assert "connect-src" not in policy and "unsafe-inline" not in policy
+    assert not re.findall(r"^import |^export ", page, re.M)
+
+
+def test_without_a_compiler_it_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    says = "neither clang nor zig is installed.*pip install ziglang"
+    refused(MissingPackage, says, compiled, tmp_path)
+    (tmp_path / "clang").write_text("#!/bin/sh\necho no wasm-ld here >&2\nexit 1\n")
+    (tmp_path / "clang").chmod(0o755)
+    refused(MissingPackage, "clang says: no wasm-ld here", compiled, tmp_path)
+
+
+def test_what_is_refused(tmp_path):
+    scene = Scene({"y": 2 * Input("x")})
+    refused(UnknownName, "x is missing", share, scene, motion={})
+    refused(BadValue, "fs = 0", share, scene, 0)
+    refused(UnknownName, "range of z", share, scene, ranges={"z": (0, 1)})
+    refused(BadValue, "finite", share, scene, motion={"x": np.full(9, np.nan)})
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    need_compiler()
+    path = tmp_path_factory.mktemp("shared") / "squeeze.html"
+    return path, share(squeeze(), FS, path, MOTION, N / FS, title=EVIL)
+
+
+def test_a_page_has_the_hash_of_the_rendering(made):
+    path, page = made
+    y = stimlib.render(squeeze(), MOTION, FS, N / FS).y
+    assert page.sha256 == hashlib.sha256(y.astype("<f8").tobytes()).hexdigest()
+    assert path.read_text("utf-8") == page.page and page.samples == N
+    assert len(page.page) < 250_000 and squeeze().hash in page.page
+
+
+def test_a_notebook_shows_it_where_no_port_can_be_opened(monkeypatch):
+    need_compiler()
+    pytest.importorskip("uvicorn")
+
+    def closed(*given, **words):
+        raise SinkError("no port")
+
+    monkeypatch.setattr(notebook, "Server", closed)
+    scene = Scene({"y": Param("k", 2.0) * Input("x")})
+    page = scene.live(1000, 4.0, params={"k": 3.0}, title="A <b>")
+    shown = page._repr_html_()
+    assert shown.startswith('<iframe srcdoc="') and '"value": 3.0' in page.page
+    assert shown.count("<") == 2 and "A &amp;lt;b&amp;gt;" in shown
+    refused(SinkError, "no port", scene.live, 1000, 4.0, port=80)
+    wide = share(scene, 1000, params={"k": 8.0})  # a slider reaches where it begins
+    assert '"value": 8.0, "low": 0.0, "high": 8.0' in wide.page
+
+
+def test_the_command_writes_a_page(tmp_path):
+    need_compiler()
+    words = ["share", "tone", "--seconds", "0.1", "--out", tmp_path / "a.html"]
+    said = json.loads(ran([*words, "--json"]).stdout)
+    page = (tmp_path / "a.html").read_text("utf-8")
+    assert said["bytes"] == len(page.encode()) and said["samples"] == 800
+    assert said["sha256"] in page and "<title>tone</title>" in page
+    assert "the page checks 800 samples" in ran(words).stdout
+
+
+pytestmark = pytest.mark.xdist_group("browser")
+in_a_browser = pytest.mark.skipif(where() is None, reason="Chromium is not installed")
+
+
+@pytest.fixture(scope="module")
+def page(made):
+    browser = Browser(OFFLINE)
+    page = browser.page(made[0].as_uri())
+    page.until("window.scene?.checked")
+    yield page
+    browser.close()
+
+
+@in_a_browser
+def test_the_page_computes_the_samples_of_stimlib(made, page):
+    found = page.js("scene.checked")
+    assert found["same"] and found["sha256"] == made[1].sha256
+    assert found["spent"] < found["block"] == 16.0  # ms
+    assert "bit for bit" in page.js("document.querySelector('#checked').textContent")
+    assert page.complaints() == [] and not page.js("window.hacked")
+    assert page.js("document.querySelector('h1').textContent") == EVIL
+
+
+@in_a_browser
+def test_parameters_that_move_have_the_same_bits(page):
+    scene = squeeze()
+    changes = [(1000, "k", 2600.0), (1037, "A", 1.2), (2500, "k", 300.0)]
+    got = numbers(page, f"scene.check({changes_for(page, scene, changes, FS)}).then(c => c.all)", 2)
+    t = np.arange(N) / FS
+    want = with_changes(scene, np.array([MOTION["x1"](t), MOTION["x2"](t)]), FS, changes)
+    assert got.tobytes() == want.tobytes() and np.sqrt(np.mean(want**2)) > 1
+
+
+@in_a_browser
+@pytest.mark.parametrize("rate", [FS, 48000])
+def test_sound_begins_and_ends_without_a_click(page, rate):
+    """The recorded motion as it is heard; at another rate it is interpolated."""
+    length = N * rate // FS + rate // 10
+    y = numbers(
+        page,
+        f"""(async () => {{
+      const context = new OfflineAudioContext(1, {length}, {rate});
+      const node = await scene.worklet(context);
+      node.connect(context.destination);
+      node.port.postMessage({{ start: {{ params: [], sources: scene.given(), session: 1 }} }});
+      await new Promise(resolve => setTimeout(resolve, 100));
+      return Float64Array.from((await context.startRendering()).getChannelData(0));
+    }})()""",
+    )[0]
+    full = page.js("scene.hello.outputs[0].full")
+    want = stimlib.render(squeeze(), MOTION, FS, N / FS)["force1"] / full
+    at = np.arange(length) * FS / rate - 2  # the interpolation looks ahead
+    middle = (at > 0.025 * FS) & (at < N - 0.025 * FS)
+    error = np.abs(y - np.interp(at, np.arange(N), want))[middle].max()
+    assert error < (1e-7 if rate == FS else 2e-3)
+    assert abs(y[0]) < 1e-3 and np.abs(np.diff(y)).max() < 0.01 < np.abs(y).max()
+    assert np.all(y[-rate // 20 :] == 0)
+
+
+@in_a_browser
+def test_a_pointer_is_heard_and_a_recording_plays(page):
+    page.click("#run")
+    page.until("document.querySelector('#state').textContent === 'running'")
+    page.click("#sound")
+    page.until("!!scene.sound.node")
+    page.js("""(() => {
+      const { sound, context } = scene, analyser = new AnalyserNode(context, { fftSize: 2048 });
+      sound.gain.connect(analyser);
+      const y = new Float32Array(2048);
+      window.loudest = 0;
+      setInterval(() => {
+        analyser.getFloatTimeDomainData(y);
+        loudest = Math.max(loudest, Math.hypot(...y) / Math.sqrt(2048));
+      }, 50);
+    })()""")
+    for k in range(30):
+        page.mouse("Moved", *page.at("#field", 0.1 + 0.8 * abs(k % 20 / 10 - 1), 0.5))
+        time.sleep(0.02)
+    page.until("loudest > 1e-3 && scene.sound.played.length > 5")
+    assert page.js("Math.max(...scene.sound.played)") < 1000  # ms
+    page.js("""window.taken = []; scene.tap = (all, n, first) => {
+      if (!first) taken = [];
+      taken.push(...all.subarray(2 * n, 3 * n)); // the first output
+    }""")
+    page.click("#record")  # after a fade
+    ended = "document.querySelector('#log').textContent === 'The recorded motion has ended.'"
+    page.until(f"{ended} && taken.length >= {N}")
+    got = numbers(page, f"Float64Array.from(taken.slice(0, {N}))")[0]
+    want = stimlib.render(squeeze(), MOTION, FS, N / FS)["force1"]
+    assert got.tobytes() == want.tobytes()
+    page.js("taken = []")
+    page.js("const k = document.querySelector('#param-k'); k.value = 100; k.onchange()")
+    page.click("#record")
+    page.until(f"{ended} && taken.length >= {N}")
+    assert abs(page.js(f"taken[{N - 1}]")) < 0.2 * abs(want[-1]) + 1
+    assert page.complaints() == []
+
+
+@in_a_browser
+def test_a_page_says_if_samples_differ(made, page, tmp_path):
+    path = tmp_path / "other.html"
+    path.write_text(made[1].page.replace(made[1].sha256, "0" * 64), "utf-8")
+    page.go(path.as_uri())
+    page.until("document.querySelector('#checked').className === 'bad'")
+    said = page.js("document.querySelector('#checked').textContent")
+    assert said.endswith(f"the samples differ: their SHA-256 is {made[1].sha256}.")
+
+
+@in_a_browser
+def test_no_text_of_others_runs(page, tmp_path):
+    path = tmp_path / "evil.html"
+    path.write_text(empty(EVIL), "utf-8")
+    page.go(path.as_uri())
+    page.until("document.querySelector('.facts dd')?.textContent")
+    assert not page.js("window.hacked") and page.js("document.images.length") == 0
+    assert page.js("document.title") == EVIL
+    page.click("#run")
+    page.until("document.querySelector('#note').textContent.startsWith('This browser cannot')")
