@@ -26,13 +26,13 @@ from ..core.graph import (
     same_unit,
     unitless,
 )
-from ..core.maths import TINY, as_float, floor, flush, fma, search, where
+from ..core.maths import TINY, as_float, copy, fir, floor, flush, fma, search, where
 from ..core.program import lead
 from ..core.units import unit
 from ..design import responses
 from ..errors import BadValue, one_of, public
 from ..system.limits import limits
-from .filters import Fir, begun, line
+from .filters import DelayState, Fir, begun, line
 from .impedance import Gate, Lag, LagParams, LagState, sampled, with_unit
 from .movement import sinpi
 
@@ -634,9 +634,53 @@ def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block
     )
 
 
+# A mean of more samples than TAPPED is the sum of two. The samples are divided into
+# rows as long as the mean; the window has all samples of the present row, and those of
+# the row before that came after this place, whose sums were made when that row ended.
+# Groups of eight samples are added first, and the sum of groups has a second word.
+TAPPED = 63
+
+
+def grown(high, low, group):
+    """Return the two words of a sum to which a group has been added."""
+    new = high + group
+    part = new - high
+    return new, low + ((high - (new - part)) + (group - part))
+
+
+def divided(v, n, share):
+    """Return v/n, where share is 1/n rounded."""
+    y = share * v
+    return fma(share, fma(-y, n, v), y)
+
+
+def suffix_sums(row):
+    """Replace each sample of a row by the sum of those after it."""
+    high, low, base = 0.0, 0.0, 0.0
+    rest = row.size & 7
+    for end in range(row.size, rest, -8):
+        part = row[end - 8 : end]
+        group = 0.0
+        for k in range(7, -1, -1):
+            v = part[k]
+            part[k] = base + group
+            group = group + v
+        high, low = grown(high, low, group)
+        base = high + low
+    group = 0.0
+    for k in range(rest - 1, -1, -1):
+        v = row[k]
+        row[k] = base + group
+        group = group + v
+
+
 @dataclass(frozen=True, eq=False)
 class MovingAverage(Fir):
-    """The mean of the last samples: an FIR filter with equal taps."""
+    """The mean of the last samples: an FIR filter with equal taps.
+
+    A long one has a state of its own: a row of samples, then later sums, and three
+    words of the sum of the row so far.
+    """
 
     x: Block
     seconds: float
@@ -652,7 +696,57 @@ class MovingAverage(Fir):
             raise BadValue(
                 f"moving_average: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz"
             )
-        return line(np.full(n, 1 / n))
+        p, _ = line(np.full(n, 1 / n))
+        words = n + 3 if n > TAPPED else p.taps.size - 1 + 64
+        return p, DelayState(np.zeros(words), NONE)
+
+    @staticmethod
+    def tile(p, s, x, y):
+        if p.order < TAPPED:
+            before = p.taps.size - 1
+            copy(x, s.line[before : before + x.size])
+            fir(p.taps, s.line[: before + x.size], y)
+            for k in range(before):
+                s.line[k] = s.line[k + x.size]
+            return s
+        size, start = s.line.size - 3, 0
+        row, words = s.line[:size], s.line[size:]
+        at = np.int64(s.at % np.uint64(size))  # a state may come from anywhere
+        group, high, low = words[0], words[1], words[2]
+        for _ in range(2):  # no tile is longer than a row
+            n = x.size - start
+            if n > size - at:
+                n = size - at
+            first, base = (-at) & 7, high + low
+            if first > n:
+                first = n
+            stop, last = start + n, n - ((n - first) & 7)
+            given, made, kept = x[start:stop], y[start:stop], row[at : at + n]
+            for k in range(first):
+                group = group + given[k]
+                made[k] = base + group
+            if first > 0 and (at + first) & 7 == 0:
+                high, low = grown(high, low, group)
+                base, group = high + low, 0.0
+            for k in range(first, last, 8):
+                given8, made8 = given[k : k + 8], made[k : k + 8]
+                for i in range(8):
+                    group = group + given8[i]
+                    made8[i] = base + group
+                high, low = grown(high, low, group)
+                base, group = high + low, 0.0
+            for k in range(last, n):
+                group = group + given[k]
+                made[k] = base + group
+            for k in range(n):
+                made[k] = divided(made[k] + kept[k], p.order + 1.0, p.taps[p.taps.size - 1])
+                kept[k] = given[k]
+            start, at = stop, at + n
+            if at == size:
+                suffix_sums(row)
+                group, high, low, at = 0.0, 0.0, 0.0, np.int64(0)
+        words[0], words[1], words[2] = group, high, low
+        return DelayState(s.line, np.uint64(at))
 
     def laws(self, fs):
         return (responses.mean_of(round(self.seconds * fs)),)
@@ -662,9 +756,10 @@ class MovingAverage(Fir):
 def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Block:
     """Return the average over the last seconds.
 
-    It is an FIR filter with equal taps: no rounding accumulates over time, and its cost
-    grows with the number of samples (30 ns for 800). The cost of ``integrate`` with a
-    leak, or of ``lowpass``, does not depend on the time constant.
+    It is an FIR filter with equal taps: no rounding accumulates over time, and after
+    silence as long as the average it is exactly 0. From 64 samples on its cost does not
+    depend on their number, and the last bit of a sample depends on how many samples
+    were before it.
 
     Parameters
     ----------
