@@ -190,6 +190,29 @@ class Delay(Block):
         return y, DelayState(s.line, where(at + ONE == size, NONE, at + ONE))
 
     @staticmethod
+    def tile(p, s, x, y):
+        n, size = x.size, s.line.size
+        at = np.int64(where(s.at < np.uint64(size), s.at, NONE))
+        first, after = size - at, at + n  # samples up to the end of the line
+        if after >= size:
+            after = after % size
+        if n <= first:
+            copy(s.line[at : at + n], y)
+            copy(x, s.line[at : at + n])
+        elif n < size:
+            copy(s.line[at:], y[:first])
+            copy(x[:first], s.line[at:])
+            copy(s.line[: n - first], y[first:])
+            copy(x[first:], s.line[: n - first])
+        else:
+            copy(s.line[at:], y[:first])
+            copy(s.line[:at], y[first:size])
+            copy(x[: n - size], y[size:])
+            copy(x[n - after :], s.line[:after])
+            copy(x[n - size : n - after], s.line[after:])
+        return DelayState(s.line, np.uint64(after))
+
+    @staticmethod
     def transfer(p, z):
         return z**-p.n
 
