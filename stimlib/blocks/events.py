@@ -792,10 +792,21 @@ def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Blo
 
 
 class FollowerParams(NamedTuple):
-    """Parameters of `Follower` at a sample rate."""
+    """Parameters of `Follower` at a sample rate: gains, and 1 - gain in two words."""
 
     up: float
+    up_kept: float
+    up_low: float
     down: float
+    down_kept: float
+    down_low: float
+
+
+class FollowerState(NamedTuple):
+    """State of `Follower` between samples."""
+
+    y: float
+    before: float  # y one sample earlier
 
 
 @dataclass(frozen=True, eq=False)
@@ -803,7 +814,9 @@ class Follower(Block):
     """The level of a signal, with separate attack and release times.
 
     y += g (|x| - y), g = 1 - exp(-1/(T fs)), where T is the attack time while |x| is
-    above y, else the release time.
+    above y, else the release time. It is computed as y = (1 - g) y + g |x|, of which
+    only one product waits for the last y: the low word of 1 - g, which is below
+    rounding, multiplies the y before.
     """
 
     x: Block
@@ -818,17 +831,20 @@ class Follower(Block):
                 )
 
     def design(self, fs):
-        up, down = (
+        gains = (
             -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0
             for t in (self.attack, self.release)
         )
-        return FollowerParams(up, down), Total(0.0)
+        words = [w for g in gains for w in (g, 1.0 - g, (1.0 - (1.0 - g)) - g)]
+        return FollowerParams(*words), FollowerState(0.0, 0.0)
 
     @staticmethod
     def step(p, s, x):
-        d = abs(x) - s.y
-        y = s.y + fma(where(d > 0.0, p.up, p.down), d, TINY)
-        return flush(y), Total(y)
+        a = abs(x) + TINY
+        rise = fma(p.up_kept, s.y, fma(p.up_low, s.before, p.up * a))
+        fall = fma(p.down_kept, s.y, fma(p.down_low, s.before, p.down * a))
+        y = where(a > s.y, rise, fall)
+        return flush(y), FollowerState(y, s.y)
 
 
 @public

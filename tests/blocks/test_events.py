@@ -419,6 +419,21 @@ def test_a_mean_keeps_nothing_of_what_has_left_it():
     assert np.all(y[999:1098] != 0.0) and not np.any(y[1098:])
 
 
+@pytest.mark.parametrize("attack, release", [(0.01, 0.1), (0.0, 0.01), (1.0, 300.0)])
+def test_a_level_is_as_near_as_by_the_formula_of_its_docstring(attack, release):
+    gains = [1.0 if t == 0 else -np.expm1(-1 / (t * 8000)) for t in (attack, release)]
+    exact, plain, errors = np.longdouble(0.0), 0.0, []
+    x = np.random.default_rng(2).standard_normal(20_000)
+    y = stimlib.compile(Scene({"y": b.envelope_follower(X, attack, release)}), 8000).process(
+        x[None]
+    )
+    for a, computed in zip(np.abs(x), y[0], strict=True):
+        exact = exact + np.longdouble(gains[0] if a > exact else gains[1]) * (a - exact)
+        plain = plain + (gains[0] if a > plain else gains[1]) * (a - plain)
+        errors.append((float(computed - exact), float(plain - exact)))
+    assert np.divide(*np.std(errors, axis=0)) < 1.1
+
+
 def test_a_level_rises_and_falls_with_its_time_constants():
     proc = stimlib.compile(Scene({"y": b.envelope_follower(X, 0.01, 0.1)}), 1000)
     y = proc.process(np.repeat([-2.0, 0.0], [50, 100])[None])[0]
