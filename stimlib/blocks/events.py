@@ -644,42 +644,25 @@ TAPPED = 63
 def grown(high, low, group):
     """Return the two words of a sum to which a group has been added."""
     new = high + group
-    part = new - high
-    return new, low + ((high - (new - part)) + (group - part))
-
-
-def divided(v, n, share):
-    """Return v/n, where share is 1/n rounded."""
-    y = share * v
-    return fma(share, fma(-y, n, v), y)
+    return new, low + ((high - (new - (new - high))) + (group - (new - high)))
 
 
 def suffix_sums(row):
     """Replace each sample of a row by the sum of those after it."""
-    high, low, base = 0.0, 0.0, 0.0
-    rest = row.size & 7
-    for end in range(row.size, rest, -8):
-        part = row[end - 8 : end]
-        group = 0.0
+    high, low = 0.0, 0.0
+    for end in range(row.size, 0, -8):
+        part, base, group = row[end - 8 : end], high + low, 0.0
         for k in range(7, -1, -1):
-            v = part[k]
-            part[k] = base + group
-            group = group + v
+            group, part[k] = group + part[k], base + group
         high, low = grown(high, low, group)
-        base = high + low
-    group = 0.0
-    for k in range(rest - 1, -1, -1):
-        v = row[k]
-        row[k] = base + group
-        group = group + v
 
 
 @dataclass(frozen=True, eq=False)
 class MovingAverage(Fir):
     """The mean of the last samples: an FIR filter with equal taps.
 
-    A long one has a state of its own: a row of samples, then later sums, and three
-    words of the sum of the row so far.
+    A long one has a state of its own: a row of samples, then later sums, up to a
+    multiple of eight, and the two words of the sum of the row's whole groups.
     """
 
     x: Block
@@ -697,55 +680,47 @@ class MovingAverage(Fir):
                 f"moving_average: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz"
             )
         p, _ = line(np.full(n, 1 / n))
-        words = n + 3 if n > TAPPED else p.taps.size - 1 + 64
+        words = p.taps.size + (2 if n > TAPPED else 63)
         return p, DelayState(np.zeros(words), NONE)
 
     @staticmethod
-    def tile(p, s, x, y):
-        if p.order < TAPPED:
+    def work(p):
+        return 72
+
+    @staticmethod
+    def tile(p, s, x, y, w):
+        size, start, n = np.int64(p.order) + 1, 0, x.size
+        if size <= TAPPED:
             before = p.taps.size - 1
-            copy(x, s.line[before : before + x.size])
-            fir(p.taps, s.line[: before + x.size], y)
+            copy(x, s.line[before : before + n])
+            fir(p.taps, s.line[: before + n], y)
             for k in range(before):
-                s.line[k] = s.line[k + x.size]
+                s.line[k] = s.line[k + n]
             return s
-        size, start = s.line.size - 3, 0
-        row, words = s.line[:size], s.line[size:]
-        at = np.int64(s.at % np.uint64(size))  # a state may come from anywhere
-        group, high, low = words[0], words[1], words[2]
+        row, words = s.line[: p.taps.size], s.line[p.taps.size :]
+        at, high, low = np.int64(s.at % np.uint64(size)), words[0], words[1]
         for _ in range(2):  # no tile is longer than a row
             n = x.size - start
             if n > size - at:
                 n = size - at
-            first, base = (-at) & 7, high + low
-            if first > n:
-                first = n
-            stop, last = start + n, n - ((n - first) & 7)
-            given, made, kept = x[start:stop], y[start:stop], row[at : at + n]
-            for k in range(first):
-                group = group + given[k]
-                made[k] = base + group
-            if first > 0 and (at + first) & 7 == 0:
-                high, low = grown(high, low, group)
-                base, group = high + low, 0.0
-            for k in range(first, last, 8):
-                given8, made8 = given[k : k + 8], made[k : k + 8]
-                for i in range(8):
-                    group = group + given8[i]
-                    made8[i] = base + group
-                high, low = grown(high, low, group)
-                base, group = high + low, 0.0
-            for k in range(last, n):
-                group = group + given[k]
-                made[k] = base + group
+            made, kept, new, first = y[start : start + n], row[at : at + n], x[start:], at & 7
             for k in range(n):
-                made[k] = divided(made[k] + kept[k], p.order + 1.0, p.taps[p.taps.size - 1])
-                kept[k] = given[k]
-            start, at = stop, at + n
+                made[k], kept[k] = kept[k], new[k]
+            for k in range(at - first, at + n, 8):
+                part, sums = row[k : k + 8], w[k - at + first : k - at + first + 8]
+                base, group = high + low, 0.0
+                for i in range(8):
+                    group = group + part[i]
+                    sums[i] = base + group
+                if k + 8 <= at + n:
+                    high, low = grown(high, low, group)
+            for k in range(n):
+                made[k] = (w[first + k] + made[k]) * p.taps[p.taps.size - 1]
+            start, at = start + n, at + n
             if at == size:
                 suffix_sums(row)
-                group, high, low, at = 0.0, 0.0, 0.0, np.int64(0)
-        words[0], words[1], words[2] = group, high, low
+                high, low, at = 0.0, 0.0, np.int64(0)
+        words[0], words[1] = high, low
         return DelayState(s.line, np.uint64(at))
 
     def laws(self, fs):
@@ -792,14 +767,10 @@ def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Blo
 
 
 class FollowerParams(NamedTuple):
-    """Parameters of `Follower` at a sample rate: gains, and 1 - gain in two words."""
+    """Parameters of `Follower` at a sample rate."""
 
     up: float
-    up_kept: float
-    up_low: float
     down: float
-    down_kept: float
-    down_low: float
 
 
 class FollowerState(NamedTuple):
@@ -809,14 +780,21 @@ class FollowerState(NamedTuple):
     before: float  # y one sample earlier
 
 
+def nearer(g, a, s):
+    """Return (1 - g) y + g a, of which only one product waits for the last y.
+
+    The low word of 1 - g, which is below rounding, multiplies the y before.
+    """
+    keep = 1.0 - g
+    return fma(keep, s.y, fma((1.0 - keep) - g, s.before, g * a))
+
+
 @dataclass(frozen=True, eq=False)
 class Follower(Block):
     """The level of a signal, with separate attack and release times.
 
     y += g (|x| - y), g = 1 - exp(-1/(T fs)), where T is the attack time while |x| is
-    above y, else the release time. It is computed as y = (1 - g) y + g |x|, of which
-    only one product waits for the last y: the low word of 1 - g, which is below
-    rounding, multiplies the y before.
+    above y, else the release time.
     """
 
     x: Block
@@ -831,19 +809,16 @@ class Follower(Block):
                 )
 
     def design(self, fs):
-        gains = (
+        up, down = (
             -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0
             for t in (self.attack, self.release)
         )
-        words = [w for g in gains for w in (g, 1.0 - g, (1.0 - (1.0 - g)) - g)]
-        return FollowerParams(*words), FollowerState(0.0, 0.0)
+        return FollowerParams(up, down), FollowerState(0.0, 0.0)
 
     @staticmethod
     def step(p, s, x):
         a = abs(x) + TINY
-        rise = fma(p.up_kept, s.y, fma(p.up_low, s.before, p.up * a))
-        fall = fma(p.down_kept, s.y, fma(p.down_low, s.before, p.down * a))
-        y = where(a > s.y, rise, fall)
+        y = where(a > s.y, nearer(p.up, a, s), nearer(p.down, a, s))
         return flush(y), FollowerState(y, s.y)
 
 

@@ -193,22 +193,22 @@ class Delay(Block):
     def tile(p, s, x, y):
         n, size = x.size, s.line.size
         at = np.int64(where(s.at < np.uint64(size), s.at, NONE))
-        first, after = size - at, at + n  # samples up to the end of the line
+        first, after = size - at, at + n  # first: samples up to the line's end
         if after >= size:
             after = after % size
-        if n <= first:
-            copy(s.line[at : at + n], y)
-            copy(x, s.line[at : at + n])
-        elif n < size:
-            copy(s.line[at:], y[:first])
+        if n <= size:
+            if first > n:
+                first = n
+            copy(s.line[at : at + first], y)
             copy(x[:first], s.line[at:])
-            copy(s.line[: n - first], y[first:])
-            copy(x[first:], s.line[: n - first])
+            if first < n:
+                copy(s.line[:after], y[first:])
+                copy(x[first:], s.line)
         else:
-            copy(s.line[at:], y[:first])
-            copy(s.line[:at], y[first:size])
+            copy(s.line[at:], y)
+            copy(s.line[:at], y[first:])
             copy(x[: n - size], y[size:])
-            copy(x[n - after :], s.line[:after])
+            copy(x[n - after :], s.line)
             copy(x[n - size : n - after], s.line[after:])
         return DelayState(s.line, np.uint64(after))
 
