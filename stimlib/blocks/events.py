@@ -688,7 +688,7 @@ class MovingAverage(Fir):
         return 72
 
     @staticmethod
-    def tile(p, s, x, y, w):
+    def tile(p, s, x, y, w):  # type: ignore[override]
         size, start, n = np.int64(p.order) + 1, 0, x.size
         if size <= TAPPED:
             before = p.taps.size - 1
