@@ -1,5 +1,5 @@
-"""The noise chain in Faust, compiled by g++ into a temporary folder and called in this
-process.
+"""The noise chain in Faust, and any process of one input, compiled by g++ into a
+temporary folder and called in this process.
 
 Gaussian white noise (Box-Muller of two of its noises), the pink filter with as many
 sections, 129 taps; the settings that were the fastest of all that were tried.  Sections
@@ -23,6 +23,12 @@ from stimlib.speed.chain import FS, design
 
 FAUST = "faust -double -lang cpp -vec -vs 1024 -lv 0 -mcd 256".split()
 GCC = "g++ -O3 -march=native -ffast-math -shared -fPIC".split()
+STRICT = "g++ -O3 -march=native -shared -fPIC".split()
+SETTINGS = {
+    "Faust": "faust -double -lang cpp".split(),
+    "Faust -vec": "faust -double -lang cpp -vec -lv 0 -vs 32".split(),
+    "Faust -vec -vs 1024": FAUST,
+}
 X86 = platform.machine() in ("x86_64", "AMD64")
 WIDTHS = (
     {f"vectors of {bits} bits": [f"-mprefer-vector-width={bits}"] for bits in (256, 512)}
@@ -54,10 +60,10 @@ void* make(int fs) {
     d->instanceClear();
     return d;
 }
-void run(void* p, long n, double* out, int block) {
+void run(void* p, long n, double* in, double* out, int block) {
     for (long i = 0; i < n; i += block) {
-        double* y[1] = {out + i};
-        ((mydsp*)p)->compute((int)std::min<long>(block, n - i), nullptr, y);
+        double *x[1] = {in + i}, *y[1] = {out + i};
+        ((mydsp*)p)->compute((int)std::min<long>(block, n - i), x, y);
     }
 }
 }
@@ -82,9 +88,7 @@ def jobs(folder: Path, samples: int) -> dict[str, Callable[[], np.ndarray]]:
         sections=" : ".join([f"*({gain:.17g})", *sections]),
         taps=",".join(f"{t:.17g}" for t in taps),
     )
-    (folder / "around.cpp").write_text(AROUND)
-    (folder / "chain.dsp").write_text(program)
-    _run([*FAUST, "-a", "around.cpp", "chain.dsp", "-o", "chain.cpp"], folder)
+    _translated(folder, "chain", program, FAUST)
     made = {}
     for k, (width, option) in enumerate(WIDTHS.items()):
         library = folder / f"chain{k}.so"
@@ -93,16 +97,39 @@ def jobs(folder: Path, samples: int) -> dict[str, Callable[[], np.ndarray]]:
     return made
 
 
+def filters(folder: Path, process: str, x: np.ndarray, fs: float) -> dict[str, Callable]:
+    """A process of one input as jobs over x, in Faust's scalar and vector code."""
+    made = {}
+    for how, words in SETTINGS.items():
+        name = how.replace(" ", "_")
+        program = f'import("stdfaust.lib");\nprocess = {process};\n'
+        _translated(folder, name, program, words)
+        library = folder / f"{name}.so"
+        _run([*STRICT, f"{name}.cpp", "-o", library.name], folder)
+        made[how] = _job(library, x.size, x, fs)
+    return made
+
+
+def _translated(folder: Path, name: str, program: str, words: list[str]) -> None:
+    (folder / "around.cpp").write_text(AROUND)
+    (folder / f"{name}.dsp").write_text(program)
+    _run([*words, "-a", "around.cpp", f"{name}.dsp", "-o", f"{name}.cpp"], folder)
+
+
 def _run(command: list[str], folder: Path) -> None:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, f"{' '.join(command)}: {done.stderr[-500:]}"
 
 
-def _job(library: Path, samples: int) -> Callable[[], np.ndarray]:
+def _job(
+    library: Path, samples: int, x: np.ndarray | None = None, fs: float = FS
+) -> Callable[[], np.ndarray]:
     code = ctypes.CDLL(str(library))
     code.make.restype = ctypes.c_void_p
-    dsp, out = ctypes.c_void_p(code.make(int(FS))), np.empty(samples)
-    call = partial(code.run, dsp, ctypes.c_long(samples), ctypes.c_void_p(out.ctypes.data), BLOCK)
+    dsp, out = ctypes.c_void_p(code.make(int(fs))), np.empty(samples)
+    given = ctypes.c_void_p(None if x is None else x.ctypes.data)
+    rows = given, ctypes.c_void_p(out.ctypes.data)
+    call = partial(code.run, dsp, ctypes.c_long(samples), *rows, BLOCK)
 
     def job() -> np.ndarray:
         call()

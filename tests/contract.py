@@ -136,6 +136,8 @@ class Entry:
     # whether its output jumps where an input passes a place: the derivative is that of
     # the parts between
     edges: bool = False
+    # how far samples may move where the block began earlier, in parts of the largest
+    late: float = 0.0
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -1175,6 +1177,7 @@ TABLE += [
         lti=True,
         rates=(8000.0,),
         laws=(law.mean_of(80),),
+        late=1e-15,  # its sums begin anew each 80 samples
     ),
     Entry(
         "envelope_follower", "Follower", lambda x: b.envelope_follower(x, 0.002, 0.03), (normal,)

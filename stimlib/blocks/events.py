@@ -26,13 +26,13 @@ from ..core.graph import (
     same_unit,
     unitless,
 )
-from ..core.maths import TINY, as_float, floor, flush, fma, search, where
+from ..core.maths import TINY, as_float, copy, fir, floor, flush, fma, search, where
 from ..core.program import lead
 from ..core.units import unit
 from ..design import responses
 from ..errors import BadValue, one_of, public
 from ..system.limits import limits
-from .filters import Fir, begun, line
+from .filters import DelayState, Fir, begun, line
 from .impedance import Gate, Lag, LagParams, LagState, sampled, with_unit
 from .movement import sinpi
 
@@ -634,9 +634,36 @@ def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block
     )
 
 
+# A mean of more samples than TAPPED is the sum of two. The samples are divided into
+# rows as long as the mean; the window has all samples of the present row, and those of
+# the row before that came after this place, whose sums were made when that row ended.
+# Groups of eight samples are added first, and the sum of groups has a second word.
+TAPPED = 63
+
+
+def grown(high, low, group):
+    """Return the two words of a sum to which a group has been added."""
+    new = high + group
+    return new, low + ((high - (new - (new - high))) + (group - (new - high)))
+
+
+def suffix_sums(row):
+    """Replace each sample of a row by the sum of those after it."""
+    high, low = 0.0, 0.0
+    for end in range(row.size, 0, -8):
+        part, base, group = row[end - 8 : end], high + low, 0.0
+        for k in range(7, -1, -1):
+            group, part[k] = group + part[k], base + group
+        high, low = grown(high, low, group)
+
+
 @dataclass(frozen=True, eq=False)
 class MovingAverage(Fir):
-    """The mean of the last samples: an FIR filter with equal taps."""
+    """The mean of the last samples: an FIR filter with equal taps.
+
+    A long one has a state of its own: a row of samples, then later sums, up to a
+    multiple of eight, and the two words of the sum of the row's whole groups.
+    """
 
     x: Block
     seconds: float
@@ -652,7 +679,49 @@ class MovingAverage(Fir):
             raise BadValue(
                 f"moving_average: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz"
             )
-        return line(np.full(n, 1 / n))
+        p, _ = line(np.full(n, 1 / n))
+        words = p.taps.size + (2 if n > TAPPED else 63)
+        return p, DelayState(np.zeros(words), NONE)
+
+    @staticmethod
+    def work(p):
+        return 72
+
+    @staticmethod
+    def tile(p, s, x, y, w):  # type: ignore[override]
+        size, start, n = np.int64(p.order) + 1, 0, x.size
+        if size <= TAPPED:
+            before = p.taps.size - 1
+            copy(x, s.line[before : before + n])
+            fir(p.taps, s.line[: before + n], y)
+            for k in range(before):
+                s.line[k] = s.line[k + n]
+            return s
+        row, words = s.line[: p.taps.size], s.line[p.taps.size :]
+        at, high, low = np.int64(s.at % np.uint64(size)), words[0], words[1]
+        for _ in range(2):  # no tile is longer than a row
+            n = x.size - start
+            if n > size - at:
+                n = size - at
+            made, kept, new, first = y[start : start + n], row[at : at + n], x[start:], at & 7
+            for k in range(n):
+                made[k], kept[k] = kept[k], new[k]
+            for k in range(at - first, at + n, 8):
+                part, sums = row[k : k + 8], w[k - at + first : k - at + first + 8]
+                base, group = high + low, 0.0
+                for i in range(8):
+                    group = group + part[i]
+                    sums[i] = base + group
+                if k + 8 <= at + n:
+                    high, low = grown(high, low, group)
+            for k in range(n):
+                made[k] = (w[first + k] + made[k]) * p.taps[p.taps.size - 1]
+            start, at = start + n, at + n
+            if at == size:
+                suffix_sums(row)
+                high, low, at = 0.0, 0.0, np.int64(0)
+        words[0], words[1] = high, low
+        return DelayState(s.line, np.uint64(at))
 
     def laws(self, fs):
         return (responses.mean_of(round(self.seconds * fs)),)
@@ -662,9 +731,10 @@ class MovingAverage(Fir):
 def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Block:
     """Return the average over the last seconds.
 
-    It is an FIR filter with equal taps: no rounding accumulates over time, and its cost
-    grows with the number of samples (30 ns for 800). The cost of ``integrate`` with a
-    leak, or of ``lowpass``, does not depend on the time constant.
+    It is an FIR filter with equal taps: no rounding accumulates over time, and after
+    silence as long as the average it is exactly 0. From 64 samples on its cost does not
+    depend on their number, and the last bit of a sample depends on how many samples
+    were before it.
 
     Parameters
     ----------
@@ -703,6 +773,22 @@ class FollowerParams(NamedTuple):
     down: float
 
 
+class FollowerState(NamedTuple):
+    """State of `Follower` between samples."""
+
+    y: float
+    before: float  # y one sample earlier
+
+
+def nearer(g, a, s):
+    """Return (1 - g) y + g a, of which only one product waits for the last y.
+
+    The low word of 1 - g, which is below rounding, multiplies the y before.
+    """
+    keep = 1.0 - g
+    return fma(keep, s.y, fma((1.0 - keep) - g, s.before, g * a))
+
+
 @dataclass(frozen=True, eq=False)
 class Follower(Block):
     """The level of a signal, with separate attack and release times.
@@ -727,13 +813,13 @@ class Follower(Block):
             -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0
             for t in (self.attack, self.release)
         )
-        return FollowerParams(up, down), Total(0.0)
+        return FollowerParams(up, down), FollowerState(0.0, 0.0)
 
     @staticmethod
     def step(p, s, x):
-        d = abs(x) - s.y
-        y = s.y + fma(where(d > 0.0, p.up, p.down), d, TINY)
-        return flush(y), Total(y)
+        a = abs(x) + TINY
+        y = where(a > s.y, nearer(p.up, a, s), nearer(p.down, a, s))
+        return flush(y), FollowerState(y, s.y)
 
 
 @public

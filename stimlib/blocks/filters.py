@@ -190,6 +190,29 @@ class Delay(Block):
         return y, DelayState(s.line, where(at + ONE == size, NONE, at + ONE))
 
     @staticmethod
+    def tile(p, s, x, y):
+        n, size = x.size, s.line.size
+        at = np.int64(where(s.at < np.uint64(size), s.at, NONE))
+        first, after = size - at, at + n  # first: samples up to the line's end
+        if after >= size:
+            after = after % size
+        if n <= size:
+            if first > n:
+                first = n
+            copy(s.line[at : at + first], y)
+            copy(x[:first], s.line[at:])
+            if first < n:
+                copy(s.line[:after], y[first:])
+                copy(x[first:], s.line)
+        else:
+            copy(s.line[at:], y)
+            copy(s.line[:at], y[first:])
+            copy(x[: n - size], y[size:])
+            copy(x[n - after :], s.line)
+            copy(x[n - size : n - after], s.line[after:])
+        return DelayState(s.line, np.uint64(after))
+
+    @staticmethod
     def transfer(p, z):
         return z**-p.n
 

@@ -397,6 +397,43 @@ def test_a_mean_is_of_the_nearest_number_of_samples():
         np.testing.assert_allclose(y, np.where(np.arange(4) < n, 1 / n, 0.0), rtol=1e-15)
 
 
+@pytest.mark.parametrize("n", [63, 64, 71, 800])
+def test_a_mean_is_as_near_as_its_taps_at_every_block_size(n):
+    x = np.random.default_rng(0).standard_normal(20_000)
+    wanted = np.convolve(x.astype(np.longdouble), np.ones(n, np.longdouble))[: x.size] / n
+    mean = stimlib.compile(Scene({"y": b.moving_average(X, n / 1000)}), 1000)
+    taps = stimlib.compile(Scene({"y": b.fir(X, np.full(n, 1 / n))}), 1000)
+    y = mean.process(x[None])[0]
+    error, before = (np.std((v - wanted).astype(float)) for v in (y, taps.process(x[None])[0]))
+    assert error <= before
+    x = x[: 3 * n + 5]
+    for size in (1, 7, 64, 100, n):
+        mean.reset()
+        parts = [mean.process(x[None, k : k + size]) for k in range(0, x.size, size)]
+        np.testing.assert_array_equal(np.concatenate(parts, axis=1)[0], y[: x.size])
+
+
+def test_a_mean_keeps_nothing_of_what_has_left_it():
+    x = np.concatenate([1e12 * np.random.default_rng(1).standard_normal(999), np.zeros(900)])
+    y = stimlib.compile(Scene({"y": b.moving_average(X, 0.1)}), 1000).process(x[None])[0]
+    assert np.all(y[999:1098] != 0.0) and not np.any(y[1098:])
+
+
+@pytest.mark.parametrize("attack, release", [(0.01, 0.1), (0.0, 0.01), (1.0, 300.0)])
+def test_a_level_is_as_near_as_by_the_formula_of_its_docstring(attack, release):
+    gains = [1.0 if t == 0 else -np.expm1(-1 / (t * 8000)) for t in (attack, release)]
+    exact, plain, errors = np.longdouble(0.0), 0.0, []
+    x = np.random.default_rng(2).standard_normal(20_000)
+    y = stimlib.compile(Scene({"y": b.envelope_follower(X, attack, release)}), 8000).process(
+        x[None]
+    )
+    for a, computed in zip(np.abs(x), y[0], strict=True):
+        exact = exact + np.longdouble(gains[0] if a > exact else gains[1]) * (a - exact)
+        plain = plain + (gains[0] if a > plain else gains[1]) * (a - plain)
+        errors.append((float(computed - exact), float(plain - exact)))
+    assert np.divide(*np.std(errors, axis=0)) < 1.1
+
+
 def test_a_level_rises_and_falls_with_its_time_constants():
     proc = stimlib.compile(Scene({"y": b.envelope_follower(X, 0.01, 0.1)}), 1000)
     y = proc.process(np.repeat([-2.0, 0.0], [50, 100])[None])[0]

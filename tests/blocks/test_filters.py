@@ -4,7 +4,7 @@ form, and what they refuse.
 
 import numpy as np
 import pytest
-from laws import played
+from laws import played, run
 from scipy import signal
 
 import stimlib
@@ -225,3 +225,17 @@ def test_filtered_noise_is_proven():
 def test_what_makes_no_sense_or_does_not_fit_the_sample_rate_is_told(make, text):
     with pytest.raises((BadValue, UnitError), match=text):
         stimlib.compile(Scene({"y": make()}), 1000)
+
+
+def test_a_delay_of_any_length_is_exact_in_calls_of_any_size():
+    x = np.random.default_rng(5).standard_normal((1, 1000))
+    lengths = (1, 5, 63, 64, 65, 200, 999)
+    for proc in (
+        stimlib.compile(Scene({f"y{n}": b.delay(X, n) for n in lengths}), 1000, target)
+        for target in ("numba", "python")
+    ):
+        for cuts in ((), (1, 2, 9, 70, 71, 199), range(37, 1000, 37)):
+            proc.reset()
+            y = run(proc, x, cuts)
+            for n, row in zip(lengths, y, strict=True):
+                np.testing.assert_array_equal(row, np.concatenate([np.zeros(n), x[0, :-n]]))
