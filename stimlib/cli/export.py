@@ -9,11 +9,12 @@ import typer
 
 from . import options as opt
 from .app import command, print_json
+from .devices import safety_of
 from .motions import motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
 
 
-@command("export", motions=motions_of)
+@command("export", safety=safety_of, motions=motions_of)
 def export_(
     scene: SceneText,
     folder: Annotated[
@@ -22,6 +23,7 @@ def export_(
             "--out", "-o", help="Folder to write into; made if missing.", show_default=False
         ),
     ],
+    safety: Any,
     motions: Any,
     lang: Annotated[Literal["c"], typer.Option(help="Language: C99.")] = "c",
     name: Annotated[
@@ -41,7 +43,8 @@ def export_(
 ):
     """Export a scene as C99 with the same samples, and a self test.
 
-    The motion is that of the self test.
+    The motion is that of the self test. With --full-scale, --slew, --peak or --static
+    the safety stage of a device is part of the program; else no output is limited.
 
     [bold]stimlib export squeeze --motion "minimum_jerk(depth=0.02)" --out squeeze_c[/]
     """
@@ -60,6 +63,7 @@ def export_(
         params=params_of(set_, made),
         seed=seed,
         tile=tile,
+        safety=safety(made) if any(safety.keywords.values()) else None,
     )
     if json_:
         files = [str(path) for path in written.files]

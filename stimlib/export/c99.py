@@ -14,6 +14,7 @@ from ..errors import BadValue, SinkError, public
 from ..motion.source import positions, sources_of
 from ..run.driver import samples
 from ..run.processor import Change, compile
+from ..run.safety import GAIN, Safety, protect
 from ..system.limits import limits
 from ..system.safe_files import make_folder, publish
 from .program import Writer
@@ -105,6 +106,7 @@ def export_c(
     params: Mapping[str, float] | None = None,
     seed: int = 0,
     tile: int = 64,
+    safety: Safety | None = None,
 ) -> Exported:
     """Write a scene at one sample rate as C99, with a self test of equal samples.
 
@@ -132,6 +134,11 @@ def export_c(
         Of the run, and so of its noise: it is fixed in the exported state.
     tile : int
         Samples that a block computes at a time, 1 to 64: less memory, or less time.
+    safety : Safety, optional
+        Limits of every output, as ``protect`` makes them for a device; the outputs are
+        0 until the program sets the parameter ``sink_gain`` to 1, and the counts of
+        limited samples are fields of the state, named in the header. Without it the
+        outputs have no limits.
 
     Returns
     -------
@@ -144,6 +151,8 @@ def export_c(
         seconds, tile or a parameter out of range; a motion that is missing or short.
     SceneError
         A block with a part that has no form in C; the message names file and line.
+    UnitError, UnknownName
+        Limits that do not fit the outputs.
     SinkError
         The folder cannot be written, or has a file of this name from elsewhere.
 
@@ -166,7 +175,7 @@ def export_c(
     if not 1 <= tile <= 64:
         raise BadValue(f"export_c: tile = {tile} must be from 1 to 64")
     fs = rate(fs)
-    proc = compile(scene, fs, seed=seed)
+    proc = compile(protect(scene, safety) if safety else scene, fs, seed=seed)
     macros = list(MACROS)
     for parameter in proc.params:
         if parameter.upper() in (m.upper() for m in macros):
@@ -191,10 +200,15 @@ def export_c(
     limits.check("render_bytes", 8 * n * len(proc.outputs), "export_c: bytes of the self test")
     x = positions(sources_of(motion, proc.inputs, n), 0, n, fs)
     writer, cut, first = Writer(proc, name, tile), n // 3, proc.state
-    values = {p: v * (1.1 if abs(v) < 1e308 else 0.9) for p, v in proc.params.items()}
-    y = samples(proc, x, n, [Change(cut, p, v, RAMP) for p, v in values.items()])
+    changes = [
+        Change(cut, p, v * (1.1 if abs(v) < 1e308 else 0.9), RAMP) for p, v in proc.params.items()
+    ]
+    if safety:
+        fade = Change(0, GAIN, 1.0, safety.samples(fs) / fs)
+        changes = [fade, *(c for c in changes if c.name != GAIN)]
+    y = samples(proc, x, n, changes)
     proc.state = first
-    made = writer.files(x, y, cut, values, max(1, round(RAMP * fs)))
+    made = writer.files(x, y, changes)
     from ..version import __version__
 
     facts = {"name": name, "fs": fs, "size": writer.size, "samples": y.size, "version": __version__}

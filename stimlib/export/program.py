@@ -10,10 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..blocks.contact import Tally
 from ..core import steps
 from ..core.graph import Block, at_rest, kind, pack
 from ..core.program import PARAMS, ROOT, Instance
-from ..run.processor import Processor
+from ..run.processor import Change, Processor
 from .translate import FLOATS, KINDS, WORD, Kind, Record, Unit, literal, local
 
 OF_EXPORT = "NUMBER_OF_EXPORT"  # stands for it until all texts are there
@@ -204,10 +205,18 @@ class Writer:
         words = len(self.proc.state) + len(self.slots) * self.tile + self.scratch
         return 8 * words + index * (len(self.proc.program.parents) > ROOT + 1)
 
+    @property
+    def limited(self) -> str:
+        """The fields of the state that count limited samples, for the header."""
+        found = [
+            f"b{i}_n {q.block.stage} of {q.block.output}"
+            for i, q in enumerate(self.instances)
+            if isinstance(q.block, Tally)
+        ]
+        return f"   counts of limited samples: {', '.join(found)}\n" * bool(found)
+
     # The whole file -------------------------------------------------------------------
-    def files(
-        self, x: np.ndarray, y: np.ndarray, cut: int, values: dict[str, float], ramp: int
-    ) -> Files:
+    def files(self, x: np.ndarray, y: np.ndarray, changes: list[Change]) -> Files:
         """Return header, source and self test, which compares y for the samples x."""
         n, program = self.name, self.proc.program
         begin = self.proc.state[2:]
@@ -223,6 +232,7 @@ class Writer:
 {listed("inputs", inputs, self.proc.units)}
 {listed("outputs", outputs, self.proc.units)}
 {listed("parameters", params, self.proc.units)}
+{self.limited}\
    The state takes about {self.size} bytes; nothing is allocated, and nothing is global. */
 #ifndef STIMLIB_{n.upper()}
 #define STIMLIB_{n.upper()}
@@ -352,7 +362,7 @@ void {n}_run_set(void *m, int parameter, double value, double samples)
     {n}_set(({n}_state *)m, parameter, value, samples);
 }}
 """
-        texts = header, source, self_test(self, x, y, cut, values, ramp)
+        texts = header, source, self_test(self, x, y, changes)
         number = f"0x{sha256(''.join(texts).encode()).hexdigest()[:7]}"
         return Files(*(text.replace(OF_EXPORT, number) for text in texts))
 
@@ -392,16 +402,20 @@ def comment(text: str) -> str:
     return "\n * ".join(line.rstrip("\\ ") for line in text.splitlines())
 
 
-def self_test(
-    w: Writer, x: np.ndarray, y: np.ndarray, cut: int, values: dict[str, float], ramp: int
-) -> str:
+def self_test(w: Writer, x: np.ndarray, y: np.ndarray, changes: list[Change]) -> str:
     """Return a program that computes the samples and counts differences."""
-    n, params = w.name, list(w.proc.program.params)
-    sets = "\n".join(
-        f"    {n}_set(&m, {params.index(p)}, {literal(float(v)).text}, {ramp}.0);"
-        for p, v in values.items()
-    )
+    n, params, fs = w.name, list(w.proc.program.params), w.proc.fs
     total, ins, outs = y.shape[1], max(1, len(x)), len(y)
+    runs: list[str] = []
+    cuts = sorted({0, total // 3, *(c.at for c in changes)})
+    for at, end in zip(cuts, [*cuts[1:], total], strict=True):
+        runs += [
+            f"    {n}_set(&m, {params.index(c.name)}, {literal(float(c.value)).text},"
+            f" {max(1, round(c.ramp * fs))}.0);"
+            for c in changes
+            if c.at == at
+        ]
+        runs.append(f"    run({at}, {end});")
     return f"""\
 /* Exported by stimlib: compares {n} with its samples, bit by bit; prints how many differ. */
 #include "{n}.h"
@@ -414,20 +428,22 @@ static const uint64_t wanted[] = {{ {words_text(y.ravel())} }};
 static {n}_state m;
 static double x[{ins}][{total}], y[{outs}][{total}];
 
-int main(void)
+static void run(int from, int to)
 {{
     const double *in[{ins}];
     double *out[{outs}];
+    int k;
+    for (k = 0; k < {ins}; k++) in[k] = x[k] + from;
+    for (k = 0; k < {outs}; k++) out[k] = y[k] + from;
+    {n}_process(&m, in, out, to - from);
+}}
+
+int main(void)
+{{
     int k, i, differ = 0;
     memcpy(x, input, {8 * x.size});
     {n}_init(&m);
-    for (k = 0; k < {ins}; k++) in[k] = x[k];
-    for (k = 0; k < {outs}; k++) out[k] = y[k];
-    {n}_process(&m, in, out, {cut});
-{sets}
-    for (k = 0; k < {ins}; k++) in[k] += {cut};
-    for (k = 0; k < {outs}; k++) out[k] += {cut};
-    {n}_process(&m, in, out, {total - cut});
+{chr(10).join(runs)}
     for (k = 0; k < {outs}; k++)
         for (i = 0; i < {total}; i++) {{
             uint64_t bits;
