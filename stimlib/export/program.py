@@ -36,6 +36,18 @@ def words_text(words: np.ndarray) -> str:
     )
 
 
+def runs_text(words: np.ndarray) -> str:
+    """Return 64-bit numbers as the inside of a table for ``st_load``."""
+    words = np.ascontiguousarray(words).view(np.uint64)
+    kept = np.union1d(np.flatnonzero(words), [words.size - 1])  # the last: all are written
+    rows, at = [], 0
+    for run in np.split(kept, np.flatnonzero(np.diff(kept) > 4) + 1):
+        low, high = run[0], run[-1] + 1
+        rows += [f"{low - at}, {high - low}", words_text(words[low:high])]
+        at = high
+    return ",\n".join(rows)
+
+
 def numbers_text(v: np.ndarray) -> str:
     """Return numbers as the inside of a C array, with all their digits."""
     of = np.uint64 if v.dtype == np.uint64 else float
@@ -151,7 +163,7 @@ class Writer:
 
     def resettable(self, i: int, q: Instance, s: Any, contact: int, outputs: list[int]) -> str:
         """Write the stretches of contact of a resettable block; return their call."""
-        rest = words_text(pack(at_rest(s)))
+        rest = runs_text(pack(at_rest(s)))
         first = local(s._fields[0])
         clear = " ".join(f"memset(m->v[{k}] + a, 0, (size_t)(b - a) * 8);" for k in outputs)
         self.blocks.append(
@@ -161,7 +173,7 @@ class Writer:
             f"        for (b = a + 1; b < n && (m->v[{contact}][b] > 0.0) == on; b++) {{}}\n"
             f"        if (on) b{i}(m, a, b - a);\n        else {{\n            {clear}\n"
             f"            if (m->b{i}_cold == 0.0)\n"
-            f"                st_load(&m->b{i}_{first}, rest, sizeof rest / 8);\n"
+            f"                st_load(&m->b{i}_{first}, rest, rest + sizeof rest / 8);\n"
             "        }\n    }\n}\n"
         )
         return f"contact{i}(m, n{q.clock});"
@@ -276,10 +288,10 @@ void {n}_run_set(void *m, int parameter, double value, double samples);
             f"    case {k}: m->b{i}_target = value; m->b{i}_left = left; break;"
             for k, i in enumerate(program.params.values())
         )
-        start = f"    static const volatile uint64_t at_0[] = {{\n{words_text(begin)} }};\n" * bool(
+        start = f"    static const volatile uint64_t at_0[] = {{\n{runs_text(begin)} }};\n" * bool(
             len(begin)
         )
-        load = "    st_load(m, at_0, sizeof at_0 / 8);\n" * bool(len(begin))
+        load = "    st_load(m, at_0, at_0 + sizeof at_0 / 8);\n" * bool(len(begin))
         source = f"""\
 /* Exported by stimlib. */
 #include "{n}.h"

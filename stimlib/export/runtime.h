@@ -110,14 +110,20 @@ ST_INLINE int64_t st_abs(int64_t i) { return i < 0 ? -i : i; }
 
 ST_INLINE st_words st_as_words(st_floats a) { return st_words_of(a.p, a.n); }
 
-/* The table is volatile because gcc 12.2 with -march=native fills such copies of a small
+/* Write words that a table says in turns: how many zeros, how many words, these words.
+   The table is volatile because gcc 12.2 with -march=native fills such copies of a small
    table with its first word on some processors. */
-ST_INLINE void st_load(void *to, const volatile uint64_t *table, int n)
+ST_INLINE void st_load(void *to, const volatile uint64_t *table, const volatile uint64_t *end)
 {
-    int i;
-    for (i = 0; i < n; i++) {
-        const uint64_t u = table[i];
-        memcpy((unsigned char *)to + 8 * i, &u, 8);
+    unsigned char *at = (unsigned char *)to;
+    while (table < end) {
+        const uint64_t zeros = *table++;
+        uint64_t words = *table++;
+        memset(at, 0, (size_t)zeros * 8);
+        for (at += zeros * 8; words > 0; words--, at += 8) {
+            const uint64_t u = *table++;
+            memcpy(at, &u, 8);
+        }
     }
 }
 

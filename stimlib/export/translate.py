@@ -190,7 +190,12 @@ class Unit:
 
 
 def local(name: str) -> str:
-    """Return a Python name as C takes it; no two names become the same."""
+    """Return a Python name as C takes it; no two names become the same.
+
+    name.1 is the first variable that replaces one of this name.
+    """
+    if "." in name:
+        return f"st_{name.replace('.', '_v')}"
     taken = name.rstrip("_") in RESERVED or name.startswith(("st_", "ST_", "stim_"))
     return f"{name}_" if taken else name
 
@@ -204,8 +209,8 @@ class Translator:
         self.body: list[Any] = ast.parse(text).body[0].body  # type: ignore[attr-defined]
         names = f.__code__.co_varnames[: f.__code__.co_argcount]
         self.given = dict(zip(names, kinds, strict=True))
-        self.kinds: dict[str, Kind] = dict(self.given)
-        self.counted = counted(self.body)
+        self.counted = counted(self.body) - self.given.keys()
+        self.widening = within(self.body)
         self.result: Kind = NOTHING
 
     def fail(self, node: ast.AST, why: str) -> SceneError:
@@ -219,17 +224,23 @@ class Translator:
     def translated(self) -> tuple[list[str], Kind]:
         """Return the lines of the body, and the kind of the result.
 
-        A variable's kind may widen from a whole number to a float; then the body is
-        translated once more.
+        The kind of a variable that is set in a loop or a branch may widen from a whole
+        number to a float; then the body is translated once more. Others get a new
+        variable of C for each kind.
         """
-        while True:
-            before = dict(self.kinds)
+        kept, before = self.given, dict[str, Kind]()
+        while kept != before:
+            self.kinds, self.versions = dict(kept), dict[str, str]()
             self.lines: list[str] = []
             self.depth, self.fresh = 1, 0
+            for n in self.given:
+                if n in self.widening and self.given[n] == WHOLE:
+                    name = self.version(n, WHOLE)
+                    self.put(f"{local(name)} = {local(n)};")
             for node in self.body:
                 self.statement(node)
-            if self.kinds == before:
-                break
+            loose = {n: k for n, k in self.kinds.items() if n.split(".")[0] in self.widening}
+            before, kept = kept, self.given | loose
         own = [(n, kind) for n, kind in self.kinds.items() if n not in self.given]
         heads = [f"    {kind_name(kind)} {local(n)}{rest(kind)};" for n, kind in own if kind]
         return heads + self.lines, self.result
@@ -250,9 +261,10 @@ class Translator:
         return literal(node.value)
 
     def _Name(self, node: Any) -> Value:
-        if node.id in self.kinds:
-            kind = self.kinds[node.id]
-            return Value("" if kind is None else local(node.id), kind)
+        name = self.versions.get(node.id, node.id)
+        if name in self.kinds:
+            kind = self.kinds[name]
+            return Value("" if kind is None else local(name), kind)
         v = self.known.get(node.id)
         if isinstance(v, (int, float, np.generic)):
             return literal(v)
@@ -308,6 +320,13 @@ class Translator:
         both = isinstance(node, ast.BinOp) and isinstance(node.op, kept)
         return both and self.from_zero(node.left) and self.from_zero(node.right)
 
+    def below_64(self, node: Any) -> bool:
+        """Return whether a whole number is surely 0 to 63: a constant or a mask."""
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd):
+            return self.below_64(node.left) or self.below_64(node.right)
+        text = re.sub(r"U?INT64_C|u?int64_t|[()]", "", self.value(node).text)
+        return text.isdigit() and int(text) < 64
+
     def number(self, node: Any) -> Value:
         """Return an expression that must be a number."""
         of = self.value(node)
@@ -342,6 +361,8 @@ class Translator:
         kind = WORD if WORD in (a.kind, b.kind) else TRUTH if a.kind == b.kind == TRUTH else WHOLE
         if kind == TRUTH and sign not in ("&", "|", "^"):
             kind = WHOLE
+        if op in (ast.LShift, ast.RShift) and not self.below_64(node.right):
+            raise self.fail(node, "by 64 or more, << and >> differ between targets; mask with & 63")
         if kind == WORD and any(v.kind == WHOLE and v.number is None for v in (a, b)):
             raise self.fail(node, "a uint64 and a whole number differ between targets")
         if op is ast.Mod:
@@ -528,11 +549,12 @@ class Translator:
             raise self.fail(node, "the step of a range must be a number")
         self.fresh += 1
         i, end = f"st_i{self.fresh}", f"st_n{self.fresh}"
-        self.kinds.setdefault(node.target.id, WHOLE)
+        name = self.versions.get(node.target.id, node.target.id)
+        self.kinds.setdefault(name, WHOLE)
         sign = "<" if by.number > 0 else ">"
         self.put(f"{{ int64_t {i}; const int64_t {end} = {high.text};")
         head = f"for ({i} = {low.text}; {i} {sign} {end}; {i} += {by.text})"
-        self.inside(head, node.body, f"{local(node.target.id)} = {i};")
+        self.inside(head, node.body, f"{local(name)} = {i};")
         self.put("}")
         for v in node.orelse:  # nothing can break the loop
             self.statement(v)
@@ -563,6 +585,13 @@ class Translator:
                 self.assign(target, of)
         self.put("}")
 
+    def version(self, name: str, kind: Kind) -> str:
+        """Let a name stand for a new variable from here on; return its key."""
+        k = int(self.versions.get(name, ".0").split(".")[1]) + 1
+        self.versions[name] = key = f"{name}.{k}"
+        self.kinds.setdefault(key, kind)
+        return key
+
     def assign(self, target: Any, of: Value) -> None:
         """Add an assignment to a name, an element, or several of them."""
         if isinstance(target, ast.Tuple):
@@ -571,17 +600,16 @@ class Translator:
             for k, v in enumerate(target.elts):
                 self.assign(v, part(of, k))
         elif isinstance(target, ast.Name):
-            old = self.kinds.get(target.id, of.kind)
-            if old != of.kind:
+            name = self.versions.get(target.id, target.id)
+            old = self.kinds.setdefault(name, of.kind)
+            if old != of.kind and target.id not in self.widening:
+                name = self.version(target.id, of.kind)
+            elif old != of.kind:
                 if old not in NUMBERS or of.kind not in NUMBERS or WORD in (old, of.kind):
                     raise self.fail(target, f"{target.id} changes its kind")
-                if target.id in self.given:
-                    raise self.fail(target, f"the argument {target.id} changes its kind")
-                self.kinds[target.id] = DOUBLE if DOUBLE in (old, of.kind) else WHOLE
-            else:
-                self.kinds[target.id] = old
+                self.kinds[name] = DOUBLE if DOUBLE in (old, of.kind) else WHOLE
             if of.text:
-                self.put(f"{local(target.id)} = {of.text};")
+                self.put(f"{local(name)} = {of.text};")
         elif isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
             to = self.value(target)
             if of.kind not in NUMBERS and of.kind != to.kind:
@@ -629,6 +657,12 @@ def counted(body: Sequence[Any]) -> set[str]:
         if up and len(own) == stored.count(name):
             found.add(name)
     return found
+
+
+def within(body: Sequence[Any]) -> set[str]:
+    """Return the variables that are set inside a loop or a branch."""
+    nodes = [n for part in body if isinstance(part, ast.For | ast.If) for n in ast.walk(part)]
+    return {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
 
 
 def rest(kind: Kind) -> str:

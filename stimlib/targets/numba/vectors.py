@@ -505,3 +505,7 @@ def _pairs(ctx, f, key, first, z, n):
 def pairs(f, key, first, z):
     """Compute maths.pairs."""
     _pairs(f, key, first, intrinsics.data(z), z.size)  # type: ignore[call-arg]
+
+
+# a tile may say maths.each
+intrinsics.each, intrinsics.pairs = each, pairs  # type: ignore[attr-defined]
