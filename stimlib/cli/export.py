@@ -37,6 +37,13 @@ def export_(
         int,
         typer.Option(help="Samples that a block computes at a time, 1 to 64: less memory or time."),
     ] = 64,
+    float32: Annotated[
+        bool,
+        typer.Option(
+            "--float32",
+            help="Single precision; its error is measured with a C compiler that is installed.",
+        ),
+    ] = False,
     quiet: opt.Quiet = False,
     import_: opt.Import = [],
     json_: opt.Json = False,
@@ -64,11 +71,15 @@ def export_(
         seed=seed,
         tile=tile,
         safety=safety(made) if any(safety.keywords.values()) else None,
+        precision="float32" if float32 else "float64",
     )
     if json_:
         files = [str(path) for path in written.files]
-        print_json({"files": files, "state_bytes": written.state_bytes, "samples": written.samples})
+        said = {"state_bytes": written.state_bytes, "samples": written.samples}
+        print_json({"files": files, **said, "errors": written.errors})
     elif not quiet:
         print(*written.files, sep="\n")
         print(f"state: about {written.state_bytes} bytes; self test: {written.samples} samples")
+        for output, (rms, most, peak) in written.errors.items():
+            print(f"error of float32 in {output}: rms {rms:.2g}, at most {most:.2g} of {peak:.3g}")
         print(f"cc -std=c99 -O2 {name}.c {name}_test.c -o {name}_test -lm && ./{name}_test")

@@ -112,12 +112,15 @@ def literal(v: Any) -> Value:
 class Unit:
     """The functions and types of one C file."""
 
-    def __init__(self) -> None:
+    def __init__(self, single: bool = False, names: set[str] | None = None) -> None:
+        self.single = single
+        self.names: set[str] = set() if names is None else names
+        # functions of maths.py, which stay in double precision
+        self.maths: Unit = self if names is not None else Unit(names=self.names)
         self.types: list[str] = []
         self.functions: list[str] = []
         self.records: dict[Any, Record] = {}
         self.made: dict[Any, tuple[str, Kind]] = {}
-        self.names: set[str] = set()
 
     def name(self, wanted: str) -> str:
         """Return a name that is not yet taken in this file."""
@@ -157,6 +160,8 @@ class Unit:
     def function(self, f: Callable, kinds: Sequence[Kind]) -> tuple[str, Kind]:
         """Return the name of a function's translation, and the kind of its result."""
         key = f, tuple(kinds)
+        if f.__module__ == maths.__name__ and self is not self.maths:
+            return self.maths.function(f, kinds)
         if key not in self.made:
             name = self.name(f"stim_{f.__qualname__.replace('.', '_')}")
             body, result = Translator(self, f, kinds).translated()
@@ -439,6 +444,8 @@ class Translator:
         if target is maths.each or target is maths.pairs:
             return self.loop(target, node)
         if isinstance(target, type) and hasattr(target, "_fields"):
+            if self.unit.single and any(map(counts, node.args)):
+                raise self.fail(node, "in float32 a count ends at 2^24")
             values = [self.value(v) for v in node.args]
             named = {k.arg: self.value(k.value) for k in node.keywords}
             names = target._fields[: len(values)] + tuple(named)
@@ -452,6 +459,8 @@ class Translator:
             )
         if target in RUNTIME:
             function, kind = RUNTIME[target]
+            if target is maths.words and self.unit.single:
+                raise self.fail(node, "64-bit words take the room of two float32")
             one = self.number if kind in (DOUBLE, WORD) else self.value
             given = [one(v) for v in node.args]
             if target is abs and given[0].kind != DOUBLE:
@@ -657,6 +666,30 @@ def counted(body: Sequence[Any]) -> set[str]:
         if up and len(own) == stored.count(name):
             found.add(name)
     return found
+
+
+def counts(node: Any) -> bool:
+    """Return whether a new value is one of the state and a constant, as of a clock."""
+    plus = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add)
+    return plus and isinstance(node.left, ast.Attribute) and isinstance(node.right, ast.Constant)
+
+
+def in_single(text: str) -> str:
+    """Return C in float where it has double, in all but its comments."""
+    parts = re.split(r"(/\*.*?\*/)", text, flags=re.DOTALL)
+    for k in range(0, len(parts), 2):
+        part = re.sub(r"\bdouble\b", "float", parts[k])
+        part = re.sub(r"\b(fma|sqrt|floor|fabs|fmod|copysign)\(", r"\1f(", part)
+        parts[k] = re.sub(r"(?<![\w.])\d+(\.\d*(e[-+]?\d+)?|e[-+]?\d+)", number_in_single, part)
+    return "".join(parts)
+
+
+def number_in_single(match: re.Match[str]) -> str:
+    """Return a number of C as float32 has it."""
+    v = float(match[0])
+    if v >= 2.0**128 - 2.0**103:
+        raise SceneError(f"{match[0]} is beyond float32, so it cannot be exported in float32")
+    return f"{np.float32(v)}f"
 
 
 def within(body: Sequence[Any]) -> set[str]:
