@@ -77,7 +77,10 @@ def measured(folder: Path, name: str, precision: str, part: str, machine: str) -
     motion = {n: parse_motion(m) for n, m in ROWS[name].drive.items()}
     export_c(scene, FS, folder, motion, name, 0.01, precision=precision)
     facts = {"name": name, "block": BLOCK, "blocks": BLOCKS, "outs": len(scene.outputs)}
-    facts |= {"ins": max(1, len(scene.inputs)), "real": {"float64": "double"}.get(precision, "float")}
+    facts |= {
+        "ins": max(1, len(scene.inputs)),
+        "real": {"float64": "double"}.get(precision, "float"),
+    }
     (folder / "count.c").write_text(COUNT.format(**facts))
     words = f"arm-none-eabi-gcc -mthumb -mfloat-abi=hard {part} -std=gnu99 -O2".split()
     start = f"--specs=rdimon.specs -nostartfiles -T {HERE}/cortex_m.ld {HERE}/cortex_m.c".split()

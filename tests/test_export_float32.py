@@ -2,7 +2,9 @@
 
 import re
 import shutil
+import subprocess
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +20,7 @@ from stimlib.core import maths
 from stimlib.errors import MissingPackage, SceneError
 from stimlib.export import export_c
 from stimlib.motion.text import parse_motion
-from stimlib.run.safety import Safety
+from stimlib.run.safety import Safety, protect
 from stimlib.scenes import ROWS, SHIPPED
 
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
@@ -157,3 +159,57 @@ def test_the_command_exports_float32(tmp_path):
     words = ["export", "wall", "--motion", ROWS["wall"].drive["x"], "--name", "wall", "--float32"]
     said = ran([*words, "--out", tmp_path]).stdout
     assert "error of float32 in force: rms" in said and same(tmp_path, "wall", 800)
+
+
+AUDIO = """
+#include <stdint.h>
+#include <stdio.h>
+#define AUDIO_SAMPLE_RATE_EXACT 44100.0f
+#define AUDIO_BLOCK_SAMPLES 128
+struct audio_block_t { int16_t data[AUDIO_BLOCK_SAMPLES]; };
+struct AudioStream {
+    AudioStream(int, audio_block_t **) {}
+    virtual void update() = 0;
+    audio_block_t block;
+    audio_block_t *allocate() { return &block; }
+    void transmit(audio_block_t *b, int)
+    {
+        for (int i = 0; i < AUDIO_BLOCK_SAMPLES; i++) printf("%d\\n", b->data[i]);
+    }
+    void release(audio_block_t *) {}
+};
+struct AudioOutputI2S {};
+struct AudioConnection {
+    AudioConnection(AudioStream &from, int, AudioOutputI2S &, int) { first() = &from; }
+    static AudioStream *&first() { static AudioStream *s; return s; }
+};
+static struct { int available() { return 0; } int read() { return 0; } } Serial;
+static void AudioMemory(int) {}
+static void AudioNoInterrupts() {}
+static void AudioInterrupts() {}
+static int analogRead(int) { static int k; return (k += 60) > 1000 ? 1000 : k; }
+void setup();
+void loop();
+int main()
+{
+    setup();
+    for (int k = 0; k < 30; k++) { loop(); AudioConnection::first()->update(); }
+}
+"""
+
+
+@pytest.mark.skipif(not shutil.which("g++"), reason="g++ is not installed")
+def test_the_sketch_of_the_how_to_sends_the_samples_of_the_processor(tmp_path):
+    scene, safety = SHIPPED["click"](), Safety(8.0)
+    export_c(scene, 44100, tmp_path, {"x": np.zeros(441)}, "click", 0.01, safety=safety, **NARROW)
+    (tmp_path / "Audio.h").write_text(AUDIO)
+    sketch = Path(__file__).parents[1] / "examples" / "teensy" / "teensy.ino"
+    words = ["g++", "-std=c++17", "-Wall", "-Werror", "-I.", "-x", "c++", sketch, "click.c"]
+    subprocess.run([*words, "-o", "sketch"], cwd=tmp_path, check=True)
+    said = subprocess.run([tmp_path / "sketch"], capture_output=True, text=True).stdout
+    ends = 4e-3 / 1023 * np.minimum(60 * np.arange(31), 1000)
+    x = np.interp(np.arange(1, 30 * 128 + 1), 128 * np.arange(31), ends)
+    proc = stimlib.compile(protect(scene, safety), 44100)
+    proc.set("sink_gain", 1.0, ramp=0.02)
+    want = np.round(proc.process(x[None])[0] / 8.0 * 32767)
+    assert np.abs(np.array(said.split(), int) - want).max() <= 1 and np.ptp(want) > 5000
