@@ -72,7 +72,7 @@ TICK = 64 * 25e6 / 1e9  # of an instruction
 
 
 def measured(folder: Path, name: str, precision: str, part: str, machine: str) -> list[float]:
-    """Instructions a sample, on average and in the slowest call; code, tables and state."""
+    """Instructions a sample, on average and at most; bytes of flash and state."""
     scene = SHIPPED[name]()
     motion = {n: parse_motion(m) for n, m in ROWS[name].drive.items()}
     export_c(scene, FS, folder, motion, name, 0.01, precision=precision)

@@ -98,6 +98,7 @@ def test_mathematics_of_our_own_is_in_double_and_all_else_in_single_precision(tm
     source = re.sub(r"/\*.*?\*/", "", (tmp_path / "stimulus.c").read_text(), flags=re.S)
     assert "double stim_exp(double x)" in source and " stim_Waves_step(" in source
     assert not re.search(r"\bdouble\b", source.partition("stim_Waves_step")[2])
+    assert not re.search(r"\b(double|fma|fabs|sqrt)\b", source.partition("uint64_t st_bits")[0])
 
 
 @pytest.mark.parametrize("name", ["squeeze", "bumps"])
