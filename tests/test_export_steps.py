@@ -9,7 +9,9 @@ import pytest
 from exported import GCC, compared
 from refusals import refused
 
-from stimlib import Block, Input, Scene
+import stimlib
+from stimlib import Block, Input, Scene, compile
+from stimlib.blocks import delay, springpot
 from stimlib.core import maths
 from stimlib.core.maths import where
 from stimlib.errors import SceneError
@@ -36,7 +38,8 @@ def double(x):
 
 
 def own(self, fs):
-    return P(0.5, 4.0, np.arange(1.0, 9.0)), S(0.25, np.uint64(77), np.zeros(16))
+    table = np.arange(1.0, 9.0) + len(type(self).__name__)  # each class has another beside it
+    return P(0.5, 4.0, table), S(0.25, np.uint64(77), np.zeros(16))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +51,11 @@ class WholeNumbers(Block):
     def step(p, s, x):
         k = np.int64(40.0)
         y = x * -3 + where(x > 0.0, -1, 1) - -1 - LESS * -LESS
-        y = y + MANY * MANY + (1 << 40) + (1 << k) + 3000000000 - x * 100000 * 100000
+        y = y + MANY * MANY + (1 << 40) + (1 << (k & 63)) + 3000000000 - x * 100000 * 100000
         u = s.u * np.uint64(0x9E3779B97F4A7C15) + np.uint64(1)
         for _ in range(3):
             k = k * 6364136223846793005 + 1442695040888963407
+        y = y + ((1 << 40) >> 37) + maths.as_float(1 << (s.u & np.uint64(40)))
         y = y + (k >> 32) + p.a[abs(np.int64(-3.0))] + maths.as_float(u >> np.uint64(40))
         return y, S(y, u, s.buf)
 
@@ -65,14 +69,14 @@ class Places(Block):
     def step(p, s, x):
         i, j = 1, -2
         i, j = j, i
-        t = (x, 2.0 * x)
+        t = (x, 2.0 * x, 5.0 * x)
         a = b = x = x + 1.0
         z, _ = double(a)
         y = p.a[-1] + p.a[i] * p.a[j] + p.a[np.int64(x * 0.1) - 1] + t[-1] + t[0]
         tail, head = p.a[-3:], p.a[:-2]
         y = y + tail[0] + head[head.size - 1] + z + b
         for k in range(3):
-            y = y + k
+            y = y + k + p.a[k - 2]
         else:
             y = y + 100.0
         return y, s
@@ -114,6 +118,75 @@ class Choices(Block):
         return s
 
 
+def halved(k, n):
+    n = n * n % 7
+    k = 0.5 * k
+    return k + n
+
+
+def halved_often(k):
+    below = k % 5
+    for _ in range(3):
+        k = 0.5 * k
+    return k + below
+
+
+def from_last(a, k):
+    y = a[k]
+    for k in range(2):
+        y = y + a[k]
+    return y
+
+
+@dataclass(frozen=True, eq=False)
+class Kinds(Block):
+    """Names that stand for one kind after the other, as Python's do."""
+
+    x: Block
+    design = own
+
+    @staticmethod
+    def step(p, s, x):
+        k = np.int64(x * 9.0) * 6364136223846793005
+        y = maths.as_float(np.uint64(k % 1000))  # with all digits
+        k = k * 5e-20
+        u = s.u + np.uint64(1)
+        y = (
+            y
+            + np.int64(x * 9.0) / 4
+            + k
+            + halved(np.int64(x * 20.0), -3)
+            + halved_often(np.int64(x * 30.0))
+        )
+        x = maths.bits(x)
+        y = y + maths.as_float(x >> np.uint64(60)) + from_last(p.a, np.int64(-2.0))
+        x = (y, x)
+        return x[0], S(buf=s.buf, y=y, u=u ^ x[1])
+
+
+def squared(p, a):
+    return a * a
+
+
+def both(key, k):
+    return 0.5 * maths.as_float(k ^ key), maths.as_float(k)
+
+
+@dataclass(frozen=True, eq=False)
+class ByAttribute(Block):
+    x: Block
+    design = own
+    work = staticmethod(lambda p: 64)
+
+    @staticmethod
+    def tile(p, s, x, y, w):
+        maths.each(squared, (), (x,), y)
+        maths.pairs(both, s.u, s.u, w[: y.size])
+        for i in range(y.size):
+            y[i] += w[0]
+        return s
+
+
 @pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
 def test_steps_mean_in_c_what_they_mean_in_python(tmp_path):
     @dataclass(frozen=True, eq=False)
@@ -126,11 +199,33 @@ def test_steps_mean_in_c_what_they_mean_in_python(tmp_path):
             return x * p.short, s
 
     x, way = Input("x"), 1.3 * np.sin(np.arange(200) / 7)
-    blocks = [make(x) for make in (WholeNumbers, Places, Names, Choices, Local)]
+    blocks = [make(x) for make in (WholeNumbers, Places, Names, Choices, Kinds, Local)]
     scene = Scene({f"y{k}": block for k, block in enumerate(blocks)})
     samples = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.2).samples
     checks = ["-fsanitize=undefined", "-fno-sanitize-recover"]
     said = compared(tmp_path, "stimulus", GCC, options=[*checks, "-lm"])
+    assert said == f"0 of {samples} samples differ\n"
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
+def test_each_and_pairs_by_attribute_run_in_the_processor_and_in_c(tmp_path):
+    scene, way = Scene({"y": ByAttribute(Input("x"))}), np.sin(np.arange(100) / 7)
+    y = [compile(scene, 1000, target).process(way[None].copy()) for target in ("python", "numba")]
+    assert y[0].tobytes() == y[1].tobytes() and np.ptp(y[0]) > 0.1
+    samples = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.1).samples
+    said = compared(tmp_path, "stimulus", GCC, options=["-lm"])
+    assert said == f"0 of {samples} samples differ\n"
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
+def test_a_long_delay_has_no_table_of_its_zeros(tmp_path):
+    x = Input("x", "m")
+    off = x > stimlib.constant(0.0, "m")
+    scene = Scene({"y": delay(x, samples=90000), "v": springpot(x, 1.0, 0.5, contact=off)})
+    way = np.sin(np.arange(300) / 7)
+    samples = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.3).samples
+    assert (tmp_path / "stimulus.c").stat().st_size < 40000
+    said = compared(tmp_path, "stimulus", GCC, options=["-lm"])
     assert said == f"0 of {samples} samples differ\n"
 
 
@@ -171,6 +266,21 @@ def rest_of_word(x, a):
     return maths.bits(x) % 7
 
 
+def shifted_by_64(x, a):
+    return maths.as_float(maths.bits(x) >> np.uint64(64))
+
+
+def shifted_by_a_signal(x, a):
+    return maths.as_float(1 << np.int64(x))
+
+
+def kind_in_a_loop(x, a):
+    u = np.uint64(1)
+    for _ in range(2):
+        u = x
+    return u
+
+
 @pytest.mark.parametrize(
     "step, why",
     [
@@ -182,9 +292,17 @@ def rest_of_word(x, a):
         (shifted_float, "<< of a float"),
         (unpacked, "parts of an array"),
         (compared_kinds, "a uint64 beside a whole number"),
+        (shifted_by_64, "by 64 or more, << and >> differ between targets"),
+        (shifted_by_a_signal, "by 64 or more, << and >> differ between targets"),
         (rest_of_word, "% differs between targets; beside a uint64"),
     ],
 )
 def test_what_c_has_no_form_for_is_refused_with_its_line(step, why):
     line = step.__code__.co_firstlineno + 1
     refused(SceneError, f":{line}: {step.__name__}: {why}", Unit().function, step, [DOUBLE, FLOATS])
+
+
+def test_a_kind_that_changes_in_a_loop_is_refused_with_its_line():
+    line = kind_in_a_loop.__code__.co_firstlineno + 3
+    says = f":{line}: kind_in_a_loop: u changes its kind"
+    refused(SceneError, says, Unit().function, kind_in_a_loop, [DOUBLE, FLOATS])

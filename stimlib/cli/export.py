@@ -9,11 +9,12 @@ import typer
 
 from . import options as opt
 from .app import command, print_json
+from .devices import safety_of
 from .motions import motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
 
 
-@command("export", motions=motions_of)
+@command("export", safety=safety_of, motions=motions_of)
 def export_(
     scene: SceneText,
     folder: Annotated[
@@ -22,6 +23,7 @@ def export_(
             "--out", "-o", help="Folder to write into; made if missing.", show_default=False
         ),
     ],
+    safety: Any,
     motions: Any,
     lang: Annotated[Literal["c"], typer.Option(help="Language: C99.")] = "c",
     name: Annotated[
@@ -35,13 +37,21 @@ def export_(
         int,
         typer.Option(help="Samples that a block computes at a time, 1 to 64: less memory or time."),
     ] = 64,
+    float32: Annotated[
+        bool,
+        typer.Option(
+            "--float32",
+            help="Single precision; its error is measured with a C compiler that is installed.",
+        ),
+    ] = False,
     quiet: opt.Quiet = False,
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
     """Export a scene as C99 with the same samples, and a self test.
 
-    The motion is that of the self test.
+    The motion is that of the self test. With --full-scale, --slew, --peak or --static
+    the safety stage of a device is part of the program; else no output is limited.
 
     [bold]stimlib export squeeze --motion "minimum_jerk(depth=0.02)" --out squeeze_c[/]
     """
@@ -60,11 +70,16 @@ def export_(
         params=params_of(set_, made),
         seed=seed,
         tile=tile,
+        safety=safety(made) if any(safety.keywords.values()) else None,
+        precision="float32" if float32 else "float64",
     )
     if json_:
         files = [str(path) for path in written.files]
-        print_json({"files": files, "state_bytes": written.state_bytes, "samples": written.samples})
+        said = {"state_bytes": written.state_bytes, "samples": written.samples}
+        print_json({"files": files, **said, "errors": written.errors})
     elif not quiet:
         print(*written.files, sep="\n")
         print(f"state: about {written.state_bytes} bytes; self test: {written.samples} samples")
+        for output, (rms, most, peak) in written.errors.items():
+            print(f"error of float32 in {output}: rms {rms:.2g}, at most {most:.2g} of {peak:.3g}")
         print(f"cc -std=c99 -O2 {name}.c {name}_test.c -o {name}_test -lm && ./{name}_test")

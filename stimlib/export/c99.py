@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
 
-from ..core.program import number, rate
+import numpy as np
+
+from ..core.program import ROOT, number, rate
 from ..core.scene import Scene
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, MissingPackage, SceneError, SinkError, public
 from ..motion.source import positions, sources_of
 from ..run.driver import samples
-from ..run.processor import Change, compile
+from ..run.processor import Change, Processor, compile
+from ..run.safety import GAIN, Safety, protect
 from ..system.limits import limits
 from ..system.safe_files import make_folder, publish
 from .program import Writer
+
+MOST_ERROR = 1e-3
+"""Largest error of float32 that is exported, relative to the peak of an output."""
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
 RAMP = 0.01  # seconds, of the parameters in the self test
@@ -61,13 +71,20 @@ static {name}_state m;
 Between two calls, `{name}_set(&m, parameter, value, samples)` moves a parameter along a straight
 line, within so many samples; `{name}.h` has a constant for each parameter.
 
-`{name}_test.c` compares {samples} samples with those of stimlib, bit by bit. Build and run it once
+`{name}_test.c` compares {samples} samples with those of {of}, bit by bit. Build and run it once
 with the compiler and the options of your program:
 
     cc -std=c99 -O2 {name}.c {name}_test.c -o {name}_test -lm && ./{name}_test
 
 It must print "0 of {samples} samples differ". Options that let a compiler change results, such as
 -ffast-math and -ffp-contract=fast, break this; -ffast-math is refused.
+"""
+SINGLE = """
+This export computes in float32, as `{name}.h` declares. Its samples differ from those of stimlib by
+the errors below, of the self test's motion, which its own C had on the machine that made it:
+
+{errors}
+exp, log, sin, cos and tanh are computed in double precision, also where that is done in software.
 """
 
 
@@ -87,11 +104,15 @@ class Exported:
         Approximate size of the state.
     samples : int
         How many samples the self test compares.
+    errors : dict of str to (float, float, float)
+        For float32: root mean square and largest error of each output, and its peak, in
+        the output's unit.
     """
 
     files: tuple[Path, ...]
     state_bytes: int
     samples: int
+    errors: dict[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
 @public
@@ -105,6 +126,8 @@ def export_c(
     params: Mapping[str, float] | None = None,
     seed: int = 0,
     tile: int = 64,
+    safety: Safety | None = None,
+    precision: Literal["float64", "float32"] = "float64",
 ) -> Exported:
     """Write a scene at one sample rate as C99, with a self test of equal samples.
 
@@ -132,6 +155,17 @@ def export_c(
         Of the run, and so of its noise: it is fixed in the exported state.
     tile : int
         Samples that a block computes at a time, 1 to 64: less memory, or less time.
+    safety : Safety, optional
+        Limits of every output, as ``protect`` makes them for a device; the outputs are
+        0 until the program sets the parameter ``sink_gain`` to 1, and the counts of
+        limited samples are fields of the state, named in the header. Without it the
+        outputs have no limits.
+    precision : {"float64", "float32"}
+        "float32" is for processors with single precision only. Design numbers are
+        rounded once; phases, counters and seeds stay whole numbers. The exported C is
+        compiled and run here, by the compiler of the environment variable CC or one
+        that is installed: its error against float64 is in the header, and the self test
+        compares with its samples.
 
     Returns
     -------
@@ -143,7 +177,12 @@ def export_c(
         A name that C does not take, or parameters whose macros would be the same; fs,
         seconds, tile or a parameter out of range; a motion that is missing or short.
     SceneError
-        A block with a part that has no form in C; the message names file and line.
+        A block with a part that has no form in C, or in float32; the message names file
+        and line, or the block whose error in float32 is above 1e-3 of its peak.
+    MissingPackage
+        No C compiler is there to measure the error of float32.
+    UnitError, UnknownName
+        Limits that do not fit the outputs.
     SinkError
         The folder cannot be written, or has a file of this name from elsewhere.
 
@@ -166,7 +205,7 @@ def export_c(
     if not 1 <= tile <= 64:
         raise BadValue(f"export_c: tile = {tile} must be from 1 to 64")
     fs = rate(fs)
-    proc = compile(scene, fs, seed=seed)
+    proc = compile(protect(scene, safety) if safety else scene, fs, seed=seed)
     macros = list(MACROS)
     for parameter in proc.params:
         if parameter.upper() in (m.upper() for m in macros):
@@ -190,20 +229,40 @@ def export_c(
             )
     limits.check("render_bytes", 8 * n * len(proc.outputs), "export_c: bytes of the self test")
     x = positions(sources_of(motion, proc.inputs, n), 0, n, fs)
-    writer, cut, first = Writer(proc, name, tile), n // 3, proc.state
-    values = {p: v * (1.1 if abs(v) < 1e308 else 0.9) for p, v in proc.params.items()}
-    y = samples(proc, x, n, [Change(cut, p, v, RAMP) for p, v in values.items()])
-    proc.state = first
-    made = writer.files(x, y, cut, values, max(1, round(RAMP * fs)))
+    single, cut, first = precision == "float32", n // 3, proc.params
+    writer = Writer(proc, name, tile, single)
+    fade = [Change(0, GAIN, 1.0, safety.samples(fs) / fs)] if safety else []
+    changes = fade + [
+        Change(cut, p, v * (1.1 if abs(v) < 1e308 else 0.9), RAMP)
+        for p, v in proc.params.items()
+        if not (fade and p == GAIN)
+    ]
+    y = wanted = samples(proc, x, n, changes)
+    errors: dict[str, tuple[float, float, float]] = {}
+    if single:
+        wanted = run_here(writer, x, y.shape, changes)
+        errors = dict(zip(proc.outputs, differences(wanted, y), strict=True))
+    said = []
+    for output, (rms, most, peak) in errors.items():
+        if not most <= MOST_ERROR * peak:
+            raise SceneError(
+                f"export_c: {output} differs by {most:.2g} from float64 in float32, more than"
+                f" {MOST_ERROR:g} of its peak {peak:.2g}, first after"
+                f" {first_above(proc, x, changes, first, seed)}; export it in float64"
+            )
+        said.append(
+            f"{output}: rms {rms:.2g}, at most {most:.2g} {proc.units[output]}, which is"
+            f" {most / (peak or 1.0):.2g} of its peak {peak:.3g}\n"
+        )
     from ..version import __version__
 
-    facts = {"name": name, "fs": fs, "size": writer.size, "samples": y.size, "version": __version__}
-    texts = {
-        f"{name}.h": made.header,
-        f"{name}.c": made.source,
-        f"{name}_test.c": made.test,
+    of = "this C on the machine that exported it" if single else "stimlib"
+    facts = {"name": name, "fs": fs, "size": writer.size, "samples": y.size, "of": of}
+    more = SINGLE.format(name=name, errors="".join(f"- {row}" for row in said)) * single
+    notes = "".join(f"   error of float32 in {row}" for row in said)
+    texts = writer.files(x, wanted, changes, notes) | {
         "CMakeLists.txt": CMAKE.format(**facts),
-        "README.md": README.format(**facts),
+        "README.md": README.format(version=__version__, **facts) + more,
     }
     into = make_folder(folder)
     for path in (into / file for file in texts):
@@ -211,4 +270,59 @@ def export_c(
             raise SinkError(f"{path} is there already, from elsewhere; give another folder or name")
     for file, text in texts.items():
         publish(into / file, text)
-    return Exported(tuple(into / file for file in texts), writer.size, y.size)
+    return Exported(tuple(into / file for file in texts), writer.size, y.size, errors)
+
+
+def run_here(
+    writer: Writer, x: np.ndarray, shape: tuple[int, ...], changes: Sequence[Change]
+) -> np.ndarray:
+    """Return the samples of an export, compiled and run on this machine."""
+    known = (os.environ.get("CC", "").split(), ["cc"], ["gcc"], ["clang"])
+    compiler = next((words for words in known if words and shutil.which(words[0])), None)
+    if compiler is None:
+        raise MissingPackage(
+            "export_c: precision='float32' needs a C compiler here, to measure its error; install"
+            " gcc or clang, or name a compiler in the environment variable CC"
+        )
+    with TemporaryDirectory() as folder:
+        for file, text in writer.files(x, np.zeros(shape), changes).items():
+            Path(folder, file).write_text(text, encoding="utf-8")
+        words = f"-std=c99 -O1 -DSTIM_PRINT {writer.name}.c {writer.name}_test.c -o run.exe".split()
+        words = [*compiler, *words, *["-lm"] * (os.name != "nt")]
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
+        if done.returncode:
+            raise SinkError(f"export_c: {compiler[0]} does not compile the C: {done.stderr:.300}")
+        rows = subprocess.run(
+            [Path(folder, "run.exe")], capture_output=True, text=True
+        ).stdout.splitlines()
+    bits = [int(row[6:], 16) for row in rows if row.startswith("bits: ")]
+    return np.array(bits, np.uint32).view(np.float32).astype(float).reshape(shape)
+
+
+def differences(narrow: np.ndarray, y: np.ndarray) -> list[tuple[float, float, float]]:
+    """Return rms and largest difference of each row, and the peak of y."""
+    e = narrow - y
+    rows = zip(np.sqrt(np.mean(e * e, 1)), np.abs(e).max(1), np.abs(y).max(1), strict=True)
+    return [(float(rms), float(most), float(peak)) for rms, most, peak in rows]
+
+
+def first_above(
+    proc: Processor, x: np.ndarray, changes: list[Change], params: Mapping[str, float], seed: int
+) -> str:
+    """Return the first block whose signal in float32 differs by more than allowed."""
+    blocks = {
+        f"block_{i}": q.block
+        for i, q in enumerate(proc.program.instances)
+        if q.clock <= ROOT
+        and (q.kind == "pick" or (q.kind == "block" and not q.block.definition.outputs))
+    }
+    each = compile(Scene(blocks), proc.fs, seed=seed)
+    changes = [Change(0, p, v, 0.0) for p, v in params.items()] + changes
+    narrow = run_here(Writer(each, "blocks", 64, True), x, (len(blocks), x.shape[1]), changes)
+    found = differences(narrow, samples(each, x, x.shape[1], changes))
+    far = (
+        f"{b!r:.80}"
+        for b, e in zip(blocks.values(), found, strict=True)
+        if not e[1] <= MOST_ERROR * e[2]
+    )
+    return next(far, "a loop")

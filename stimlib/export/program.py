@@ -2,37 +2,61 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from hashlib import sha256
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from ..blocks.contact import Tally
 from ..core import steps
 from ..core.graph import Block, at_rest, kind, pack
 from ..core.program import PARAMS, ROOT, Instance
-from ..run.processor import Processor
-from .translate import FLOATS, KINDS, WORD, Kind, Record, Unit, literal, local
+from ..errors import SceneError
+from ..run.processor import Change, Processor
+from .translate import FLOATS, KINDS, WORD, Kind, Record, Unit, in_single, literal, local
 
 OF_EXPORT = "NUMBER_OF_EXPORT"  # stands for it until all texts are there
+OF_DOUBLES = "/* Of doubles, in single precision too. */"
 RUNTIME = Path(__file__).with_name("runtime.h")
 
 
-class Files(NamedTuple):
-    """The text of a header, of a C file and of its self test."""
+RUN_HEADS = """\
+/* The same as a stimlib_process and a stimlib_set of stimlib.h, of a {n}_state. */
+void {n}_run(void *m, const double *x, double *y, int64_t n);
+void {n}_run_set(void *m, int parameter, double value, double samples);
+"""
+RUNS = """
+void {n}_run(void *m, const double *x, double *y, int64_t n)
+{{
+    const double *in[{inputs}];
+    double *out[{outputs}];
+    int64_t at;
+    int k;
+    for (at = 0; at < n; at += 1 << 20) {{
+        for (k = 0; k < {inputs}; k++) in[k] = x + k * n + at;
+        for (k = 0; k < {outputs}; k++) out[k] = y + k * n + at;
+        {n}_process(({n}_state *)m, in, out, (int)(n - at < 1 << 20 ? n - at : 1 << 20));
+    }}
+}}
 
-    header: str
-    source: str
-    test: str
+void {n}_run_set(void *m, int parameter, double value, double samples)
+{{
+    {n}_set(({n}_state *)m, parameter, value, samples);
+}}
+"""
 
 
-def words_text(words: np.ndarray) -> str:
-    """Return 64-bit numbers as the inside of a C array."""
-    return _rows(
-        f"UINT64_C(0x{w:016x})" for w in np.ascontiguousarray(words).view(np.uint64).tolist()
-    )
+Field = tuple[str, str, int | None]
+"""A field of the state: its type and name in C; its size if it is an array."""
+
+
+def words_text(v: np.ndarray, bits: int) -> str:
+    """Return numbers of so many bits as the inside of a C array."""
+    words = v.astype(f"f{bits // 8}").view(f"u{bits // 8}")
+    return _rows(f"UINT{bits}_C(0x{w:0{bits // 4}x})" for w in words.tolist())
 
 
 def numbers_text(v: np.ndarray) -> str:
@@ -47,15 +71,28 @@ def _rows(texts: Iterable[str]) -> str:
     return ",\n".join(iter(lambda: ", ".join(islice(rows, 4)), "")) or "0"
 
 
+def starts(fields: Sequence[Field], words: np.ndarray) -> list[str]:
+    """Return the assignments of what is not 0 in the words of these fields."""
+    rows, at = [], 0
+    for number, name, size in fields:
+        part = np.ascontiguousarray(words[at : at + (1 if size is None else size)])
+        values, at = part.view(np.uint64 if number == WORD else np.float64), at + len(part)
+        rows += [
+            f"m->{name}{'' if size is None else f'[{k}]'} = {literal(values[k]).text};"
+            for k in np.flatnonzero(part.view(np.uint64))
+        ]
+    return rows
+
+
 class Writer:
     """The parts of a C file, from the program of a processor."""
 
-    def __init__(self, proc: Processor, name: str, tile: int) -> None:
-        self.proc, self.name, self.tile = proc, name, tile
+    def __init__(self, proc: Processor, name: str, tile: int, single: bool = False) -> None:
+        self.proc, self.name, self.tile, self.single = proc, name, tile, single
         self.most = f"{name.upper()}_TILE"  # the name of that number in C
         self.instances, self.design = proc.program.instances, proc.design
-        self.unit = Unit()
-        self.fields: list[str] = []  # of the state
+        self.begin, self.unit = proc.state[2:], Unit(single)
+        self.fields: list[Field] = []  # of the state
         self.constants: list[str] = []
         self.blocks: list[str] = []  # a function for each
         self.body: list[str] = []
@@ -110,13 +147,14 @@ class Writer:
         outputs = (
             [self.slot((i, k)) for k in range(len(cls.outputs))] if cls.outputs else [self.slot(i)]
         )
+        first, known = len(self.fields), len(self.unit.functions)
         parameters, state = self.numbers(f"p{i}", p, True), self.numbers(f"b{i}", s, False)
         lines = [f"    const {parameters[0].name} p = {parameters[1]};"] if parameters else []
         lines += [f"    {state[0].name} s = {state[1]};"] if state else []
         given = [*(["p"] if parameters else []), *(["s"] if state else [])]
         kinds: list[Kind] = [t[0] if t else None for t in (parameters, state)]
         arrays = [f"m->v[{k}] + a" for k in inputs], [f"m->v[{k}] + a" for k in outputs]
-        if cls.tile is not None:
+        if cls.tile is not None and not (self.single and cls.step):  # words of 64 bits in tiles
             given += [f"st_floats_of({v}, n)" for v in (*arrays[0], *arrays[1])]
             kinds += [FLOATS] * (len(inputs) + len(outputs))
             if cls.work:
@@ -142,28 +180,35 @@ class Writer:
             lines += [f"    m->b{i}_{f} = {v};" for f, v in zip(single, ends, strict=True)]
         head = f"static void b{i}({self.name}_state *m, int a, int n)"
         self.blocks.append("\n".join([f"/* {said(q.block)} */", head, "{", *lines, "}", ""]))
+        if self.single:
+            try:
+                in_single("\n".join([*self.unit.functions[known:], self.blocks[-1]]))
+            except SceneError as e:
+                raise SceneError(f"{repr(q.block)[:80]}: {e}") from e
         if contact is None:
             call = f"b{i}(m, 0, n{q.clock});"
         else:
-            call = self.resettable(i, q, s, contact, outputs)
+            call = self.resettable(i, q.clock, self.fields[first:], s, contact, outputs)
         self.body.append(call if q.clock <= ROOT else f"if (n{q.clock} > 0) {call}")
 
-    def resettable(self, i: int, q: Instance, s: Any, contact: int, outputs: list[int]) -> str:
+    def resettable(
+        self, i: int, clock: int, fields: Sequence[Field], s: Any, contact: int, outputs: list[int]
+    ) -> str:
         """Write the stretches of contact of a resettable block; return their call."""
-        rest = words_text(pack(at_rest(s)))
-        first = local(s._fields[0])
-        clear = " ".join(f"memset(m->v[{k}] + a, 0, (size_t)(b - a) * 8);" for k in outputs)
+        rows = [
+            *(f"memset(m->v[{k}] + a, 0, (size_t)(b - a) * sizeof m->v[0][0]);" for k in outputs),
+            f"if (m->b{i}_cold != 0.0) continue;",
+            *(f"memset(&m->{name}, 0, sizeof m->{name});" for _, name, _ in fields),
+            *starts(fields, pack(at_rest(s))),
+        ]
         self.blocks.append(
-            f"static void contact{i}({self.name}_state *m, int n)\n{{\n"
-            f"    static const volatile uint64_t rest[] = {{ {rest} }};\n    int a, b;\n"
+            f"static void contact{i}({self.name}_state *m, int n)\n{{\n    int a, b;\n"
             f"    for (a = 0; a < n; a = b) {{\n        const int on = m->v[{contact}][a] > 0.0;\n"
             f"        for (b = a + 1; b < n && (m->v[{contact}][b] > 0.0) == on; b++) {{}}\n"
-            f"        if (on) b{i}(m, a, b - a);\n        else {{\n            {clear}\n"
-            f"            if (m->b{i}_cold == 0.0)\n"
-            f"                st_load(&m->b{i}_{first}, rest, sizeof rest / 8);\n"
-            "        }\n    }\n}\n"
+            f"        if (on) {{ b{i}(m, a, b - a); continue; }}\n"
+            f"{lines(rows)}\n    }}\n}}\n"
         )
-        return f"contact{i}(m, n{q.clock});"
+        return f"contact{i}(m, n{clock});"
 
     def numbers(self, prefix: str, t: Any, constant: bool) -> tuple[Record, str] | None:
         """Declare a tuple's numbers; return its struct, and the text that makes it."""
@@ -179,7 +224,7 @@ class Writer:
             if is_array and constant:
                 self.constants_of(where, number, v)
             elif not constant and not (is_array and v.size == 0):
-                self.fields.append(f"    {number} {where}{f'[{v.size}]' if is_array else ''};")
+                self.fields.append((number, where, v.size if is_array else None))
             if is_array:
                 place = where if constant else f"m->{where}"
                 place = place if v.size else f"({number} *)0"
@@ -201,28 +246,48 @@ class Writer:
     def size(self) -> int:
         """Approximate size of the state in bytes."""
         index = 8 * self.tile * len(self.proc.program.parents)
-        words = len(self.proc.state) + len(self.slots) * self.tile + self.scratch
-        return 8 * words + index * (len(self.proc.program.parents) > ROOT + 1)
+        real = 4 if self.single else 8
+        words = sum((8 if of == WORD else real) * (size or 1) for of, _, size in self.fields)
+        words += real * (len(self.slots) * self.tile + self.scratch)
+        return words + index * (len(self.proc.program.parents) > ROOT + 1)
+
+    @property
+    def limited(self) -> str:
+        """The fields of the state that count limited samples, for the header."""
+        found = ", ".join(
+            f"b{i}_n {q.block.stage} of {q.block.output}"
+            for i, q in enumerate(self.instances)
+            if isinstance(q.block, Tally)
+        )
+        return f"   counts of limited samples: {found}\n" if found else ""
 
     # The whole file -------------------------------------------------------------------
     def files(
-        self, x: np.ndarray, y: np.ndarray, cut: int, values: dict[str, float], ramp: int
-    ) -> Files:
-        """Return header, source and self test, which compares y for the samples x."""
+        self, x: np.ndarray, y: np.ndarray, changes: Sequence[Change], error: str = ""
+    ) -> dict[str, str]:
+        """Return header, source and self test, which compares y for the samples x.
+
+        error: for the header, that of single precision.
+        """
         n, program = self.name, self.proc.program
-        begin = self.proc.state[2:]
         inputs, outputs, params = list(program.inputs), list(program.outputs), list(program.params)
         clocks = range(ROOT + 1, len(program.parents))
         index = [
             f"    int place[{len(program.parents)}][{self.most}],"
             f" top[{len(program.parents)}][{self.most}];"
         ] * bool(len(clocks))
-        state = self.fields or ["    double none;"]
+        state = [
+            f"    {of} {name}{'' if size is None else f'[{size}]'};"
+            for of, name, size in self.fields
+        ] or ["    double none;"]
+        runs = RUNS.format(n=n, inputs=max(1, len(inputs)), outputs=len(outputs))
+        run_heads, runs = ("", "") if self.single else (RUN_HEADS.format(n=n), runs)
         header = f"""\
 /* {n}: a stimulus at {self.proc.fs:g} Hz, exported by stimlib.
 {listed("inputs", inputs, self.proc.units)}
 {listed("outputs", outputs, self.proc.units)}
 {listed("parameters", params, self.proc.units)}
+{self.limited}{error}\
    The state takes about {self.size} bytes; nothing is allocated, and nothing is global. */
 #ifndef STIMLIB_{n.upper()}
 #define STIMLIB_{n.upper()}
@@ -251,10 +316,7 @@ void {n}_init({n}_state *m);
 void {n}_set({n}_state *m, int parameter, double value, double samples);
 /* Compute n samples: in has a row for each input, out one for each output. */
 void {n}_process({n}_state *m, const double *const *in, double *const *out, int n);
-/* The same as a stimlib_process and a stimlib_set of stimlib.h, of a {n}_state. */
-void {n}_run(void *m, const double *x, double *y, int64_t n);
-void {n}_run_set(void *m, int parameter, double value, double samples);
-
+{run_heads}
 #ifdef __cplusplus
 }}
 #endif
@@ -266,15 +328,14 @@ void {n}_run_set(void *m, int parameter, double value, double samples);
             f"    case {k}: m->b{i}_target = value; m->b{i}_left = left; break;"
             for k, i in enumerate(program.params.values())
         )
-        start = f"    static const volatile uint64_t at_0[] = {{\n{words_text(begin)} }};\n" * bool(
-            len(begin)
-        )
-        load = "    st_load(m, at_0, sizeof at_0 / 8);\n" * bool(len(begin))
+        begin = starts(self.fields, self.begin)
+        runtime, of_doubles = RUNTIME.read_text().split(OF_DOUBLES)
+        exact = "\n".join([of_doubles, *self.unit.maths.types, *self.unit.maths.functions])
         source = f"""\
 /* Exported by stimlib. */
 #include "{n}.h"
 {together(n)}
-{RUNTIME.read_text()}
+{runtime}
 ST_INLINE int st_open(const double *by, const int *up, int *place, int *top, int n)
 {{
     int i, k = 0;
@@ -296,16 +357,18 @@ ST_INLINE void st_gather(const double *from, double *to, const int *top, int n)
     for (i = 0; i < n; i++) to[i] = from[top[i]];
 }}
 
+{OF_DOUBLES}
 {chr(10).join(self.unit.types)}
 
 {chr(10).join(self.unit.functions)}
 {chr(10).join(self.blocks)}
 void {n}_init({n}_state *m)
 {{
-{start}    int i;
+    int i;
     (void)i;
     memset((void *)m, 0, sizeof *m);
-{load}{chr(10).join(init)}
+{lines(begin)}
+{chr(10).join(init)}
 }}
 
 void {n}_set({n}_state *m, int parameter, double value, double samples)
@@ -325,7 +388,7 @@ void {n}_process({n}_state *m, const double *const *in, double *const *out, int 
     (void)in;
     for (from = 0; from < n; from += {self.most}) {{
         const int n1 = n - from < {self.most} ? n - from : {self.most}, n0 = n1;
-        const size_t bytes = (size_t)n1 * 8;
+        const size_t bytes = (size_t)n1 * sizeof m->v[0][0];
         {counts}
         (void)n0; (void)bytes;
 {lines(f"memcpy(m->v[{k}], in[{k}] + from, bytes);" for k in range(len(inputs)))}
@@ -333,28 +396,13 @@ void {n}_process({n}_state *m, const double *const *in, double *const *out, int 
 {lines(f"memcpy(out[{k}] + from, m->v[{i}], bytes);" for k, i in enumerate(ends))}
     }}
 }}
-
-void {n}_run(void *m, const double *x, double *y, int64_t n)
-{{
-    const double *in[{max(1, len(inputs))}];
-    double *out[{len(outputs)}];
-    int64_t at;
-    int k;
-    for (at = 0; at < n; at += 1 << 20) {{
-        for (k = 0; k < {max(1, len(inputs))}; k++) in[k] = x + k * n + at;
-        for (k = 0; k < {len(outputs)}; k++) out[k] = y + k * n + at;
-        {n}_process(({n}_state *)m, in, out, (int)(n - at < 1 << 20 ? n - at : 1 << 20));
-    }}
-}}
-
-void {n}_run_set(void *m, int parameter, double value, double samples)
-{{
-    {n}_set(({n}_state *)m, parameter, value, samples);
-}}
-"""
-        texts = header, source, self_test(self, x, y, cut, values, ramp)
-        number = f"0x{sha256(''.join(texts).encode()).hexdigest()[:7]}"
-        return Files(*(text.replace(OF_EXPORT, number) for text in texts))
+{runs}"""
+        made = {f"{n}.h": header, f"{n}.c": source, f"{n}_test.c": self_test(self, x, y, changes)}
+        if self.single:
+            made = {file: in_single(text) for file, text in made.items()}
+        made = {file: text.replace(OF_DOUBLES, exact) for file, text in made.items()}
+        number = f"0x{sha256(''.join(made.values()).encode()).hexdigest()[:7]}"
+        return {file: text.replace(OF_EXPORT, number) for file, text in made.items()}
 
 
 def together(name: str) -> str:
@@ -392,16 +440,20 @@ def comment(text: str) -> str:
     return "\n * ".join(line.rstrip("\\ ") for line in text.splitlines())
 
 
-def self_test(
-    w: Writer, x: np.ndarray, y: np.ndarray, cut: int, values: dict[str, float], ramp: int
-) -> str:
+def self_test(w: Writer, x: np.ndarray, y: np.ndarray, changes: Sequence[Change]) -> str:
     """Return a program that computes the samples and counts differences."""
-    n, params = w.name, list(w.proc.program.params)
-    sets = "\n".join(
-        f"    {n}_set(&m, {params.index(p)}, {literal(float(v)).text}, {ramp}.0);"
-        for p, v in values.items()
-    )
-    total, ins, outs = y.shape[1], max(1, len(x)), len(y)
+    n, params, fs = w.name, list(w.proc.program.params), w.proc.fs
+    total, ins, outs, bits = y.shape[1], max(1, len(x)), len(y), 32 if w.single else 64
+    runs: list[str] = []
+    cuts = sorted({0, total // 3, *(c.at for c in changes)})
+    for at, end in zip(cuts, [*cuts[1:], total], strict=True):
+        runs += [
+            f"    {n}_set(&m, {params.index(c.name)}, {literal(float(c.value)).text},"
+            f" {max(1, round(c.ramp * fs))}.0);"
+            for c in changes
+            if c.at == at
+        ]
+        runs.append(f"    run({at}, {end});")
     return f"""\
 /* Exported by stimlib: compares {n} with its samples, bit by bit; prints how many differ. */
 #include "{n}.h"
@@ -409,31 +461,36 @@ def self_test(
 #include <stdio.h>
 #include <string.h>
 
-static const uint64_t input[] = {{ {words_text(x.ravel())} }};
-static const uint64_t wanted[] = {{ {words_text(y.ravel())} }};
+static const uint{bits}_t input[] = {{ {words_text(x.ravel(), bits)} }};
+static const uint{bits}_t wanted[] = {{ {words_text(y.ravel(), bits)} }};
 static {n}_state m;
 static double x[{ins}][{total}], y[{outs}][{total}];
 
-int main(void)
+static void run(int from, int to)
 {{
     const double *in[{ins}];
     double *out[{outs}];
+    int k;
+    for (k = 0; k < {ins}; k++) in[k] = x[k] + from;
+    for (k = 0; k < {outs}; k++) out[k] = y[k] + from;
+    {n}_process(&m, in, out, to - from);
+}}
+
+int main(void)
+{{
     int k, i, differ = 0;
-    memcpy(x, input, {8 * x.size});
+    memcpy(x, input, {bits // 8 * x.size});
     {n}_init(&m);
-    for (k = 0; k < {ins}; k++) in[k] = x[k];
-    for (k = 0; k < {outs}; k++) out[k] = y[k];
-    {n}_process(&m, in, out, {cut});
-{sets}
-    for (k = 0; k < {ins}; k++) in[k] += {cut};
-    for (k = 0; k < {outs}; k++) out[k] += {cut};
-    {n}_process(&m, in, out, {total - cut});
+{chr(10).join(runs)}
     for (k = 0; k < {outs}; k++)
         for (i = 0; i < {total}; i++) {{
-            uint64_t bits;
+            uint{bits}_t bits;
             double want;
-            memcpy(&bits, &y[k][i], 8);
-            memcpy(&want, &wanted[k * {total} + i], 8);
+            memcpy(&bits, &y[k][i], sizeof bits);
+            memcpy(&want, &wanted[k * {total} + i], sizeof bits);
+#ifdef STIM_PRINT
+            printf("bits: %lx\\n", (unsigned long)bits);
+#endif
             if (bits != wanted[k * {total} + i] && !(want != want && y[k][i] != y[k][i])) {{
                 if (!differ)
                     printf("output %d, sample %d: %.17g, not %.17g\\n", k, i, y[k][i], want);

@@ -92,7 +92,7 @@ ST_INLINE void st_floats_fill(st_floats a, double v)
 
 ST_INLINE void st_floats_fill_from(st_floats a, st_floats b)
 {
-    memmove(a.p, b.p, (size_t)(a.n < b.n ? a.n : b.n) * 8);
+    memmove(a.p, b.p, (size_t)(a.n < b.n ? a.n : b.n) * sizeof *a.p);
 }
 
 ST_INLINE void st_words_fill(st_words a, uint64_t u)
@@ -110,32 +110,7 @@ ST_INLINE int64_t st_abs(int64_t i) { return i < 0 ? -i : i; }
 
 ST_INLINE st_words st_as_words(st_floats a) { return st_words_of(a.p, a.n); }
 
-/* The table is volatile because gcc 12.2 with -march=native fills such copies of a small
-   table with its first word on some processors. */
-ST_INLINE void st_load(void *to, const volatile uint64_t *table, int n)
-{
-    int i;
-    for (i = 0; i < n; i++) {
-        const uint64_t u = table[i];
-        memcpy((unsigned char *)to + 8 * i, &u, 8);
-    }
-}
-
 ST_INLINE double st_flush(double x) { return fabs(x) <= 1e-190 ? 0.0 : x; }
-
-ST_INLINE uint64_t st_bits(double x)
-{
-    uint64_t u;
-    memcpy(&u, &x, 8);
-    return u;
-}
-
-ST_INLINE double st_unbits(uint64_t u)
-{
-    double x;
-    memcpy(&x, &u, 8);
-    return x;
-}
 
 ST_INLINE int64_t st_rest(int64_t a, int64_t b)
 {
@@ -160,7 +135,7 @@ ST_INLINE int64_t st_search(st_floats knots, double x)
     return low;
 }
 
-ST_INLINE void st_copy(st_floats a, st_floats b) { memmove(b.p, a.p, (size_t)a.n * 8); }
+ST_INLINE void st_copy(st_floats a, st_floats b) { memmove(b.p, a.p, (size_t)a.n * sizeof *a.p); }
 
 ST_INLINE double st_total(const double *s)
 {
@@ -260,4 +235,19 @@ ST_INLINE void st_memory(st_floats e, st_floats r, st_floats q, st_floats low, s
         for (k = 0; k < 8 && j < low.n; k++) low.p[j + k] = f[k];
     }
     for (i = 0; i < y.n; i++) y.p[i] = st_flush(st_total(w.p + 8 * i));
+}
+
+/* Of doubles, in single precision too. */
+ST_INLINE uint64_t st_bits(double x)
+{
+    uint64_t u;
+    memcpy(&u, &x, 8);
+    return u;
+}
+
+ST_INLINE double st_unbits(uint64_t u)
+{
+    double x;
+    memcpy(&x, &u, 8);
+    return x;
 }

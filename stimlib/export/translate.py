@@ -112,12 +112,15 @@ def literal(v: Any) -> Value:
 class Unit:
     """The functions and types of one C file."""
 
-    def __init__(self) -> None:
+    def __init__(self, single: bool = False, names: set[str] | None = None) -> None:
+        self.single = single
+        self.names: set[str] = set() if names is None else names
+        # functions of maths.py, which stay in double precision
+        self.maths: Unit = self if names is not None else Unit(names=self.names)
         self.types: list[str] = []
         self.functions: list[str] = []
         self.records: dict[Any, Record] = {}
         self.made: dict[Any, tuple[str, Kind]] = {}
-        self.names: set[str] = set()
 
     def name(self, wanted: str) -> str:
         """Return a name that is not yet taken in this file."""
@@ -157,6 +160,8 @@ class Unit:
     def function(self, f: Callable, kinds: Sequence[Kind]) -> tuple[str, Kind]:
         """Return the name of a function's translation, and the kind of its result."""
         key = f, tuple(kinds)
+        if f.__module__ == maths.__name__ and self is not self.maths:
+            return self.maths.function(f, kinds)
         if key not in self.made:
             name = self.name(f"stim_{f.__qualname__.replace('.', '_')}")
             body, result = Translator(self, f, kinds).translated()
@@ -190,7 +195,12 @@ class Unit:
 
 
 def local(name: str) -> str:
-    """Return a Python name as C takes it; no two names become the same."""
+    """Return a Python name as C takes it; no two names become the same.
+
+    name.1 is the first variable that replaces one of this name.
+    """
+    if "." in name:
+        return f"st_{name.replace('.', '_v')}"
     taken = name.rstrip("_") in RESERVED or name.startswith(("st_", "ST_", "stim_"))
     return f"{name}_" if taken else name
 
@@ -204,8 +214,8 @@ class Translator:
         self.body: list[Any] = ast.parse(text).body[0].body  # type: ignore[attr-defined]
         names = f.__code__.co_varnames[: f.__code__.co_argcount]
         self.given = dict(zip(names, kinds, strict=True))
-        self.kinds: dict[str, Kind] = dict(self.given)
-        self.counted = counted(self.body)
+        self.counted = counted(self.body) - self.given.keys()
+        self.widening = within(self.body)
         self.result: Kind = NOTHING
 
     def fail(self, node: ast.AST, why: str) -> SceneError:
@@ -219,17 +229,23 @@ class Translator:
     def translated(self) -> tuple[list[str], Kind]:
         """Return the lines of the body, and the kind of the result.
 
-        A variable's kind may widen from a whole number to a float; then the body is
-        translated once more.
+        The kind of a variable that is set in a loop or a branch may widen from a whole
+        number to a float; then the body is translated once more. Others get a new
+        variable of C for each kind.
         """
-        while True:
-            before = dict(self.kinds)
+        kept, before = self.given, dict[str, Kind]()
+        while kept != before:
+            self.kinds, self.versions = dict(kept), dict[str, str]()
             self.lines: list[str] = []
             self.depth, self.fresh = 1, 0
+            for n in self.given:
+                if n in self.widening and self.given[n] == WHOLE:
+                    name = self.version(n, WHOLE)
+                    self.put(f"{local(name)} = {local(n)};")
             for node in self.body:
                 self.statement(node)
-            if self.kinds == before:
-                break
+            loose = {n: k for n, k in self.kinds.items() if n.split(".")[0] in self.widening}
+            before, kept = kept, self.given | loose
         own = [(n, kind) for n, kind in self.kinds.items() if n not in self.given]
         heads = [f"    {kind_name(kind)} {local(n)}{rest(kind)};" for n, kind in own if kind]
         return heads + self.lines, self.result
@@ -250,9 +266,10 @@ class Translator:
         return literal(node.value)
 
     def _Name(self, node: Any) -> Value:
-        if node.id in self.kinds:
-            kind = self.kinds[node.id]
-            return Value("" if kind is None else local(node.id), kind)
+        name = self.versions.get(node.id, node.id)
+        if name in self.kinds:
+            kind = self.kinds[name]
+            return Value("" if kind is None else local(name), kind)
         v = self.known.get(node.id)
         if isinstance(v, (int, float, np.generic)):
             return literal(v)
@@ -308,6 +325,13 @@ class Translator:
         both = isinstance(node, ast.BinOp) and isinstance(node.op, kept)
         return both and self.from_zero(node.left) and self.from_zero(node.right)
 
+    def below_64(self, node: Any) -> bool:
+        """Return whether a whole number is surely 0 to 63: a constant or a mask."""
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd):
+            return self.below_64(node.left) or self.below_64(node.right)
+        text = re.sub(r"U?INT64_C|u?int64_t|[()]", "", self.value(node).text)
+        return text.isdigit() and int(text) < 64
+
     def number(self, node: Any) -> Value:
         """Return an expression that must be a number."""
         of = self.value(node)
@@ -342,6 +366,8 @@ class Translator:
         kind = WORD if WORD in (a.kind, b.kind) else TRUTH if a.kind == b.kind == TRUTH else WHOLE
         if kind == TRUTH and sign not in ("&", "|", "^"):
             kind = WHOLE
+        if op in (ast.LShift, ast.RShift) and not self.below_64(node.right):
+            raise self.fail(node, "by 64 or more, << and >> differ between targets; mask with & 63")
         if kind == WORD and any(v.kind == WHOLE and v.number is None for v in (a, b)):
             raise self.fail(node, "a uint64 and a whole number differ between targets")
         if op is ast.Mod:
@@ -418,6 +444,8 @@ class Translator:
         if target is maths.each or target is maths.pairs:
             return self.loop(target, node)
         if isinstance(target, type) and hasattr(target, "_fields"):
+            if self.unit.single and any(map(counts, node.args)):
+                raise self.fail(node, "in float32 a count ends at 2^24")
             values = [self.value(v) for v in node.args]
             named = {k.arg: self.value(k.value) for k in node.keywords}
             names = target._fields[: len(values)] + tuple(named)
@@ -431,6 +459,8 @@ class Translator:
             )
         if target in RUNTIME:
             function, kind = RUNTIME[target]
+            if target is maths.words and self.unit.single:
+                raise self.fail(node, "64-bit words take the room of two float32")
             one = self.number if kind in (DOUBLE, WORD) else self.value
             given = [one(v) for v in node.args]
             if target is abs and given[0].kind != DOUBLE:
@@ -528,11 +558,12 @@ class Translator:
             raise self.fail(node, "the step of a range must be a number")
         self.fresh += 1
         i, end = f"st_i{self.fresh}", f"st_n{self.fresh}"
-        self.kinds.setdefault(node.target.id, WHOLE)
+        name = self.versions.get(node.target.id, node.target.id)
+        self.kinds.setdefault(name, WHOLE)
         sign = "<" if by.number > 0 else ">"
         self.put(f"{{ int64_t {i}; const int64_t {end} = {high.text};")
         head = f"for ({i} = {low.text}; {i} {sign} {end}; {i} += {by.text})"
-        self.inside(head, node.body, f"{local(node.target.id)} = {i};")
+        self.inside(head, node.body, f"{local(name)} = {i};")
         self.put("}")
         for v in node.orelse:  # nothing can break the loop
             self.statement(v)
@@ -563,6 +594,13 @@ class Translator:
                 self.assign(target, of)
         self.put("}")
 
+    def version(self, name: str, kind: Kind) -> str:
+        """Let a name stand for a new variable from here on; return its key."""
+        k = int(self.versions.get(name, ".0").split(".")[1]) + 1
+        self.versions[name] = key = f"{name}.{k}"
+        self.kinds.setdefault(key, kind)
+        return key
+
     def assign(self, target: Any, of: Value) -> None:
         """Add an assignment to a name, an element, or several of them."""
         if isinstance(target, ast.Tuple):
@@ -571,17 +609,16 @@ class Translator:
             for k, v in enumerate(target.elts):
                 self.assign(v, part(of, k))
         elif isinstance(target, ast.Name):
-            old = self.kinds.get(target.id, of.kind)
-            if old != of.kind:
+            name = self.versions.get(target.id, target.id)
+            old = self.kinds.setdefault(name, of.kind)
+            if old != of.kind and target.id not in self.widening:
+                name = self.version(target.id, of.kind)
+            elif old != of.kind:
                 if old not in NUMBERS or of.kind not in NUMBERS or WORD in (old, of.kind):
                     raise self.fail(target, f"{target.id} changes its kind")
-                if target.id in self.given:
-                    raise self.fail(target, f"the argument {target.id} changes its kind")
-                self.kinds[target.id] = DOUBLE if DOUBLE in (old, of.kind) else WHOLE
-            else:
-                self.kinds[target.id] = old
+                self.kinds[name] = DOUBLE if DOUBLE in (old, of.kind) else WHOLE
             if of.text:
-                self.put(f"{local(target.id)} = {of.text};")
+                self.put(f"{local(name)} = {of.text};")
         elif isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
             to = self.value(target)
             if of.kind not in NUMBERS and of.kind != to.kind:
@@ -629,6 +666,36 @@ def counted(body: Sequence[Any]) -> set[str]:
         if up and len(own) == stored.count(name):
             found.add(name)
     return found
+
+
+def counts(node: Any) -> bool:
+    """Return whether a new value is one of the state and a constant, as of a clock."""
+    plus = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add)
+    return plus and isinstance(node.left, ast.Attribute) and isinstance(node.right, ast.Constant)
+
+
+def in_single(text: str) -> str:
+    """Return C in float where it has double, in all but its comments."""
+    parts = re.split(r"(/\*.*?\*/)", text, flags=re.DOTALL)
+    for k in range(0, len(parts), 2):
+        part = re.sub(r"\bdouble\b", "float", parts[k])
+        part = re.sub(r"\b(fma|sqrt|floor|fabs|fmod|copysign)\(", r"\1f(", part)
+        parts[k] = re.sub(r"(?<![\w.])\d+(\.\d*(e[-+]?\d+)?|e[-+]?\d+)", number_in_single, part)
+    return "".join(parts)
+
+
+def number_in_single(match: re.Match[str]) -> str:
+    """Return a number of C as float32 has it."""
+    v = float(match[0])
+    if v >= 2.0**128 - 2.0**103:
+        raise SceneError(f"{match[0]} is beyond float32, so it cannot be exported in float32")
+    return f"{np.float32(v)}f"
+
+
+def within(body: Sequence[Any]) -> set[str]:
+    """Return the variables that are set inside a loop or a branch."""
+    nodes = [n for part in body if isinstance(part, ast.For | ast.If) for n in ast.walk(part)]
+    return {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
 
 
 def rest(kind: Kind) -> str:

@@ -21,7 +21,7 @@ from ...core import codegen, maths, steps
 from ...core.graph import kind, memo
 from ...core.steps import fields
 from ...errors import SceneError, place
-from . import intrinsics, vectors
+from . import vectors
 from .cache import load
 
 _HEAD = """from collections import namedtuple as _sl_namedtuple
@@ -61,8 +61,7 @@ def _meaning(f: types.FunctionType, n: str, v: Any) -> str:
     if v is maths:
         return f"{n} = _sl"
     if getattr(maths, getattr(v, "__name__", n), None) is v:
-        ours = getattr(v, "__name__", n)
-        return f"{n} = {'_sl' if hasattr(intrinsics, ours) else '_sl_vectors'}.{ours}"
+        return f"{n} = _sl.{getattr(v, '__name__', n)}"
     if isinstance(v, type) and hasattr(v, "_fields"):
         return _tuple_text(n, v)
     if isinstance(v, type) and v in (np.uint64, np.int64, np.float64):

@@ -548,3 +548,7 @@ def pairs_beside_modes(f, key, first, z, p, r, q, d, x, y):
     """
     at: Any = intrinsics.data
     _pairs_beside_modes(f, key, first, at(z), at(p), at(r), at(q), d, at(x), at(y))  # type: ignore[call-arg]
+
+
+# a tile may say maths.each
+intrinsics.each, intrinsics.pairs = each, pairs  # type: ignore[attr-defined]
