@@ -305,7 +305,9 @@ def _refused(e: Evidence, name: str, change: float) -> float:
         params=e.params | {name: e.params[name] * factor},
         changes=changes,
         later=None,
-        **{field: _Unkept() for field in ("fingers", "curves", "wanted")},
+        fingers=_Unkept(),
+        curves=_Unkept(),
+        wanted=_Unkept(),
         numbers=[],
         skipped=[],
     )
