@@ -21,6 +21,7 @@ import numpy as np
 from bench import Job, Row, options, row, save
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 import stimlib
 from stimlib import Input, Scene
@@ -151,6 +152,8 @@ def drawn(found: dict[str, np.ndarray]) -> None:
             ax.set(xlabel=f"{axis.name}{f' / {axis.unit}' * bool(axis.unit)}")
             ax.set_ylabel("processor time / s")
             ax.grid(alpha=0.3)
+            for one in (ax.xaxis, ax.yaxis):
+                one.set_minor_formatter(NullFormatter())
         meta = {"Date": None, "Creator": None}
         fig.savefig(DOCS / "pictures" / "cost.svg", format="svg", metadata=meta)
 
