@@ -484,3 +484,19 @@ def test_what_cannot_begin_says_so(capfd):
     with Pool(1, os._exit, 4) as pool, pytest.raises(WorkerDied, match="exit status 4 as it began"):
         pool.submit("job", pow, 2, 3)
         pool.take()
+
+
+def test_a_process_that_begins_leaves_its_jobs_to_those_that_have_begun():
+    with Pool(1, time.sleep, 0.3) as pool:
+        pool.submit(0, os.getpid)
+        first = pool.take()[1]
+        pool.widen(2)
+        assert (pool.room, pool.workers) == (1, 2) and pool.start_seconds > 0.3
+        pool.submit(1, os.getpid)
+        assert pool.take()[1] == first
+        while pool.room < 2:
+            pool.submit(2, time.sleep, 0.05)
+            pool.take()
+        for k in range(2):
+            pool.submit(k, os.getpid)
+        assert len({pool.take()[1], pool.take()[1]}) == 2

@@ -629,3 +629,24 @@ def test_a_seed_is_a_plain_number_and_samples_have_a_limit(monkeypatch):
     monkeypatch.setattr(stimlib.limits, "render_bytes", 8 * 10)
     assert proc.process(10).shape == (1, 10)
     refused(BadValue, "bytes of 11 samples: 88 is more than limits.render_bytes", proc.process, 11)
+
+
+@pytest.mark.parametrize("target", ["numba", "python"])
+def test_gates_begin_in_one_walk_with_the_bits_of_one_walk_each(target):
+    white = [blocks.white_noise(seed=1, stream=i, shared=True) for i in range(8)]
+    lag, gated, x = blocks.first_order, blocks.enabled, Input("x")
+    inner = gated(lag(white[0], 0.01), white[1] > 0.0)
+    outer = gated(inner + lag(white[2], 0.02), white[3] > 0.0)
+    fed_back = blocks.loop(lambda y: 0.5 * y + white[4])
+    half = gated(lag(white[4], 0.01), white[5] > 0) + gated(fed_back, white[5] > 0)
+    gates = [gated(lag(white[6] * i, 0.01), x > float(i)) for i in (3, 4, 5)]
+    outputs = [outer, gated(outer + 1, x > 0.0), half, *gates]
+    proc = stimlib.compile(Scene({f"y{i}": y for i, y in enumerate(outputs)}), 1000.0, target)
+    assert len(proc._early) == 3 < len(sum(proc._early, []))
+    engine = proc._engine
+    engine.words = proc._first(5)
+    for clock in sorted(sum(proc._early, []), reverse=True):
+        engine.warm([clock], lead(1000.0))
+    expected = engine.words
+    proc.reset(5)
+    assert_same(proc.state[2:], expected)

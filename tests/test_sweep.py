@@ -559,7 +559,7 @@ def test_only_what_is_missing_runs(tmp_path):
     sweep(SPRING, {"k": [5.0]}, out=out, **words | {"motion": minimum_jerk(depth=0.01)})
     sweep(SPRING, {"k": [5.0], "motion": ["a"]}, out=out, **words | {"motion": {"a": HAND}})
     assert len(COUNT) == 2, "two of the three are new: the name of a motion says nothing"
-    told = json.loads((out / "sweep.json").read_text())
+    told = json.loads((out / "_sweep.json").read_text())
     assert (
         told["units"] == {"counted": "N"}
         and told["scene"] == SPRING.hash
@@ -661,15 +661,15 @@ def test_an_error_of_most_rows_is_theirs_where_the_middle_one_has_none(monkeypat
 
 def test_a_folder_of_others_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("")
-    unswept(SinkError, "has thesis.tex and no sweep.json", tmp_path)
+    unswept(SinkError, "has thesis.tex and no _sweep.json", tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
     unswept(SinkError, "cannot make", tmp_path / "thesis.tex" / "x")
     sweep(SPRING, {"k": [1.0]}, measures="rms", out=tmp_path / "a", **RUN)
-    whole = json.loads((tmp_path / "a" / "sweep.json").read_text())
+    whole = json.loads((tmp_path / "a" / "_sweep.json").read_text())
     for text in ("{", "[" * 100_000, json.dumps(whole | {"motion": None})):
-        (tmp_path / "a" / "sweep.json").write_text(text)
+        (tmp_path / "a" / "_sweep.json").write_text(text)
         unswept(SinkError, "damaged", tmp_path / "a")
-    (tmp_path / "a" / "sweep.json").write_text(json.dumps(whole | {"stimlib_sweep": 3}))
+    (tmp_path / "a" / "_sweep.json").write_text(json.dumps(whole | {"stimlib_sweep": 3}))
     unswept(SinkError, "is of version 3", tmp_path / "a")
 
 

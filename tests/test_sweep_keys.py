@@ -17,6 +17,7 @@ from collections import deque
 
 import numba
 import numpy as np
+import pandas
 import pytest
 import scipy.signal
 from refusals import refused
@@ -458,7 +459,7 @@ def test_other_versions_are_another_sweep_and_the_folder_tells_its_motions(tmp_p
             {"motion": [name], "k": [1.0]},
             **words | {"motion": {name: motion}, "seconds": 0.05},
         )
-    sidecar = tmp_path / "sweep.json"
+    sidecar = tmp_path / "_sweep.json"
     told = json.loads(sidecar.read_text())
     assert set(told["motion"]) == {"a", "b"} and repr(hand) in told["motion"]["b"]
     monkeypatch.setattr("stimlib.sweep.plan.version", lambda package: "0")
@@ -466,15 +467,6 @@ def test_other_versions_are_another_sweep_and_the_folder_tells_its_motions(tmp_p
     monkeypatch.undo()
     sidecar.write_text(json.dumps(told | {"stimlib_sweep": 3}))
     refused(SinkError, "of version 3, this stimlib reads 2", sweep, SPRING, {"k": [1.0]}, **words)
-    sidecar.write_text(json.dumps(told | {"stimlib_sweep": 1}))
-    refused(
-        SinkError,
-        "kept by an earlier stimlib.*name another folder",
-        sweep,
-        SPRING,
-        {"k": [1.0]},
-        **words,
-    )
 
 
 def test_another_factory_is_another_sweep_and_its_scenes_have_the_same_figures(tmp_path):
@@ -612,3 +604,24 @@ def test_objects_of_packages_are_known_again_in_another_process(made):
         for s in "12"
     )
     assert one.stdout == other.stdout != "", one.stderr
+
+
+def test_small_parts_are_merged_and_the_folder_reads_as_one_table(tmp_path, monkeypatch):
+    monkeypatch.setattr("stimlib.sweep.store.MANY", 4)
+    words = RUN | {"measures": "peak", "out": tmp_path}
+    for k in range(6):
+        sweep(SPRING, {"k": [float(k)]}, **words)
+    last = sorted(tmp_path.glob("part-*"), key=lambda p: p.stat().st_mtime_ns)[-1]
+    assert len(list(tmp_path.glob("part-*"))) == 3
+    # another column is another kind of part, which is not merged with these
+    motions = {"b": np.full(400, 2.0)}
+    sweep(SPRING, {"k": [1.0], "motion": ["b"]}, **words | {"motion": motions})
+    assert sorted(pandas.read_parquet(tmp_path)["k"]) == [0.0, 1.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    kept = last.read_bytes()
+    sweep(SPRING, {"k": [6.0]}, **words)
+    last.write_bytes(kept)  # as after a kill between the two steps of a merge
+    (tmp_path / f"part-{'0' * 32}.parquet").write_bytes(kept)
+    with pytest.warns(RuntimeWarning, match="damaged"):
+        again = sweep(SPRING, {"k": np.arange(7.0)}, **words)
+    assert again["peak_force"].to_pylist() == list(range(7))
+    assert sorted(pandas.read_parquet(tmp_path)["k"]) == [0.0, 1.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]

@@ -23,7 +23,7 @@ from stimlib.sweep.engines import Here, Local, end_beside, run_beside
 from stimlib.sweep.measures import CUE_UNITS, measures_of
 from stimlib.sweep.plan import row_keys
 from stimlib.sweep.rows import table_of
-from stimlib.sweep.scheduler import DEATHS, Death, drive
+from stimlib.sweep.scheduler import DEATHS, Death, drive, widen
 from stimlib.sweep.store import Store
 from stimlib.sweep.study import planned
 from stimlib.sweep.worker import NO_SCENE, Runner, as_bytes, begin, error_text, from_bytes
@@ -101,10 +101,8 @@ def test_a_worker_notes_which_row_it_is_at_before_its_scene_is_made(monkeypatch)
     monkeypatch.setattr("stimlib.sweep.worker.pool.note", lambda *told: noted.append(told))
     made = Runner(plan, motions).run(table.to_pylist())
     contents = made["content"].to_pylist()
-    assert (
-        noted == [(0, NO_SCENE), (0, contents[0]), (1, NO_SCENE), (1, contents[1])]
-        and contents[0] != NO_SCENE
-    )
+    # the second row has the scene of the first
+    assert noted == [(0, NO_SCENE), (0, contents[0]), (1, contents[1])] and contents[0] != NO_SCENE
 
 
 def test_a_worker_has_the_limits_of_the_sweep(monkeypatch):
@@ -362,3 +360,21 @@ def test_a_forecast_counts_what_is_there_and_an_error_of_the_rest_is_theirs(tmp_
     sweep(SPRING, {"k": [1.0]}, **kept)
     table = sweep(SPRING, {"k": [1.0, 3.0]}, **kept)
     assert [e is None for e in table["error"].to_pylist()] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("start", "rows", "first", "wanted"),
+    [
+        (3.0, 100, 0.1, []),  # 5 s of work: two processes save 2.5 s
+        (3.0, 130, 0.1, [2]),
+        (3.0, 130, 4.0, []),  # of which a scene took long
+        (0.0, 70, 0.1, []),  # nothing has begun
+        (0.0, 90, 0.1, [2]),
+        (0.1, 1, 0.1, []),
+    ],
+)
+def test_processes_begin_where_they_save_more_than_their_start(start, rows, first, wanted):
+    asked = []
+    engine = types.SimpleNamespace(start_seconds=lambda: start, widen=asked.append)
+    widen(engine, 2, rows, 0.05, first)
+    assert asked == wanted

@@ -31,7 +31,9 @@ from . import laws
 
 ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report
 FEWEST = 64  # enabled samples without which a noise is not tested
-AT_ONCE = 1 << 20  # samples that are held in memory at once
+AT_ONCE = 1 << 20  # samples of the first stretch, which is held in memory
+FEW = 8  # inputs and outputs; of more, the first stretch is shorter
+LATER = 1 << 17  # samples of each stretch after it, which a pass makes anew
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,6 @@ class Tap:
     block: Enabled
     output: str
     stream: np.ndarray  # the enabled samples, one after the other
-    gated: np.ndarray  # with 0 while held
     gate: np.ndarray
     model: Callable[[np.ndarray], np.ndarray] | None  # one-sided PSD
     f_low: float
@@ -78,7 +79,7 @@ class Tap:
 class Evidence:
     """The data of one verification, for its checks and its report.
 
-    It holds the rows of one stretch: all of a recording of up to ``AT_ONCE`` samples,
+    It holds the rows of one stretch: all of a recording of up to ``at_once`` samples,
     or its first stretch. ``stretches`` yields this one and the later ones, of which the
     checks keep only sums.
     """
@@ -285,10 +286,24 @@ def seen_by(
     return first
 
 
-def cuts(scene: Scene, fs: float, frames: int) -> list[int]:
-    """Return where stretches of up to ``AT_ONCE`` samples end.
+def at_once(scene: Scene) -> int:
+    """Return the number of samples in the first stretch, which is held in memory.
 
-    If possible, no interval of a trial is cut.
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.checks.evidence import at_once
+    >>> at_once(stimlib.scenes.squeeze()), at_once(stimlib.scenes.squeeze(fingers=64))
+    (1048576, 65536)
+    """
+    return AT_ONCE * FEW // max(FEW, len(scene.inputs) + len(scene.outputs))
+
+
+def cuts(scene: Scene, fs: float, frames: int) -> list[int]:
+    """Return where stretches end.
+
+    The first has up to ``at_once`` samples, the others up to ``LATER``. If possible, no
+    interval of a trial is cut; all stretches of trials have up to ``at_once``.
     """
     spans = [
         (round(p.span.start * fs), round(p.span.start * fs) + round(p.span.duration * fs))
@@ -297,10 +312,11 @@ def cuts(scene: Scene, fs: float, frames: int) -> list[int]:
     ]
     ends = sorted({z for _, z in spans} | {a for a, _ in spans})
     free = [n for n in ends if not any(a < n < z for a, z in spans)]
-    edges, at = [], 0
-    while frames - at > AT_ONCE:
-        at = max((n for n in free if at < n <= at + AT_ONCE), default=at + AT_ONCE)
+    edges, at, most = [], 0, at_once(scene)
+    while frames - at > most:
+        at = max((n for n in free if at < n <= at + most), default=at + most)
         edges.append(at)
+        most = most if spans else min(most, LATER)
     return [*edges, frames]
 
 
@@ -308,14 +324,13 @@ def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
     """Store the noises found among the outputs of an augmented scene."""
     n = len(e.scene.outputs)
     for k, (output, block, model, low, high, run, seed) in enumerate(found):
-        # a copy, or all that was seen would be kept
-        gated, gate = seen[n + 2 * k].copy(), seen[n + 2 * k + 1] > 0
+        gate = seen[n + 2 * k + 1] > 0
         its = e.seed if seed is None else seed
         keys = [c.noise_key for c in reach([block.block]) if c.noise_key]
         which = "".join(", white({}, {})".format(*key) for key in keys) + run
         title = output + which * (sum(other[0] == output for other in found) > 1)
         e.taps.append(
-            Tap(block, output, gated[gate], gated, gate, model, low, high, run, its, title)
+            Tap(block, output, seen[n + 2 * k][gate], gate, model, low, high, run, its, title)
         )
     free = seen[n + 2 * len(found) :]
     for name, y, on in zip(free_noises(e.scene), free[::2], free[1::2], strict=True):
@@ -487,7 +502,7 @@ class Asked:
     @property
     def contact(self) -> np.ndarray:
         """The input ``contact``; 1 where there is none."""
-        return self.x.get("contact", np.ones(self.n))
+        return self.x.get("contact", np.broadcast_to(1.0, self.n))
 
     @property
     def slack(self) -> float:
@@ -540,9 +555,9 @@ class Asked:
 
         Differences are weighted by the window of the trial's interval.
         """
-        return float(
-            np.max(np.where(self.window > 0, np.abs(difference) * self.window, 0.0), initial=0.0)
-        )
+        apart = np.abs(difference)
+        apart *= self.window
+        return float(np.max(apart, where=self.window > 0, initial=0.0))
 
     def expect(self, name: str, want: np.ndarray | Callable[[], np.ndarray], tol: float) -> None:
         """Store the expected row of an output, or a function that returns it."""
@@ -648,8 +663,8 @@ def asked(e: Evidence, part: Part, kept: dict[Any, Any] | None = None) -> Asked:
     KeyError
         The scene has lost an input or an output that the part had.
     """
-    at, window, n = slice(0, e.x.shape[1]), np.ones(e.x.shape[1]), e.x.shape[1]
-    window[: e.led] = 0.0
+    at, n = slice(0, e.x.shape[1]), e.x.shape[1]
+    window = np.r_[np.zeros(e.led), np.ones(n - e.led)] if e.led else np.broadcast_to(1.0, n)
     if part.span:
         start, long, ramp, _ = part.span
         first = round(start * e.fs) - e.at

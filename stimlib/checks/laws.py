@@ -224,11 +224,11 @@ def squeeze_finger(
             [(1 - pole) ** 2], [1, -2 * pole, pole * pole], rate, zi=state
         )
         kept["contact"] = x[b - 1], state
-    n = np.arange(x.size)
+    n = np.arange(x.size, dtype=np.int32)
     before = -1 if kept.get("gate") else -2
     # open since it was last above on, unless it was not above off since
-    opened = np.maximum.accumulate(np.where(v > on, n, before))
-    closed = np.maximum.accumulate(np.where(v > off, -2, n))
+    opened = np.maximum.accumulate(np.where(v > on, n, np.int32(before)))
+    closed = np.maximum.accumulate(np.where(v > off, np.int32(-2), n))
     gate = opened > closed
     if x.size and not touching[-1]:
         kept.pop("contact", None)

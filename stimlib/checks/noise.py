@@ -19,7 +19,7 @@ from ..core.scene import Scene
 from ..errors import SceneError
 from ..run.processor import Processor, compile
 from . import laws
-from .evidence import AT_ONCE, FEWEST, Check, Evidence, Tap
+from .evidence import FEWEST, Check, Evidence, Tap, at_once
 from .power import pairs
 
 GENERATOR = 1e-13  # of two computations of a normal deviate
@@ -37,6 +37,7 @@ def generator(e: Evidence) -> list[Check]:
     apart, size = dict.fromkeys(sources, 0.0), dict.fromkeys(sources, 0)
     off, top, samples = np.zeros(len(fed)), np.zeros(len(fed)), np.zeros(len(fed), int)
     more: list[list[np.ndarray]] = [[t.stream] for t in e.taps]
+    most = at_once(e.scene)
     for s in e.stretches():
         for name, (b, seed, own) in sources.items():
             seen = s.whites[name] if own is None else own.process(np.empty((0, s.end - s.at)))[0]
@@ -44,8 +45,8 @@ def generator(e: Evidence) -> list[Check]:
             apart[name] = max(apart[name], float(np.abs(seen - want).max(initial=0.0)))
             size[name] += seen.size
         for k, (t, proc) in enumerate(zip(s.taps, fed, strict=True)):
-            if s.at and samples[k] < AT_ONCE:
-                more[k].append(t.stream[: AT_ONCE - samples[k]])
+            if s.at and samples[k] < most:
+                more[k].append(t.stream[: most - samples[k]])
             if proc is not None and t.stream.size:
                 want = _filtered(proc, white, t, int(samples[k]))
                 off[k] = max(off[k], np.abs(t.stream - want).max())
@@ -56,7 +57,7 @@ def generator(e: Evidence) -> list[Check]:
         text = f"Philox and Box-Muller, written again, {size[name]} samples"
         checks.append(Check("c", f"{name}: generator", apart[name], GENERATOR, text))
     for k, t in enumerate(e.taps):
-        # its spectrum is that of its first AT_ONCE samples, wherever the gate was open
+        # its spectrum is that of its first samples, wherever the gate was open
         if len(more[k]) > 1:
             e.taps[k] = dc.replace(t, stream=np.concatenate(more[k]))
         if fed[k] is None:

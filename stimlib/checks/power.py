@@ -286,6 +286,13 @@ def _departure(e: Evidence, name: str) -> float:
     return best
 
 
+class _Unkept(dict[str, Any]):
+    """A dictionary for rows that nobody reads, which would fill memory."""
+
+    def __setitem__(self, name: str, row: Any) -> None:
+        """Keep nothing."""
+
+
 def _refused(e: Evidence, name: str, change: float) -> float:
     """Return what the law measures for a smaller parameter, relative to its limit.
 
@@ -298,10 +305,11 @@ def _refused(e: Evidence, name: str, change: float) -> float:
         params=e.params | {name: e.params[name] * factor},
         changes=changes,
         later=None,
-        **{
-            field: type(getattr(e, field))()
-            for field in ("fingers", "curves", "wanted", "numbers", "skipped")
-        },
+        fingers=_Unkept(),
+        curves=_Unkept(),
+        wanted=_Unkept(),
+        numbers=[],
+        skipped=[],
     )
     with np.errstate(all="ignore"):
         checks = scene_law(told)

@@ -114,7 +114,7 @@ def _lawful(e: Evidence) -> tuple[Evidence, int]:
 
     def before(s: Evidence) -> Evidence:
         n = min(cut, s.end) - s.at
-        taps = [dc.replace(t, gated=t.gated[:n], gate=t.gate[:n]) for t in s.taps]
+        taps = [dc.replace(t, gate=t.gate[:n]) for t in s.taps]
         x, y, shown = (np.ascontiguousarray(a[:, :n]) for a in (s.x, s.y, s.shown))
         return dc.replace(
             s,

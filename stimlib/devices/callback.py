@@ -54,7 +54,10 @@ LEAD, TAIL, ROSE, FELL, LEVELS, MADE, TICKS = range(82, 89)
 # outputs that mark: how many, which, their last values; a sample and the time of its
 # block, with a count of writes that is odd while they change
 MARKS, MARKED, MARK_LAST, TIMED_AT, TIMED_NS, TIMES = range(89, 95)
-WORDS = 96
+# how late blocks begin: their histogram; ns of a frame (bits of a float); when the next
+# block is due, or 0
+LATENESS, FRAME_NS, DUE = range(95, 98)
+WORDS = 98
 
 IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
 NONE, FROM_TABLE, TIMED, LIVE, SIGNALS = 0, 1, 2, 3, 4  # MOTION
@@ -62,7 +65,7 @@ SET, LOSS, GONE, BACK, ENDING, GAP, RISE, FALL, MARK = range(9)  # events: at, k
 STOP = 1  # commands: SET slot value ramp, or STOP reason earliest
 COMMANDS, SPARE, EVENTS, RECORD = 256, 256, 65536, 5  # spare: places for fades only
 CHUNK = 256  # samples of one call of the program
-BINS = 8 * 40  # of the histogram of block times: eight to the octave of ns
+BINS = 8 * 40  # of the histograms of times: eight to the octave of ns
 
 i4, u4, u8, f4 = types.int32, types.uint32, types.uint64, types.float32
 F4 = types.CPointer(f4)
@@ -473,6 +476,27 @@ def advance(c, done, n, keep):
     return done
 
 
+@plain
+def count(bins, ns):
+    """Count a time of at least 0 in a histogram."""
+    octave = 0
+    while ns >> octave > 15:
+        octave += 1
+    place = ns if ns < 8 else 8 * (octave + 1) + (ns >> octave & 7)
+    i8_at(bins)[min(place, BINS - 1)] += 1
+
+
+@plain
+def late(c, n, start):
+    """Count how late a block of n frames begins, and note when the next one is due.
+
+    A block is due as long after the one before as that lasts.
+    """
+    if c[DUE] > 0:
+        count(c[LATENESS], max(0, start - c[DUE]))
+    c[DUE] = start + types.int64(n * float_of(c[FRAME_NS])) if load(c, WAIT) == 0 else 0
+
+
 @njit(error_model="numpy")
 def produce(c, n, lost):
     """Make one block of n frames, after ``lost`` frames that the device skipped.
@@ -483,6 +507,7 @@ def produce(c, n, lost):
     start = now(c)
     done, program = 0, i8_at(c[CONTEXT])
     if load(c, STATE) == RUNNING:
+        late(c, n, start)
         # before sample 0 there is nothing to lose
         if lost > 0 and c[WAS] == RUNNING and program[15] > 0:
             gone = advance(c, 0, lost, 0)
@@ -504,13 +529,8 @@ def produce(c, n, lost):
     if c[STALL] > 0:
         sleep(c, c[STALL])
         c[STALL] = 0
-    ns = now(c) - start
     if done > 0:
-        octave = 0
-        while ns >> octave > 15:
-            octave += 1
-        place = ns if ns < 8 else 8 * (octave + 1) + (ns >> octave & 7)
-        i8_at(c[HISTOGRAM])[min(place, BINS - 1)] += 1
+        count(c[HISTOGRAM], now(c) - start)
 
 
 @plain

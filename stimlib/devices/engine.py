@@ -117,6 +117,8 @@ class Pump:
             TIME=place(np.zeros(2, integers)),
             SLEEP=self._function("usleep", "Sleep"),
             HISTOGRAM=place(np.zeros(n.BINS, integers)),
+            LATENESS=place(np.zeros(n.BINS, integers)),
+            FRAME_NS=int(np.float64(1e9 / proc.fs).view(integers)),
             PORTS=place(np.zeros(len(self.channels), integers)),
             IN_PORTS=place(np.zeros(rows, integers)),
             TAIL=self.fade,
@@ -125,7 +127,7 @@ class Pump:
             MARKED=place(np.array([proc.outputs.index(name) for name in self.markers], integers)),
             MARK_LAST=place(np.zeros(len(self.markers))),
         )
-        self.histogram = self.buffers("HISTOGRAM")
+        self.histogram, self.lateness = self.buffers("HISTOGRAM"), self.buffers("LATENESS")
         if log:
             self._fill(
                 X_RING=place(np.zeros(ring * max(inputs, 1))),
@@ -319,9 +321,12 @@ class Pump:
                 return pair
         return None
 
-    def percentiles(self, *q: float) -> list[float]:
-        """Return percentiles of the block time in s, at most 12.5 % too high."""
-        counts = np.cumsum(self.histogram)
+    def percentiles(self, *q: float, of: np.ndarray | None = None) -> list[float]:
+        """Return percentiles of the block time in s, at most 12.5 % too high.
+
+        ``of`` is another histogram, that of the lateness.
+        """
+        counts = np.cumsum(self.histogram if of is None else of)
         if not counts[-1]:
             return [0.0 for _ in q]
         places = [int(np.searchsorted(counts, max(1, math.ceil(p / 100 * counts[-1])))) for p in q]

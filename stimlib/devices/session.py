@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,9 @@ class SessionReport:
         each.
     block_time : dict of str to float, s
         Time of the callback: "p50", "p99", "p99.9", "max", at most 12.5 % too high.
+    lateness : dict of str to float, s
+        How late the callback began, in the same percentiles: after the beginning of the
+        callback before, and the duration of its block.  0 if it began early.
     latency : float, s
         From the callback to the device, as the device reports it.
     stale : int
@@ -80,16 +83,20 @@ class SessionReport:
     rows: int = 0
     rejected: int = 0
     jitter: float = 0.0
+    lateness: dict[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain JSON data."""
         return asdict(self)
 
     def __str__(self) -> str:
-        t = ", ".join(f"{k} {v * 1e6:.0f} us" for k, v in self.block_time.items())
+        taken, late = (
+            ", ".join(f"{k} {v * 1e6:.0f} us" for k, v in times.items())
+            for times in (self.block_time, self.lateness)
+        )
         line = (
             f"{self.produced} samples, {self.delivered} delivered, {self.lost} lost in"
-            f" {self.underruns} underruns; blocks {t}"
+            f" {self.underruns} underruns; blocks {taken}; late {late}"
         )
         more = [f"{sum(v.values())} samples limited ({k})" for k, v in self.clips.items()]
         more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]

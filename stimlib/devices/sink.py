@@ -698,7 +698,11 @@ class Sink:
         if not self._opened:
             raise SinkError("report: the sink was never open")
         p = self.pump
-        p50, p99, p999, most = p.percentiles(50, 99, 99.9, 100)
+        names = "p50", "p99", "p99.9", "max"
+        taken, late = (
+            dict(zip(names, p.percentiles(50, 99, 99.9, 100, of=times), strict=True))
+            for times in (p.histogram, p.lateness)
+        )
         return SessionReport(
             produced=p.read("DELIVERED") + p.read("LOST"),
             delivered=p.read("DELIVERED"),
@@ -706,7 +710,8 @@ class Sink:
             underruns=p.read("UNDERRUNS"),
             clips=self._watch.counts(),
             faults=self._watch.faults(),
-            block_time={"p50": p50, "p99": p99, "p99.9": p999, "max": most},
+            block_time=taken,
+            lateness=late,
             latency=self._delay(),
             stale=self._recorder.stales,
             unlogged=p.read("UNLOGGED"),

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from collections.abc import Callable, Mapping
+from dataclasses import fields
+from functools import cached_property
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -23,8 +26,40 @@ Motion = Mapping[str, Callable[[np.ndarray], np.ndarray] | np.ndarray]
 fs.
 """
 
+SHORT = 512  # samples, up to which motions of one kind are computed together
+FEWEST = 4  # of them
+
 HAND = 1.0
 """The largest speed of a human hand in m/s."""
+
+
+class Sources(dict[str, Any]):
+    """Checked sources of motion by input, in the processor's order."""
+
+    @cached_property
+    def groups(self) -> list[tuple[list[int], Any]]:
+        """Places of generators of one kind, and one generator with all their numbers.
+
+        Each of its fields of floats is a column. Its positions have the bits of theirs,
+        as each operation is done element by element.
+        """
+        kinds: dict[Any, list[int]] = {}
+        sources = list(self.values())
+        for k in {id(source): k for k, source in reversed([*enumerate(sources)])}.values():
+            source = sources[k]
+            if type(source) in GENERATORS.values() and not hasattr(source, "motion"):
+                facts = [(f.name, getattr(source, f.name)) for f in fields(source)]
+                key = tuple((n, type(v) if isinstance(v, float) else v) for n, v in facts)
+                kinds.setdefault((type(source), key), []).append(k)
+        found = []
+        for (_, key), places in kinds.items():
+            if len(places) >= FEWEST:
+                one = copy.copy(sources[places[0]])
+                for name in (name for name, v in key if v is float):
+                    column = np.array([[getattr(sources[k], name)] for k in places])
+                    object.__setattr__(one, name, column)
+                found.append((places, one))
+        return found
 
 
 def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: float = 0.0) -> None:
@@ -116,7 +151,7 @@ def sources_of(
             f" {type(motion).__name__}{_hint(motion)}"
         )
     check_names("motion", motion, inputs, "input")
-    sources = {}
+    sources = Sources()
     for name in inputs:
         source = motion[name]
         if isinstance(source, type):
@@ -188,7 +223,11 @@ def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Arra
     x = np.empty((len(sources), stop - start))
     t = np.arange(start, stop) / fs
     first: dict[int, Array] = {}  # what several inputs share is asked for once
-    for row, (name, source) in zip(x, sources.items(), strict=True):
+    done = _together(sources, t, x)
+    for k, (row, (name, source)) in enumerate(zip(x, sources.items(), strict=True)):
+        if k in done:
+            first[id(source)] = row
+            continue
         if id(source) in first:
             row[:] = first[id(source)]
             continue
@@ -218,3 +257,16 @@ def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Arra
             at = start + int(np.flatnonzero(~np.isfinite(row))[0])
             raise BadValue(f"motion of {name} is not finite at sample {at} ({at / fs:.6g} s)")
     return x
+
+
+def _together(sources: dict[str, Any], t: Array, x: Array) -> set[int]:
+    """Fill the rows of generators of one kind in a short block; return their places.
+
+    None are returned if a position is not finite, so that the error names its input.
+    """
+    done: set[int] = set()
+    for places, one in sources.groups if isinstance(sources, Sources) and t.size <= SHORT else ():
+        with np.errstate(all="ignore"):
+            x[places] = one._position(t[None])
+        done.update(places)
+    return done if np.isfinite(x[list(done)]).all() else set()

@@ -193,11 +193,7 @@ class Processor:
         shapes = [[(kind(v), np.size(v)) for v in s] for _, s in self.design]
         text = repr((self.program.hash, fs.hex(), shapes))
         self._first = first_states(self.program, self.design, self._engine.start)
-        autonomous = {q.clock for q in blocks if q.autonomous and q.kind in ("block", "open")}
-        # clocks with a lead
-        self._early = [
-            c for c in range(len(self.program.parents) - 1, PARAMS, -1) if c in autonomous
-        ]
+        self._early = _early(self.program)
         self._identity = np.frombuffer(hashlib.sha256(text.encode()).digest()[:8], np.uint64)
         self._lock = threading.RLock()
         self.reset(seed)
@@ -332,9 +328,9 @@ class Processor:
             self.seed = self.seed if seed is None else key(seed)
             if self.seed not in self._fresh:
                 self._engine.words = self._first(self.seed)
-                for clock in self._early:
+                for clocks in self._early:
                     for at in range(0, lead(self.fs), EARLY):
-                        self._engine.warm(clock, min(EARLY, lead(self.fs) - at))
+                        self._engine.warm(clocks, min(EARLY, lead(self.fs) - at))
                 if len(self._fresh) >= self._remembered:
                     self._fresh.pop(next(iter(self._fresh)))
                 self._fresh[self.seed] = self._engine.words
@@ -523,3 +519,18 @@ class Processor:
         return response(
             self.program, self.design, self.fs, self.params, output, input, np.asarray(f, float)
         )
+
+
+def _early(program: Program) -> list[list[int]]:
+    """Return the clocks with a lead, in groups that run before sample 0 in turn.
+
+    A clock that runs another while no input is there comes after it.
+    """
+    level = [0] * len(program.parents)
+    runs = {(q.clock, q.child) for q in program.instances if q.autonomous and q.child > 0}
+    for clock, child in sorted(runs, reverse=True):  # a clock's number is below its children's
+        level[clock] = max(level[clock], level[child] + 1)
+    groups: list[list[int]] = [[] for _ in range(max(level) + 1)]
+    for clock in sorted({q.clock for q in program.instances if q.autonomous} - {PARAMS}):
+        groups[level[clock]].append(clock)
+    return [group for group in groups if group]

@@ -40,6 +40,10 @@ class Here(AbstractContextManager["Here"]):
     def __exit__(self, *_: object) -> None:
         """Leave nothing behind."""
 
+    def start_seconds(self) -> float:
+        """Return 0: this process has begun."""
+        return 0.0
+
     def widen(self, workers: int) -> None:
         """Ignore the number of workers."""
 
@@ -73,8 +77,12 @@ class Local(AbstractContextManager["Local"]):
     def __exit__(self, *error: object) -> None:
         self._pool.__exit__(*error)
 
+    def start_seconds(self) -> float:
+        """Return how long a process took to begin, or 0 if none has."""
+        return self._pool.start_seconds
+
     def widen(self, workers: int) -> None:
-        """Use the given number of processes from now on."""
+        """Use the given number of processes, each as soon as it has begun."""
         self._pool.widen(workers)
 
     def room(self) -> int:
@@ -185,6 +193,10 @@ class Cluster:
     def room(self) -> int:
         """Return how many jobs can be submitted now."""
         return max(0, max(BESIDE * self.workers(), FEWEST) - len(self._flying))
+
+    def start_seconds(self) -> float:
+        """Return 0: all workers have begun."""
+        return 0.0
 
     def widen(self, workers: int) -> None:
         """Ignore the number of workers, because the cluster decides it."""

@@ -46,10 +46,12 @@ class Measure:
     def __call__(self, rendering: Rendering, ready: Any = None) -> list[float]:
         """Return the figures of a rendering, or raise BadValue."""
         try:
-            given = np.ravel(self.function(rendering, ready))
-            if given.dtype.kind in "cUS":
-                raise TypeError(f"{given[:3].tolist()} are no real numbers")
-            values = [float(v) for v in given]
+            values = self.function(rendering, ready)
+            if type(values) is not list or any(type(v) is not float for v in values):
+                given = np.ravel(values)
+                if given.dtype.kind in "cUS":
+                    raise TypeError(f"{given[:3].tolist()} are no real numbers")
+                values = [float(v) for v in given]
         except StimlibError as e:
             raise BadValue(f"{self.name}: {e}") from e
         except Exception as e:
@@ -232,12 +234,16 @@ def figures_of(found: Sequence[Measure], rendering: Rendering, ready: Sequence[A
 
     A measure cannot change the data of the next one.
     """
-    motion = {
-        name: read_only(s) if isinstance(s, np.ndarray) else s
-        for name, s in rendering.motion.items()
-    }
-    seen = replace(rendering, y=read_only(rendering.y), motion=motion)
-    return [v for m, r in zip(found, ready, strict=True) for v in m(seen, r)]
+    if rendering.y.flags.writeable:  # that of a row of a sweep is not
+        rendering = replace(
+            rendering, y=read_only(rendering.y), motion=unwritable(rendering.motion)
+        )
+    return [v for m, r in zip(found, ready, strict=True) for v in m(rendering, r)]
+
+
+def unwritable(motion: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a motion whose arrays cannot be written."""
+    return {n: read_only(s) if isinstance(s, np.ndarray) else s for n, s in motion.items()}
 
 
 def _measure(asked: Any, scene: Scene) -> Measure:
@@ -320,7 +326,7 @@ def _of_each(
 
 def _rms(y: Array, _: Any) -> float:
     """Return the root of the mean square, sqrt(mean(y^2))."""
-    return math.sqrt(np.mean(np.square(y)))
+    return math.sqrt(np.add.reduce(np.square(y)) / y.size)  # np.mean, without its checks
 
 
 def _peak(y: Array, _: Any) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from ..errors import BadValue
 from ..system.progress import progress as bar
 from .plan import Plan
 from .rows import arrow
-from .scheduler import QUICK, drive
+from .scheduler import drive, widen
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -71,8 +70,7 @@ def confirmed(
         return done
     first, which = _combinations(there, [*plan.roles.arguments, "motion"])
     rows = there.take(pa.array(first)).append_column("at", pa.array(np.arange(first.size)))
-    if first.size * LOOK_SECONDS > QUICK:
-        engine.widen(workers or os.cpu_count() or 1)
+    widen(engine, workers, first.size, LOOK_SECONDS)
     looked: list[Any] = []
     with bar("checking what is kept", first.size, progress) as advance:
         drive(plan, rows, engine, looked.append, LOOK_SECONDS, advance, look=True)

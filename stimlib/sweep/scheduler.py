@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 TASK = 1.0
 SENT = 0.015  # s of client and scheduler for one job, one after another (benchmarks/cluster.py)
 MOST_ROWS = 20_000  # of a job
-QUICK = 4.0  # s of work for which one process is enough
+START = 2.0  # s until a process runs its first row, if none has yet
 DEATHS = 3  # of a process by one row alone, until the row is what is wrong
 
 
@@ -41,6 +42,12 @@ class Engine(Protocol):
 
     def workers(self) -> int:
         """Return how many jobs the engine runs at once."""
+
+    def start_seconds(self) -> float:
+        """Return how long a worker took to begin, or 0 if that is not known."""
+
+    def widen(self, workers: int) -> None:
+        """Use a number of workers, each as soon as it has begun."""
 
     def submit(self, what: Any, data: bytes, look: bool, seconds: float) -> None:
         """Submit a job."""
@@ -120,6 +127,30 @@ def drive(
                 rows = rows.slice(0, rows.num_rows - rest)
         keep(joined(plan, rows, figures))
         advance(rows.num_rows)
+
+
+def widen(
+    engine: Engine, workers: int | None, rows: int, row_seconds: float, first: float = 0.0
+) -> None:
+    """Start more workers if they save more time than one of them takes to start.
+
+    The worker that has begun goes on meanwhile.
+
+    Parameters
+    ----------
+    engine : Engine
+    workers : int or None
+        Most workers; None for one a core.
+    rows : int
+    row_seconds : float
+        Estimated time of a row.
+    first : float
+        How long the first row of a worker took.
+    """
+    workers = min(workers or os.cpu_count() or 1, rows)
+    start = max(engine.start_seconds() or START, first)
+    if rows * row_seconds * (1 - 1 / max(1, workers)) > start:
+        engine.widen(workers)
 
 
 def job_seconds(workers: int) -> float:

@@ -21,11 +21,13 @@ from .rows import arrow
 if TYPE_CHECKING:
     import pyarrow as pa
 
-SIDECAR = "sweep.json"
+SIDECAR = "_sweep.json"  # readers of a folder of Parquet leave out names that begin so
 VERSION = 2
 # s between parts: finished work that a killed run can lose, besides the second of a job
 EVERY = 1.0
 LARGEST = 200_000  # rows of a part
+SMALL = 10_000  # rows of a part that may be merged with others
+MANY = 16  # small parts, which are then merged
 
 
 class Store:
@@ -111,12 +113,32 @@ class Store:
             safe_files.publish(sidecar, json.dumps(told, indent=1) + "\n")
         for path, table in parts.items():
             if table is None:
-                aside = path.with_suffix(".damaged")
+                aside = path.with_name(f"_{path.stem}.damaged")
                 os.replace(path, aside)
                 text = f"{path.name} is damaged: it is {aside.name} now, and its rows run again"
                 warnings.warn(text, RuntimeWarning, stacklevel=outside())
         for left in folder.glob("part-*.parquet.part"):  # of a run that was killed
             left.unlink(missing_ok=True)
+        self._merge(parts)
+
+    def _merge(self, parts: Mapping[Path, pa.Table | None]) -> None:
+        """Replace many small parts with the same columns by one.
+
+        After a kill between the two steps rows are there twice, until they are merged.
+        """
+        small: dict[str, list[Path]] = {}
+        for path, table in parts.items():
+            if table is not None and table.num_rows < SMALL:
+                small.setdefault(table.schema.to_string(show_field_metadata=True), []).append(path)
+        for paths in small.values():
+            if len(paths) >= MANY:
+                table = arrow().concat_tables([parts[path] for path in paths])
+                table = table.append_column("at", arrow().array(range(table.num_rows)))
+                once = table.group_by(["key", "content", "error"]).aggregate([("at", "min")])
+                merged = self._publish(table.drop_columns("at").take(once["at_min"].sort()))
+                for path in paths:
+                    if path != merged:
+                        path.unlink(missing_ok=True)
 
     def _same(self, sidecar: Path) -> dict[str, Any]:
         try:
@@ -128,12 +150,6 @@ class Store:
             raise SinkError(
                 f"{sidecar} is damaged ({type(e).__name__}): name another folder"
             ) from None
-        if version == 1:
-            raise SinkError(
-                f"{sidecar.parent} was kept by an earlier stimlib, which could take figures of"
-                " changed functions for those of today; name another folder (its figures can still"
-                " be read as Parquet)"
-            )
         if version != VERSION:
             raise SinkError(
                 f"{sidecar} is of version {version!r:.40}, this stimlib reads {VERSION}: update"
@@ -176,16 +192,22 @@ class Store:
     def flush(self) -> None:
         """Write to disk the rows that are still in memory."""
         if self._waiting and self.folder is not None:
-            table = arrow().concat_tables(self._waiting).combine_chunks()
-            sink = arrow().BufferOutputStream()
-            texts = [f.name for f in table.schema if f.type == arrow().string()]
-            arrow("pyarrow.parquet").write_table(
-                table, sink, compression="zstd", use_dictionary=texts
-            )
-            data = sink.getvalue().to_pybytes()
-            safe_files.publish(self.folder / _name(data), data)
+            self._publish(arrow().concat_tables(self._waiting))
             self._waiting.clear()
         self._written = time.monotonic()
+
+    def _publish(self, table: pa.Table) -> Path:
+        """Write a part, and return its path."""
+        assert self.folder is not None
+        sink = arrow().BufferOutputStream()
+        texts = [f.name for f in table.schema if f.type == arrow().string()]
+        arrow("pyarrow.parquet").write_table(
+            table.combine_chunks(), sink, compression="zstd", use_dictionary=texts
+        )
+        data = sink.getvalue().to_pybytes()
+        path = self.folder / _name(data)
+        safe_files.publish(path, data)
+        return path
 
 
 def _name(data: bytes) -> str:

@@ -38,7 +38,7 @@ from .plan import (
 )
 from .resume import confirmed, missing, places
 from .rows import MADE, OWN, arguments_of, arrow, checked, name_of, roles_of, table_of
-from .scheduler import QUICK, drive, joined
+from .scheduler import drive, joined, widen
 from .store import Store
 from .worker import Motions, Runner, as_bytes, error_text, from_bytes
 
@@ -292,7 +292,8 @@ def rendering(
         )
     words = _words(motion, (), fs, seconds, live, False)
     table, plan, motions, *_ = planned(make, whole.slice(int(at), 1), words)
-    return Runner(plan, motions).rendering(table.to_pylist()[0])[0]
+    made = Runner(plan, motions).rendering(table.to_pylist()[0])[0]
+    return dc.replace(made, y=made.y.copy())
 
 
 # Before the first run -----------------------------------------------------------------
@@ -539,7 +540,6 @@ def _run(
             )
         if not dry:
             rest = todo.take(arrow().array(np.setdiff1d(np.arange(n), probes)))
-            if rest.num_rows * row_seconds > QUICK:
-                engine.widen(min(workers or os.cpu_count() or 1, rest.num_rows))
+            widen(engine, workers, rest.num_rows, row_seconds, times[0])
             drive(plan, rest, engine, store.add, row_seconds, advance)
     return row_seconds

@@ -12,10 +12,11 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from ..checks.local import read_only
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..motion.source import positions, sources_of
@@ -23,7 +24,7 @@ from ..run.processor import Processor
 from ..run.rendering import Rendering
 from ..system import pool
 from ..system.limits import limits
-from .measures import Measure, figures_of, measures_of, prepared
+from .measures import Measure, figures_of, measures_of, prepared, unwritable
 from .plan import KEY, Plan, code_keys, frames, measure_keys, motion_of, scene_digest
 from .rows import arrow
 
@@ -47,6 +48,15 @@ class Program:
     scene: Scene
     proc: Processor
     measures: list[Measure]
+
+
+class Made(NamedTuple):
+    """A scene that was made of a row's arguments."""
+
+    scene: Scene
+    digest: bytes
+    """Digest of its content."""
+    inputs: tuple[str, ...]
 
 
 @dataclass
@@ -80,47 +90,60 @@ class Runner:
 
     def __init__(self, plan: Plan, motions: Motions):
         self.plan, self.motions = plan, dict(motions)
-        self._scenes: Kept[tuple[Scene, bytes]] = Kept()
+        self._scenes: Kept[Made] = Kept()
         self._programs: Kept[Program] = Kept()
         self._moved: Kept[Moved] = Kept()
+        self._contents: Kept[bytes] = Kept()
         self._digests: dict[Any, bytes] = {}
-        self._y = np.empty((0, 0))
+        self._y = self._seen = np.empty((0, 0))
 
-    def content(self, row: Mapping[str, Any]) -> bytes:
-        """Return 16 bytes that identify a row's scene and motion."""
+    def content(self, row: Mapping[str, Any], at: int = 0) -> bytes:
+        """Return 16 bytes that identify a row's scene and motion.
+
+        If the scene has to be made, the row's number is noted before.
+        """
         if not self.plan.measure_keys:  # nothing is kept
             return NO_SCENE
-        scene, digest = self._made(row)
         name = row.get("motion", "")
-        key = self.motions[name][0], *scene.inputs
-        if key not in self._digests:
-            self._moved_of(name, scene)
-        return hashlib.sha256(digest + self._digests[key]).digest()[:KEY]
+
+        def made() -> bytes:
+            pool.note(at, NO_SCENE)
+            made = self._made(row)
+            key = self.motions[name][0], *made.inputs
+            if key not in self._digests:
+                self._moved_of(name, made)
+            return hashlib.sha256(made.digest + self._digests[key]).digest()[:KEY]
+
+        return self._contents.get_or((self._arguments(row), self.motions[name][0]), SCENES, made)
 
     def rendering(self, row: Mapping[str, Any]) -> tuple[Rendering, Program, Moved]:
-        """Return a row's rendering, whose samples are valid until the next call."""
+        """Return a row's rendering, whose samples are valid until the next call.
+
+        They cannot be written.
+        """
         plan = self.plan
         program = self._programs.get_or(self._arguments(row), PROGRAMS, lambda: self._compiled(row))
         proc = program.proc
-        moved = self._moved_of(row.get("motion", ""), program.scene)
+        moved = self._moved_of(row.get("motion", ""), self._made(row))
         if moved.ready is None:
             moved.ready = prepared(program.measures, proc.inputs, moved.x, plan.fs)
         shape = len(proc.outputs), moved.x.shape[1]
         if self._y.shape != shape:
             self._y = np.empty(shape)
+            self._seen = read_only(self._y)
         proc.reset(row.get("seed", 0))
         for n in plan.roles.live:
             proc.set(n, row[n], ramp=0.0)
-        y = proc.process(moved.x, self._y)
+        proc.process(moved.x, self._y)
         made = Rendering(
             program.scene,
             proc.fs,
             proc.seed,
             dict(proc.params),
-            y,
+            self._seen,
             proc.outputs,
             proc.fault,
-            moved.motion,
+            moved.motion.copy(),
         )
         return made, program, moved
 
@@ -150,9 +173,8 @@ class Runner:
         for at, row in enumerate(rows):
             told: dict[str, Any] = {"content": NO_SCENE}
             done.append(told)
-            pool.note(at, NO_SCENE)
             try:
-                told["content"] = self.content(row)
+                told["content"] = self.content(row, at)
                 pool.note(at, told["content"])
                 if not look:
                     values, told["fault"] = self.figures(row)
@@ -168,17 +190,17 @@ class Runner:
     def _arguments(self, row: Mapping[str, Any]) -> str:
         return repr([row[n] for n in self.plan.roles.arguments])
 
-    def _made(self, row: Mapping[str, Any]) -> tuple[Scene, bytes]:
-        """Return a row's scene with the digest of its content."""
+    def _made(self, row: Mapping[str, Any]) -> Made:
+        """Return a row's scene."""
 
-        def make() -> tuple[Scene, bytes]:
+        def make() -> Made:
             scene = self.plan.scene(row)
-            return scene, scene_digest(scene, self.plan.fs)
+            return Made(scene, scene_digest(scene, self.plan.fs), tuple(scene.inputs))
 
         return self._scenes.get_or(self._arguments(row), SCENES, make)
 
     def _compiled(self, row: Mapping[str, Any]) -> Program:
-        scene, _ = self._made(row)
+        scene = self._made(row).scene
         measures = measures_of(self.plan.measures, scene)
         units = {name: u for m in measures for name, u in m.units.items()}
         if units != self.plan.units:
@@ -189,17 +211,18 @@ class Runner:
             )
         return Program(scene, Processor(scene, self.plan.fs), measures)
 
-    def _moved_of(self, name: str, scene: Scene) -> Moved:
+    def _moved_of(self, name: str, made: Made) -> Moved:
         digest, given = self.motions[name]
-        key = digest, *scene.inputs
+        inputs = made.inputs
+        key = digest, *inputs
 
         def sampled() -> Moved:
-            inputs, motion = tuple(scene.inputs), motion_of(given, scene)
+            motion = motion_of(given, made.scene)
             n = frames(motion, self.plan.fs, self.plan.seconds)
             x = positions(sources_of(motion, inputs, n), 0, n, self.plan.fs)
             data = repr((inputs, x.shape)).encode() + x.tobytes()
             self._digests[key] = hashlib.sha256(data).digest()
-            return Moved(motion, x)
+            return Moved(unwritable(motion), x)
 
         return self._moved.get_or(key, self._most(), sampled)
 

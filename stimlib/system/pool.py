@@ -62,6 +62,7 @@ class _Worker:
         self.process, self.said = process, said
         self.noted = b""
         self.begun = self.late = False
+        self.started = time.monotonic()
         self.job: Any = None  # what it is, and its seconds
         self.until = math.inf
         self.thread = threading.Thread(target=self._listen, daemon=True)
@@ -165,6 +166,8 @@ class Pool(AbstractContextManager["Pool"]):
         )
         self._workers: list[_Worker] = []
         self._said: queue.Queue[Any] = queue.Queue()
+        self.start_seconds = 0.0
+        """How long the last process took to begin."""
         self.widen(workers)
 
     def __exit__(self, *_: object) -> None:
@@ -193,8 +196,16 @@ class Pool(AbstractContextManager["Pool"]):
 
     @property
     def room(self) -> int:
-        """The number of idle processes."""
-        return sum(worker.job is None for worker in self._workers)
+        """The number of idle processes.
+
+        Those that still begin count if no other has begun.
+        """
+        return len(self._idle())
+
+    def _idle(self) -> list[_Worker]:
+        """Return idle processes, which run a job without a wait if they can."""
+        begun = any(w.begun for w in self._workers)
+        return [w for w in self._workers if w.job is None and w.begun >= begun]
 
     def submit(
         self, what: Any, function: Callable[..., Any], *args: Any, seconds: float = math.inf
@@ -214,7 +225,7 @@ class Pool(AbstractContextManager["Pool"]):
             time, every 0.2 s.
         """
         job = pickle.dumps((function, args))
-        worker = next(w for w in self._workers if w.job is None)
+        worker = self._idle()[0]
         worker.job, worker.noted = (what, seconds), b""
         if worker.begun:
             worker.until = time.monotonic() + seconds
@@ -253,6 +264,7 @@ class Pool(AbstractContextManager["Pool"]):
                     return self._replaced(worker)
             elif not worker.begun:
                 worker.begun = True
+                self.start_seconds = time.monotonic() - worker.started
                 if worker.job is not None:
                     worker.until = time.monotonic() + worker.job[1]
             elif not worker.late:  # else it is about to end

@@ -56,13 +56,16 @@ class Engine:
 
         return run
 
-    def sample(self, x: dict[int, float], clock: int = ROOT, warm: bool = False) -> dict[int, Any]:
-        """Return values of all instances at one sample of a clock.
+    def sample(
+        self, x: dict[int, float], clocks: Sequence[int] = (ROOT,), warm: bool = False
+    ) -> dict[int, Any]:
+        """Return values of all instances at one sample of some clocks.
 
-        Clocks that it enables run too.
+        Clocks that they enable run too.
         """
         on = [False] * len(self.program.parents)
-        on[PARAMS] = on[clock] = True
+        for clock in (PARAMS, *clocks):
+            on[clock] = True
         v: dict[int, Any] = dict(x)
         for i, q in enumerate(self.program.instances):
             if not on[q.clock] or (warm and not q.autonomous):
@@ -111,11 +114,14 @@ class Engine:
         self.count += x.shape[1]
         return 0
 
-    def warm(self, clock: int, n: int) -> None:
-        """Run only blocks that no input reaches, for n samples of one clock."""
+    def warm(self, clocks: Sequence[int], n: int) -> None:
+        """Run only blocks that no input reaches, for n samples of some clocks.
+
+        None of these clocks may run another.
+        """
         with np.errstate(all="ignore"):
             for _ in range(n):
-                self.sample({}, clock, warm=True)
+                self.sample({}, clocks, warm=True)
 
     def set(self, i: int, target: float, left: float) -> None:
         """Ramp parameter instance i to a target over ``left`` samples, starting now."""

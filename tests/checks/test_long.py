@@ -12,7 +12,7 @@ import pytest
 
 import stimlib
 from stimlib import Scene, blocks
-from stimlib.checks import evidence, laws, local, noise, scenes, verification
+from stimlib.checks import evidence, laws, local, scenes, verification
 from stimlib.checks.session import verify_log
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.presentation import program
@@ -41,8 +41,7 @@ HANDS = {
 @pytest.fixture
 def short(monkeypatch):
     """Stretches that tests can wait for."""
-    for module in (evidence, noise):
-        monkeypatch.setattr(module, "AT_ONCE", STRETCH)
+    monkeypatch.setattr(evidence, "AT_ONCE", STRETCH)
 
 
 def moved(name, scene):
@@ -62,8 +61,7 @@ def test_every_scene_passes_the_checks_that_it_passes_at_once(name, monkeypatch)
     motion = moved(name, scene)
     made = stimlib.render(scene, motion, FS, SECONDS, seed=5)
     whole = stimlib.verify(scene, motion, made)
-    for module in (evidence, noise):
-        monkeypatch.setattr(module, "AT_ONCE", STRETCH)
+    monkeypatch.setattr(evidence, "AT_ONCE", STRETCH)
     parts = stimlib.verify(scene, motion, made)
     assert whole.passed and parts.passed, str(parts)
     assert [s.at for s in parts.evidence.stretches()] == [
@@ -235,8 +233,7 @@ def test_trials_are_held_in_the_stretches_in_which_they_begin(monkeypatch, size,
     motion = HANDS["wall"]
     made = stimlib.render(scene, motion, FS, 0.55, params=params, seed=3)
     whole = stimlib.verify(scene, motion, made)
-    for module in (evidence, noise):
-        monkeypatch.setattr(module, "AT_ONCE", size)
+    monkeypatch.setattr(evidence, "AT_ONCE", size)
     parts = stimlib.verify(scene, motion, made)
     assert parts.passed and [(c.group, c.name) for c in parts.checks] == [
         (c.group, c.name) for c in whole.checks
@@ -304,8 +301,8 @@ def test_a_motion_that_ends_is_held_up_to_there(short, tmp_path):
 
 # Memory -------------------------------------------------------------------------------
 def test_memory_is_that_of_a_stretch(tmp_path, monkeypatch):
-    for module in (evidence, noise):
-        monkeypatch.setattr(module, "AT_ONCE", 20_000)
+    monkeypatch.setattr(evidence, "AT_ONCE", 20_000)
+    monkeypatch.setattr(evidence, "LATER", 2_500)
     peaks = []
     for seconds in (10, 10, 40):  # the first compiles
         path = tmp_path / f"{seconds}.wav"
@@ -315,8 +312,21 @@ def test_memory_is_that_of_a_stretch(tmp_path, monkeypatch):
         )
         tracemalloc.start()
         try:
-            assert stimlib.verify(path).passed
+            report = stimlib.verify(path)
+            assert report.passed
             peaks.append(tracemalloc.get_traced_memory()[1])
         finally:
             tracemalloc.stop()
     assert peaks[2] < 1.15 * peaks[1] + 8 * 20_000, peaks
+    ends = [s.end for s in report.evidence.stretches()]
+    assert ends[:2] == [20_000, 22_500] and ends[-1] == 160_000
+
+
+def test_memory_does_not_grow_with_many_outputs():
+    """Of 40 outputs, the first stretch has a fifth of the samples."""
+    x = stimlib.Input("x")
+    scene = Scene({f"y{k}": x * (k + 1.0) for k in range(39)})
+    n = evidence.at_once(scene)
+    assert n == evidence.AT_ONCE // 5
+    later = range(n + evidence.LATER, 3 * n, evidence.LATER)
+    assert evidence.cuts(scene, FS, 3 * n) == [n, *later, 3 * n]

@@ -13,6 +13,7 @@ from refusals import refused
 
 from stimlib.errors import BadValue
 from stimlib.motion import generators as m
+from stimlib.motion.source import positions, sources_of
 from stimlib.motion.text import parse_motion
 
 FS = 8000.0
@@ -349,3 +350,38 @@ def test_any_motion_reads_back_and_can_be_cut_anywhere(motion, cuts):
     t = np.arange(700) / 613.0
     whole = motion(t)
     assert np.array_equal(np.concatenate([motion(p) for p in np.split(t, sorted(cuts))]), whole)
+
+
+def test_many_generators_give_the_bits_of_each_alone():
+    rng, n = np.random.default_rng(5), 8
+    a, b, c = rng.uniform(0.01, 1.0, (3, n)).tolist()
+    kinds = [
+        lambda k: m.minimum_jerk(a[k], b[k], c[k], 0.1, b[k], repeats=[None, 2][k % 2]),
+        lambda k: m.sinusoid(a[k], b[k], c[k], c[k]),
+        lambda k: m.ramp_and_hold(a[k], b[k]),
+        lambda k: m.constant_speed(a[k], b[k], back_and_forth=k < 4),
+        lambda k: m.staircase_hold(a[k], 2, c[k]),
+        lambda k: m.quantised(m.sinusoid(a[k], b[k]), 1e-3),
+        lambda k: np.full(4000, a[k]),
+    ]
+    shared = m.sinusoid(0.1, 2.0)
+    motion = {f"x{k}{j}": make(k) for k in range(n) for j, make in enumerate(kinds)}
+    motion |= {f"shared{k}": shared for k in range(n)}
+    sources = sources_of(motion, tuple(motion), 4000)
+    assert sorted(len(places) for places, _ in sources.groups) == [4, 4, 4, 4, 8, 8, 9]
+    for start, stop in ((0, 512), (512, 513), (3000, 3300)):
+        x = positions(sources, start, stop, 1000.0)
+        alone = [positions({name: one}, start, stop, 1000.0)[0] for name, one in motion.items()]
+        assert x.tobytes() == np.array(alone).tobytes()
+    huge = m.sinusoid(1e308, 1.0, mean=1e308)
+    motion["x31"] = motion["x41"] = huge
+    with np.errstate(over="ignore"):
+        refused(
+            BadValue,
+            "motion of x31 is not finite at sample 147",
+            positions,
+            sources_of(motion, tuple(motion), 4000),
+            0,
+            500,
+            1000.0,
+        )

@@ -134,6 +134,9 @@ def test_a_stall_is_told_and_accounted():
         sink.pump.write("STALL", 300_000)
         sink.wait(5)
     r = sink.report()
+    assert [*r.lateness] == [*r.block_time] == ["p50", "p99", "p99.9", "max"]
+    assert f"; late p50 {1e6 * r.lateness['p50']:.0f} us, p99 " in str(r)
+    assert r.to_dict()["lateness"] == r.lateness
     assert r.delivered + r.lost == r.produced == 1.5 * FS
     lost = [(at, e["frames"]) for at, kind, e in log.events if kind == "lost"]
     assert (

@@ -2,6 +2,8 @@
 that stays away, full rings.
 """
 
+import time
+
 import numpy as np
 import pytest
 
@@ -461,3 +463,22 @@ def test_percentiles_of_block_times():
     bench.pump.write("STALL", 20_000)
     bench.block(64)
     assert 0.02 <= bench.pump.percentiles(100)[0] < 1.0
+
+
+def test_how_late_blocks_begin():
+    """A block is due one block after the one before began, not before the first."""
+    bench = Bench(squeeze(), Recorded(fingers(4000)))
+    pump = bench.pump
+    bench.block(160)  # before the start
+    time.sleep(0.03)
+    pump.start(None)
+    for late in (0.0, 0.04, 0.0, 0.0):
+        bench.block(160)  # 20 ms
+        time.sleep(0.02 + late)
+    assert pump.lateness.sum() == 3
+    assert 0.04 <= pump.percentiles(100, of=pump.lateness)[0]
+    bench.block(160)
+    early = pump.lateness[0]
+    bench.block(160)
+    assert pump.lateness[0] == early + 1 and pump.lateness.sum() == 5
+    assert pump.histogram.sum() == 6

@@ -72,7 +72,7 @@ def _squeeze(a: Asked) -> list[Check]:
     # not in scenes that were kept before 0.2, or nowhere needed
     Z_c, Z_n, travel = (g.get(name) for name in ("Z_c", "Z_n", "travel"))
     k = np.zeros(a.n) if Z_c and Z_n else a.live("k")
-    contact = a.contact if g["contact"] else np.ones(a.n)
+    contact = a.contact if g["contact"] else np.broadcast_to(1.0, a.n)
     on, off = laws.gate_thresholds(g["resolution"], g["cutoff"], a.fs)
     for i in n:
         name, x = f"force{i}", a.x[f"x{i}"]
@@ -88,6 +88,7 @@ def _squeeze(a: Asked) -> list[Check]:
         noise[runs] = a.render(source, int(runs.sum()), f"noise of {name}")  # on a clock of its own
         rate = _alone(a, Z_n, f"Z_n of {name}", v=still.v) if Z_n else k / 8000 * still.v
         finger = laws.vibrating(still, noise, rate, A)
+        del still  # whose force takes memory
         if a.part.span is None:
             a.e.fingers[a.output(name)] = finger
         want = _held(finger.force, a.y[name], a.fs, its) if g["limits"] else finger.force
@@ -153,12 +154,14 @@ def _squeeze(a: Asked) -> list[Check]:
             )
         elif a.part.span is None and not a.e.at:
             model = noise_model(source, a.fs)
+            rate *= A
+            rate /= 8000
             checks += _slope(
                 a,
                 name,
                 x,
                 float(k[0]),
-                A * rate / 8000,
+                rate,
                 noise,
                 runs,
                 model and model[0],
@@ -220,11 +223,12 @@ def _slope(
     the standard deviation of the slope is known too.
     """
     e, i = a.e, list(a.e.scene.outputs).index(a.output(name))
-    y, whole, step = e.shown[i], np.ones(x.size, bool), 2.0**-52 * np.abs(e.y[i])
+    y, whole, step = e.shown[i], np.ones(x.size, bool), np.abs(e.y[i])
+    step *= 2.0**-52
     if e.sidecar is not None:
         top = e.sidecar["channels"][i]["full_scale"]
         if e.sidecar["subtype"] == "FLOAT":
-            step = 2.0**-23 * np.abs(e.y[i])
+            step *= 2.0**29
         elif bits := BITS.get(e.sidecar["subtype"]):
             last = 2.0 ** (1 - bits)
             whole = np.abs(k * x) + np.abs(gain * noise).max(initial=0.0) < (1 - 2 * last) * top

@@ -35,7 +35,7 @@ class _Method(ctypes.Structure):
     )
 
 
-_ENTRY = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
+ENTRY = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
 
 
 @cache
@@ -57,7 +57,7 @@ def function(address: int, me: int) -> Callable[..., int]:
 
 def checked(address: int, context: int, rows: tuple[int, int]) -> Callable[..., int]:
     """Return a Python version of ``function``: 0, or 1 if the arrays do not fit."""
-    entry = _ENTRY(address)
+    entry = ENTRY(address)
 
     def process(*arrays: Any) -> int:
         if len(arrays) != 2 or any(type(a) is not np.ndarray for a in arrays):

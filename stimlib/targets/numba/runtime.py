@@ -23,9 +23,9 @@ from stimlib.targets.numba.intrinsics import (
 
 # ctx: 0 rows, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7 outputs, 8 place of the
 # outputs' slots in A, 9 &N, 10 &index,
-# 11 clocks, 12 warm clock or -1, 13 &pending, 14 params, 15 samples seen, 16 &entry, 17
-# whether still rows have been run,
-#      18 numpy's array, 19 what tells float64
+# 11 clocks, 12 number of warm clocks or -1, 13 &pending, 14 params, 15 samples seen, 16
+# &entry, 17 whether still rows have been run,
+#      18 numpy's array, 19 what tells float64, 20 &warm clocks
 # row: address or opcode, P, S, A, clock, autonomous, still (one number as long as no
 # parameter moves), -
 OPEN, CLOSE, GATHER, RESETTABLE, OPERATION, SEGMENT = 1, 2, 3, 4, 16, 4096
@@ -183,9 +183,11 @@ def entry(ctx, x, y, n):
             for j in range(n_in):
                 move_tile(at(W, 64 * j), at(x, j * n + start), m)
         else:
-            N[warm] = m
-            for i in range(m):
-                index[warm * 128 + 64 + i] = i
+            for j in range(warm):
+                c = i8_at(ctx[20])[j]
+                N[c] = m
+                for i in range(m):
+                    index[c * 128 + 64 + i] = i
         # 0: still rows, for good
         for turn in range(1 if ctx[17] != 0 or not standing(S, pending, ctx[14]) else 0, 2):
             for r in range(rows):
