@@ -209,13 +209,13 @@ def joined(curves: list[list[Point]], default: float, low: float) -> np.ndarray:
 
     A curve holds its last value until the next begins.
     """
-    line = [(0.0, default)]
+    line = [(-JUMP, default)]
     for curve in sorted(curves, key=lambda c: c[0][0]):
-        start, cut = max(JUMP, curve[0][0]), line[-1]
-        while len(line) > 1 and line[-1][0] >= start - JUMP:
+        start, cut = curve[0][0] - JUMP, line[-1]
+        while len(line) > 1 and line[-1][0] >= start:
             cut = line.pop()
         t, v = zip(line[-1], cut, strict=True)
-        line.append((start - JUMP, float(np.interp(start - JUMP, t, v))))
+        line.append((start, float(np.interp(start, t, v))))
         for at, value in curve:
             line.append((max(at, line[-1][0] + JUMP), min(1.0, max(low, value))))
     return np.array(line).T
