@@ -2,7 +2,9 @@
 the rules of each format, what is lost, and what is refused.
 """
 
+import csv
 import json
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +13,13 @@ from commands import ran
 from refusals import refused
 
 import stimlib
-from stimlib.blocks import at, oscillator, ring, timeline, white_noise
+from stimlib.blocks import at, loop, oscillator, ring, rising, timeline, white_noise
 from stimlib.errors import BadValue, FaultError, SceneFileError, UnitError
 from stimlib.files import PatternDevice, read_pattern, write_pattern
 from stimlib.files.pattern_analysis import loss
 
-FILES = Path(__file__).with_name("patterns")
+ROOT = Path(__file__).parents[1]
+FILES = ROOT / "tests" / "patterns"
 FS, TAU = 8000.0, 0.0073
 PARAMETERS = {"HapticIntensity": 1.0, "HapticSharpness": 0.5}
 
@@ -231,7 +234,7 @@ def test_rings_of_a_scene_become_transients(tmp_path):
 def test_a_parameter_and_a_motion_move_the_events(tmp_path):
     """The events come from the same run: its motion, parameters and seed."""
     x, k = stimlib.Input("x", "m"), stimlib.Param("k", 1.0)
-    struck_ = ring(k * stimlib.blocks.rising(x, stimlib.constant(0.01, "m")), 150, 0.0073)
+    struck_ = ring(k * rising(x, stimlib.constant(0.01, "m")), 150, 0.0073)
     made = stimlib.render(
         stimlib.Scene({"a": struck_}), {"x": lambda t: 0.1 * t}, FS, 0.3, {"k": 0.5}
     )
@@ -239,6 +242,13 @@ def test_a_parameter_and_a_motion_move_the_events(tmp_path):
     ((_, a, _),) = read_pattern(tmp_path / "a.haptic").patterns[0].taps
     assert a * report.full_scale == pytest.approx(0.5, rel=1e-3)
     assert report.lost["a"][0] < -50
+
+
+def test_events_in_the_body_of_a_loop_stay_in_the_lines(tmp_path):
+    body = lambda y: ring(rising(y + oscillator(10), 0.5), 150, 0.0073)  # noqa: E731
+    made = stimlib.render(stimlib.Scene({"a": loop(body)}), fs=FS, seconds=0.5)
+    report = write_pattern(tmp_path / "a.hjif", made)
+    assert report.taps == 0 and report.points > 10
 
 
 def test_ahap_keeps_the_limits_of_core_haptics_and_lets_transients_through(tmp_path):
@@ -499,3 +509,18 @@ def test_convert_both_ways(tmp_path, monkeypatch):
 def test_convert_says_what_is_wrong(words, says, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     ran(["convert", *words], 2, says)
+
+
+def test_the_table_of_losses_is_that_of_the_command():
+    """docs/howto/patterns.csv, made by ``benchmarks/patterns.py --record``."""
+    table = runpy.run_path(str(ROOT / "benchmarks" / "patterns.py"))
+    with open(table["TABLE"], encoding="utf-8") as f:
+        written = list(csv.reader(f))
+    found = table["rows"]()
+    assert [row[:4] for row in found] == [row[:4] for row in written] and len(found) > 30
+    for one, two in zip(found[1:], written[1:], strict=True):
+        for a, b in zip(one[4:], two[4:], strict=True):
+            assert (a == "refused") == (b == "refused"), one
+            if a != "refused":
+                levels = np.array([row.split(" / ") for row in (a, b)], float)
+                assert np.abs(np.diff(np.maximum(levels, -60), axis=0)).max() <= 2, one

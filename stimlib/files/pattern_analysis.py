@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..blocks.sources import Grain, Ring
 from ..core.graph import Const, reach
 from ..core.scene import Scene
+from ..errors import SceneError
 from ..run.rendering import Rendering, render
 from .pattern_table import TAP_SECONDS, Pattern, PatternDevice, Point, Voice
 
@@ -29,11 +30,13 @@ def events_of(rendering: Rendering, name: str) -> list[Point]:
     The frequency of a grain is 0: not known.
     """
     found: list[Point] = []
-    scene = rendering.scene
-    for block in reach([scene.outputs[name]]):
+    for block in reach([rendering.scene.outputs[name]]):
         if isinstance(block, Ring | Grain):
             hertz = block.freq if isinstance(block, Ring) else Const(0.0, "Hz")
-            part = Scene({"event": block.event, "hertz": hertz})
+            try:
+                part = Scene({"event": block.event, "hertz": hertz})
+            except SceneError:  # it is in the body of a loop
+                continue
             motion = {n: rendering.motion[n] for n in part.inputs}
             values = {n: v for n, v in rendering.params.items() if n in part.params}
             seconds = rendering.y.shape[1] / rendering.fs
@@ -50,7 +53,7 @@ def analysed(y: Array, fs: float, events: list[Point], device: PatternDevice) ->
     after its event. The voice has the magnitude and the instantaneous frequency of the
     analytic signal (Gabor, J. IEE 93 (1946), p. 429), above 20 Hz.
     """
-    rest, taps = y.astype(np.float64), []
+    rest, taps, top = y.astype(np.float64), [], np.abs(y).max()
     ends = [at for at, _ in events[1:]] + [len(y)] * bool(events)
     for (start, hertz), later in zip(events, ends, strict=True):
         at = int(start)
@@ -63,21 +66,22 @@ def analysed(y: Array, fs: float, events: list[Point], device: PatternDevice) ->
         ring = np.exp(-t / device.decay) * np.sin(2 * np.pi * hertz * t)
         near = ring[: len(window)]
         height = float(window @ near / max(near @ near, 1e-30))
-        tail -= height * ring
-        taps.append((at / fs, height, hertz))
+        if abs(height) > 0.001 * top:
+            tail -= height * ring
+            taps.append((at / fs, height, hertz))
     z = analytic(rest, fs)
     step = max(1, round(GRID * fs))
     level, t = mean(np.abs(z), step)[::step], np.arange(0, len(z), step) / fs
-    top, loud = float(level.max()), level > QUIET * level.max()
-    if top <= 1e-6 * np.abs(y).max():
+    peak, loud = float(level.max()), level > QUIET * level.max()
+    if peak <= 1e-6 * top:
         return Pattern([], taps)
     turn = mean(np.append(z[1:] * z[:-1].conj(), 0.0), max(1, round(SMOOTH * fs)))[::step]
     hertz_at = np.maximum(0.0, np.angle(turn) * fs / (2 * np.pi))
-    first, last = np.flatnonzero(level > 0.01 * top)[[0, -1]]
+    first, last = np.flatnonzero(level > 0.01 * peak)[[0, -1]]
     part = slice(max(0, first - 1), last + 2)
-    amplitude = thinned(t[part], level[part], 0.01 * top)
+    amplitude = thinned(t[part], level[part], 0.01 * peak)
     amplitude.append((amplitude[-1][0] + 1 / fs, amplitude[-1][1]))
-    start, frequency = amplitude[0][0], thinned(t[loud], hertz_at[loud], 0.1 * top / level[loud])
+    start, frequency = amplitude[0][0], thinned(t[loud], hertz_at[loud], 0.1 * peak / level[loud])
     frequency = [(start, frequency[0][1]), *frequency]
     # the phase with which the wave is most like the signal
     now = np.arange(len(z)) / fs
