@@ -91,6 +91,12 @@ def test_keyframes_of_amplitude_and_frequency_and_a_transient():
     close(y, level * chirp + struck(t, 0.0, 0.6313725709915161, 300))
 
 
+def test_a_transient_without_a_frequency_has_two_periods_in_22_ms(tmp_path):
+    frame = {"relative_position": 0, "amplitude_modulation": 0.5}
+    path = changed("boing.hjif", put(*EFFECT, "keyframes", [frame]), tmp_path)
+    assert read_pattern(path).patterns[0].taps == [(0.0, 0.5, pytest.approx(2 / 0.022))]
+
+
 def test_curves_gains_channels_and_a_triangle():
     made = read_pattern(FILES / "two_channels.hjif")
     y = stimlib.render(made.scene, fs=FS, seconds=1.1)
@@ -233,13 +239,12 @@ def test_rings_of_a_scene_become_transients(tmp_path):
 
 def test_a_parameter_and_a_motion_move_the_events(tmp_path):
     """The events come from the same run: its motion, parameters and seed."""
-    x, k = stimlib.Input("x", "m"), stimlib.Param("k", 1.0)
-    struck_ = ring(k * rising(x, stimlib.constant(0.01, "m")), 150, 0.0073)
-    made = stimlib.render(
-        stimlib.Scene({"a": struck_}), {"x": lambda t: 0.1 * t}, FS, 0.3, {"k": 0.5}
-    )
+    x, at_ = stimlib.Input("x", "m"), stimlib.Param("at", 0.01, "m")
+    scene = stimlib.Scene({"a": ring(0.5 * rising(x, at_), 150, 0.0073)})
+    made = stimlib.render(scene, {"x": lambda t: 0.1 * t}, FS, 0.3, {"at": 0.02})
     report = write_pattern(tmp_path / "a.haptic", made)
-    ((_, a, _),) = read_pattern(tmp_path / "a.haptic").patterns[0].taps
+    ((t, a, _),) = read_pattern(tmp_path / "a.haptic").patterns[0].taps
+    assert t == pytest.approx(0.2, abs=2e-4)
     assert a * report.full_scale == pytest.approx(0.5, rel=1e-3)
     assert report.lost["a"][0] < -50
 
