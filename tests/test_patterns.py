@@ -377,6 +377,11 @@ LINES = "signals", "continuous", "envelopes"
             put("Pattern", 3, "ParameterCurve", "ParameterCurveControlPoints", []),
             r"\$\.Pattern\[3\] has no points",
         ),
+        (
+            "dynamic.ahap",
+            lambda tree: tree["Pattern"][0]["Event"].pop("EventDuration"),
+            r"\$\.Pattern\[0\]\.Event\.EventDuration is missing; give it",
+        ),
         ("button1.haptic", put("version", "major", 2), r"\$\.version\.major = 2 is out of range"),
         (
             "button1.haptic",

@@ -195,6 +195,8 @@ def read_ahap(tree: Tree, device: PatternDevice) -> list[Pattern]:
             for p in event.get("EventParameters", [])
         }
         amplitude, frequency = modulated(envelope(event, given), lines, given, device)
+        if event["EventType"] == "HapticContinuous" and "EventDuration" not in event:
+            raise wrong(f"$.Pattern[{k}].Event.EventDuration", "is missing", "give it in s")
         if event["EventType"] == "HapticTransient":
             pattern.taps.append((*amplitude[0], frequency[0][1]))
         else:
