@@ -7,6 +7,7 @@ Each group of commands has a module. Module ``app`` has their common code; ``sce
 from . import (  # noqa: I001  each adds its commands, in the order of --help
     files,
     export,
+    convert,
     sweeps,
     devices,
     live,
@@ -20,6 +21,7 @@ from .app import app
 
 __all__ = [
     "app",
+    "convert",
     "devices",
     "experiments",
     "export",

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 import stimlib
+from stimlib import files
 from stimlib.blocks import equalize, load_texture, lut, save_texture, texture
 from stimlib.design.texture import made_up
 from stimlib.devices.null import NullSink
@@ -32,6 +33,7 @@ from stimlib.scenes import squeeze, viscoelastic
 SECONDS = 20.0  # of CPU time for one input, on any machine
 CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\ud800-\udfff]")
 CASES = Path(__file__).with_name("cases")
+PATTERNS = Path(__file__).parents[1] / "patterns"
 
 CSV = """t_s,x_m,contact,kind
 0,0.001,1,a
@@ -214,6 +216,19 @@ def _logged(part: str) -> Reader:
     return Reader(lambda: [_log()[part]], read)
 
 
+def _pattern(suffix: str) -> Reader:
+    def read(data: bytes, folder: Path) -> object:
+        pattern = files.read_pattern(_written(folder, f"a{suffix}", data))
+        for written in (".ahap", ".haptic", ".hjif"):
+            if pattern.seconds < 2.0 and len(pattern.patterns) < 3:
+                with suppress(StimlibError):  # what the format cannot say
+                    files.write_pattern(folder / f"b{written}", pattern, fs=1000)
+        return pattern
+
+    seeds = sorted(PATTERNS.glob(f"*{suffix}"))
+    return Reader(lambda: [path.read_bytes() for path in seeds], read)
+
+
 READERS: dict[str, Reader] = {
     "csv": Reader(
         lambda: [CSV.encode(), EUROPE.encode(), CSV.replace('"', "").encode(), ABOVE.encode()],
@@ -225,6 +240,9 @@ READERS: dict[str, Reader] = {
     "scene": Reader(_scenes, _scene),
     "sidecar": Reader(lambda: [_audio()[1]], _sidecar),
     "audio": Reader(lambda: [_audio()[0]], _sound),
+    "ahap": _pattern(".ahap"),
+    "haptic": _pattern(".haptic"),
+    "hjif": _pattern(".hjif"),
     "session": _logged("session.json"),
     "events": _logged("events.jsonl"),
 }

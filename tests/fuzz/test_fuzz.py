@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 from stimlib.errors import StimlibError
 
 # readers that hold the promise for every input tried so far
-OURS = ("csv", "npz", "table", "texture")
+OURS = ("csv", "npz", "table", "texture", "ahap", "haptic", "hjif")
 
 
 @pytest.mark.parametrize(

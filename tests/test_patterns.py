@@ -1,0 +1,536 @@
+"""AHAP, .haptic and .hjif: what is read against closed forms, what is written against
+the rules of each format, what is lost, and what is refused.
+"""
+
+import csv
+import json
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import ran
+from refusals import refused
+
+import stimlib
+from stimlib.blocks import at, loop, oscillator, ring, rising, timeline, white_noise
+from stimlib.errors import BadValue, FaultError, SceneFileError, UnitError
+from stimlib.files import PatternDevice, read_pattern, write_pattern
+from stimlib.files.pattern_analysis import loss
+
+ROOT = Path(__file__).parents[1]
+FILES = ROOT / "tests" / "patterns"
+FS, TAU = 8000.0, 0.0073
+PARAMETERS = {"HapticIntensity": 1.0, "HapticSharpness": 0.5}
+
+
+def played(path, device=None, seconds=None):
+    """Time and samples of a file's first output."""
+    made = read_pattern(path, device)
+    seconds = made.seconds + 0.01 if seconds is None else seconds
+    y = stimlib.render(made.scene, fs=FS, seconds=seconds)
+    return y.t, y.y[0]
+
+
+def wave(t, start, hertz, phase=0.0):
+    """A sine that begins at a time; its phase is the sum of the frequencies before."""
+    f = np.where(t >= start, np.interp(t, *np.transpose(hertz)), 0.0)
+    return np.sin(2 * np.pi * np.append(0.0, np.cumsum(f)[:-1]) / FS + phase)
+
+
+def line(t, *points):
+    """A course that is 0 before and from its end on."""
+    x, y = np.transpose(points)
+    return np.where((t >= x[0]) & (t < x[-1]), np.interp(t, x, y), 0.0)
+
+
+def struck(t, time, height, hertz):
+    z = t - round(time * FS) / FS
+    return np.where(z >= 0, height * np.exp(-z / TAU) * np.sin(2 * np.pi * hertz * z), 0.0)
+
+
+def close(a, b):
+    assert np.abs(a - b).max() < 1e-6
+
+
+def ahap(folder, *items):
+    path = folder / "made.ahap"
+    path.write_text(json.dumps({"Pattern": [*items]}))
+    return path
+
+
+def happens(kind="HapticContinuous", **values):
+    parameters = [{"ParameterID": n, "ParameterValue": v} for n, v in values.items() if n[0] != "_"]
+    given = {"EventType": kind, "Time": values.get("_at", 0.0), "EventParameters": parameters}
+    return {"Event": given | ({"EventDuration": values["_for"]} if "_for" in values else {})}
+
+
+# Read ---------------------------------------------------------------------------------
+def test_a_tick_of_mpeg_is_a_sine_of_8_ms():
+    t, y = played(FILES / "tick1.hjif")
+    close(y, 0.8980392217636108 * line(t, (0, 1), (0.008, 1)) * np.sin(2 * np.pi * 125 * t))
+
+
+def test_an_effect_of_the_library_starts_again_at_its_place():
+    t, y = played(FILES / "double_tick.hjif")
+    a = 0.9450980424880981
+    expected = [
+        a * line(t, (s, 1), (s + 0.024, 1)) * wave(t, s, [(s, 166), (s + 1, 166)])
+        for s in (0.0, 0.421)
+    ]
+    close(y, sum(expected))
+
+
+def test_keyframes_of_amplitude_and_frequency_and_a_transient():
+    t, y = played(FILES / "boing.hjif", seconds=0.4)
+    start = 0.015
+    level = line(
+        t, (start, 0.4901961088180542), (0.115, 0.23921573162078857), (0.265, -0.0039215684)
+    )
+    chirp = wave(t, start, [(start, 159), (0.265, 218)])
+    close(y, level * chirp + struck(t, 0.0, 0.6313725709915161, 300))
+
+
+def test_a_transient_without_a_frequency_has_two_periods_in_22_ms(tmp_path):
+    frame = {"relative_position": 0, "amplitude_modulation": 0.5}
+    path = changed("boing.hjif", put(*EFFECT, "keyframes", [frame]), tmp_path)
+    assert read_pattern(path).patterns[0].taps == [(0.0, 0.5, pytest.approx(2 / 0.022))]
+
+
+def test_curves_gains_channels_and_a_triangle():
+    made = read_pattern(FILES / "two_channels.hjif")
+    y = stimlib.render(made.scene, fs=FS, seconds=1.1)
+    assert y.outputs == ("channel1", "channel2") and made.seconds == 1.0
+    points = [(0.1, 0.0), (0.2, 1.0), (0.4, -1.0), (0.6, 0.0)]
+    straight = line(y.t, *points)
+    cubic = np.zeros_like(y.t)
+    for (a, x), (b, z) in zip(points, points[1:], strict=False):
+        h, inside = b - a, (y.t >= a) & (y.t < b)  # Effect::EvaluateKeyframes
+        cubic[inside] = (x + (z - x) * (3 * h + 2 * (a - y.t)) * (y.t - a) ** 2 / h**3)[inside]
+    assert np.abs(y["channel1"] - 0.5 * (straight + cubic)).max() < 4e-3  # of 16 lines
+    top = np.abs(y["channel2"])
+    assert top[y.t < 0.25].max() == 0.0 and 0.75 < top.max() <= 0.8
+    turns = np.append(0.0, np.cumsum(np.where(y.t < 0.25, 0.0, 60.0))[:-1]) / FS + 1.5 / 2 / np.pi
+    part = (y.t >= 0.25) & (y.t < 0.26)
+    x = turns - 0.25  # Effect::computeBaseSignal
+    triangle = 0.2 * (1 - 4 * np.abs(np.round(x) - x))
+    assert np.abs(y["channel2"] - triangle)[part].max() < 0.08  # its frequency rises
+
+
+def test_parameter_curves_multiply_and_add_and_are_relative(tmp_path):
+    t, y = played(FILES / "3_points.ahap")
+    level = line(t, (0, 0), (2, 0.4472136), (4, 0.6324555))
+    close(y, level * wave(t, 0, [(0, 65), (4, 300)]))
+    control = [{"Time": 0.0, "ParameterValue": 0.0}, {"Time": 0.5, "ParameterValue": 1.0}]
+    curve = {"ParameterID": "HapticIntensityControl", "Time": 0.25}
+    item = {"ParameterCurve": curve | {"ParameterCurveControlPoints": control}}
+    path = ahap(tmp_path, happens(HapticIntensity=0.5, HapticSharpness=1.0, _for=1.0), item)
+    t, y = played(path)
+    level = line(t, (0, 0.5), (0.25 - 1e-6, 0.5), (0.25, 0.0), (0.75, 0.5), (1.0, 0.5))
+    close(y, level * wave(t, 0, [(0, 300), (1, 300)]))
+
+
+def test_dynamic_parameters_step_and_sharpness_is_clamped(tmp_path):
+    step = lambda name, at, v: {  # noqa: E731
+        "Parameter": {"ParameterID": name, "Time": at, "ParameterValue": v}
+    }
+    items = [step("HapticIntensityControl", 0.4, 0.5), step("HapticSharpnessControl", 0.2, 0.9)]
+    path = ahap(tmp_path, happens(HapticIntensity=0.8, HapticSharpness=0.5, _for=1.0), *items)
+    t, y = played(path)
+    level = np.where(t < 0.4 - 1e-9, 0.8, 0.4) * (t < 1.0)
+    pitch = [(0, 182.5), (0.2 - 1e-6, 182.5), (0.2, 300), (1, 300)]
+    close(y, level * wave(t, 0, pitch))
+
+
+@pytest.mark.parametrize(
+    "given, points",
+    [
+        (
+            {"AttackTime": 0.2, "ReleaseTime": 0.3},
+            [(0.1, 0), (0.3, 1), (0.7, 1), (1.0, 0)],
+        ),
+        ({"Sustained": 0, "DecayTime": 0.4}, [(0.1, 1), (0.5, 0)]),
+        ({"Sustained": 0, "AttackTime": 0.05}, [(0.1, 0), (0.15, 1), (0.151, 0)]),
+        ({}, [(0.1, 1), (0.7, 1)]),
+    ],
+)
+def test_envelopes_of_apple(given, points, tmp_path):
+    t, y = played(ahap(tmp_path, happens(**PARAMETERS, **given, _at=0.1, _for=0.6)))
+    close(y, line(t, *points) * wave(t, 0.1, [(0, 182.5), (1, 182.5)]))
+
+
+def test_transients_ring_and_two_at_one_time_add_up(tmp_path):
+    taps = [("HapticTransient", 0.01, 0.5), ("HapticTransient", 0.01, 0.25)]
+    taps += [("HapticTransient", 0.2, 1.0)]
+    items = [happens(k, HapticIntensity=a, HapticSharpness=0.0, _at=s) for k, s, a in taps]
+    t, y = played(ahap(tmp_path, *items), seconds=0.4)
+    close(y, struck(t, 0.01, 0.75, 65) + struck(t, 0.2, 1.0, 65))
+
+
+def test_haptic_lines_emphasis_and_default_frequency():
+    t, y = played(FILES / "ramp_down_with_emp.haptic", seconds=2.1)
+    close(
+        y,
+        line(t, (0, 0.3), (2, 0)) * wave(t, 0, [(0, 65), (2, 65)])
+        + struck(t, 2.0, 1.0, 65 + 0.7 * 235),
+    )
+    t, y = played(FILES / "freq_ramp_up.haptic")
+    close(y, line(t, (0, 1), (2, 1)) * wave(t, 0, [(0, 300), (2, 65)]))
+
+
+def test_the_device_gives_units_frequencies_and_the_power(tmp_path):
+    device = PatternDevice(2.0, "m/s^2", 100.0, 200.0, power=2.0)
+    path = ahap(tmp_path, happens(HapticIntensity=0.5, HapticSharpness=0.5, _for=0.5))
+    made = read_pattern(path, device)
+    y = stimlib.render(made.scene, fs=FS, seconds=0.5)
+    close(y.y[0], 2.0 * 0.25 * np.sin(2 * np.pi * 150 * y.t))
+    assert stimlib.compile(made.scene, FS).units["vibration"] == "m/s**2"
+
+
+# Write --------------------------------------------------------------------------------
+SIMPLE = [p.name for p in sorted(FILES.glob("*.*")) if p.suffix in (".ahap", ".haptic", ".hjif")]
+
+
+@pytest.mark.parametrize("name", SIMPLE)
+def test_what_was_read_is_written_in_its_format(name, tmp_path):
+    """Without an analysis nothing but rounding is lost; integer Hz turn the phase."""
+    made = read_pattern(FILES / name)
+    report = write_pattern(tmp_path / f"b{Path(name).suffix}", made)
+    alone = max(len(p.voices) for p in made.patterns) < 2
+    for _, envelope, bands in report.lost.values():
+        assert envelope < (-12.0 if alone else -25.0)
+        loud = max(level for _, level, _ in bands)
+        assert all(abs(a - b) < (3.0 if alone else 6.0) for _, a, b in bands if a > loud - 12)
+    if name.endswith((".haptic", ".hjif")):
+        assert max(lost[1] for lost in report.lost.values()) < -70
+
+
+def test_a_tone_comes_back_with_its_level_and_frequency(tmp_path):
+    scene = stimlib.Scene({"a": timeline([(0, 0), (0.5, 3), (1, 0)], unit="N") * oscillator(150)})
+    made = stimlib.render(scene, fs=FS, seconds=1.0)
+    for suffix, most in ((".ahap", 8.0), (".haptic", 8.0), (".hjif", -40.0)):
+        report = write_pattern(tmp_path / f"a{suffix}", made)
+        error, envelope, bands = report.lost["a"]
+        assert error < most and envelope < -45 and report.unit == "N"
+        assert report.full_scale == pytest.approx(3.0, rel=0.01)
+        before, after = next((a, b) for f, a, b in bands if f == 125)
+        # rms of a triangle of sines: 3 / sqrt(3) / sqrt(2)
+        assert before == pytest.approx(20 * np.log10(3 / 6**0.5), abs=0.05) and (
+            after == pytest.approx(before, abs=0.1)
+        )
+    points = json.loads((tmp_path / "a.haptic").read_text())["signals"]["continuous"]["envelopes"]
+    part = [65 + 235 * p["frequency"] for p in points["frequency"]]
+    assert np.allclose(part, 150, atol=1.0)
+
+
+def test_rings_of_a_scene_become_transients(tmp_path):
+    times, heights = [0.05, 0.2, 0.21], [0.5, -1.0, 0.3]
+    height = timeline([(0, 0.5), (0.1, -1.0), (0.205, 0.3)], "step", "N")
+    struck_ = ring(at(times) * height, 120.0, 0.0073)
+    scene = stimlib.Scene({"f": struck_ + 0.2 * timeline([(0, 1)], unit="N") * oscillator(200)})
+    made = stimlib.render(scene, fs=FS, seconds=0.5)
+    report = write_pattern(tmp_path / "a.hjif", made)
+    assert report.taps == 3
+    (pattern,) = read_pattern(tmp_path / "a.hjif").patterns
+    for (t, a, f), time, wanted in zip(sorted(pattern.taps), times, heights, strict=True):
+        assert (t, f) == (pytest.approx(time, abs=1e-4), 120)
+        assert a * report.full_scale == pytest.approx(wanted, abs=0.2)
+
+
+def test_a_parameter_and_a_motion_move_the_events(tmp_path):
+    """The events come from the same run: its motion, parameters and seed."""
+    x, at_ = stimlib.Input("x", "m"), stimlib.Param("at", 0.01, "m")
+    scene = stimlib.Scene({"a": ring(0.5 * rising(x, at_), 150, 0.0073)})
+    made = stimlib.render(scene, {"x": lambda t: 0.1 * t}, FS, 0.3, {"at": 0.02})
+    report = write_pattern(tmp_path / "a.haptic", made)
+    ((t, a, _),) = read_pattern(tmp_path / "a.haptic").patterns[0].taps
+    assert t == pytest.approx(0.2, abs=2e-4)
+    assert a * report.full_scale == pytest.approx(0.5, rel=1e-3)
+    assert report.lost["a"][0] < -50
+
+
+def test_events_in_the_body_of_a_loop_stay_in_the_lines(tmp_path):
+    body = lambda y: ring(rising(y + oscillator(10), 0.5), 150, 0.0073)  # noqa: E731
+    made = stimlib.render(stimlib.Scene({"a": loop(body)}), fs=FS, seconds=0.5)
+    report = write_pattern(tmp_path / "a.hjif", made)
+    assert report.taps == 0 and report.points > 10
+
+
+def test_ahap_keeps_the_limits_of_core_haptics_and_lets_transients_through(tmp_path):
+    points = [(k * 1.0, 0.2 + 0.1 * (k % 3)) for k in range(41)]
+    line_ = timeline(points) * oscillator(timeline([(0, 100), (40, 250)], unit="Hz"))
+    scene = stimlib.Scene({"a": line_ + ring(at([10.0, 20.0]), 100.0, 0.0073)})
+    made = stimlib.render(scene, fs=2000, seconds=40.0)
+    write_pattern(tmp_path / "a.ahap", made)
+    items = json.loads((tmp_path / "a.ahap").read_text())["Pattern"]
+    events = [i["Event"] for i in items if "Event" in i]
+    assert [e["EventType"] for e in events].count("HapticTransient") == 2
+    assert max(e.get("EventDuration", 0) for e in events) <= 30.0
+    curves = [
+        i["ParameterCurve"]["ParameterCurveControlPoints"]
+        for i in items
+        if len(i) and "ParameterCurve" in i
+    ]
+    assert max(map(len, curves)) <= 16 and min(p["Time"] for c in curves for p in c) >= 0
+    values = [p["ParameterValue"] for e in events for p in e["EventParameters"]]
+    assert 0 <= min(values) and max(values) <= 1
+    taps = read_pattern(tmp_path / "a.ahap").patterns[0].taps
+    assert [a for _, a, _ in taps] == pytest.approx([1.0, 1.0], abs=0.25)
+    assert [f for _, _, f in taps] == pytest.approx([100, 100], abs=2)
+
+
+def test_haptic_keeps_the_rules_of_its_data_model(tmp_path):
+    """Those of NiceVibrations, core/datamodel/src/v1.rs, validate()."""
+    for name in ("overlap.ahap", "boing.hjif", "rubberband.ahap", "heartbeats.hjif"):
+        write_pattern(tmp_path / "a.haptic", read_pattern(FILES / name))
+        tree = json.loads((tmp_path / "a.haptic").read_text())
+        lines = tree["signals"]["continuous"]["envelopes"]
+        for key in ("amplitude", "frequency"):
+            times = [p["time"] for p in lines[key]]
+            assert times == sorted(times) and all(0 <= p[key] <= 1 for p in lines[key])
+        for p in lines["amplitude"]:
+            if "emphasis" in p:
+                assert p["amplitude"] <= p["emphasis"]["amplitude"] <= 1
+                assert 0 <= p["emphasis"]["frequency"] <= 1
+
+
+def test_hjif_has_whole_positions_and_frequencies(tmp_path):
+    write_pattern(tmp_path / "a.hjif", read_pattern(FILES / "rubberband.ahap"))
+    tree = json.loads((tmp_path / "a.hjif").read_text())
+    assert (tree["profile"], tree["version"], tree["timescale"]) == ("Main", "2023", 4000)
+    (channel,) = tree["perceptions"][0]["channels"]
+    for band in channel["bands"]:
+        (effect,) = band["effects"]
+        last = 0
+        for frame in effect["keyframes"]:
+            assert isinstance(frame["relative_position"], int)
+            assert last <= frame["relative_position"] < 2**16
+            assert isinstance(frame.get("frequency_modulation", 0), int)
+            last = frame["relative_position"]
+
+
+def test_the_loss_is_that_of_known_signals():
+    t = np.arange(8000) / FS
+    y = np.sin(2 * np.pi * 250 * t)
+    error, envelope, bands = loss(y, 0.9 * y, FS)
+    assert error == pytest.approx(-20, abs=1e-6) and envelope == pytest.approx(-20, abs=1e-6)
+    levels = {f: (a, b) for f, a, b in bands}
+    assert levels[250][0] == pytest.approx(-3.0103, abs=1e-3)
+    assert levels[250][1] == pytest.approx(-3.0103 - 0.9151, abs=1e-3)
+    assert levels[1000][0] < -60
+    error, envelope, _ = loss(y, -y, FS)  # a phase is lost, an envelope is not
+    assert error == pytest.approx(6.0206, abs=1e-3) and envelope < -150
+
+
+# Refuse -------------------------------------------------------------------------------
+def changed(name, change, folder):
+    tree = json.loads((FILES / name).read_text())
+    change(tree)
+    path = folder / name
+    path.write_text(json.dumps(tree))
+    return path
+
+
+BAND = "perceptions", 0, "channels", 0, "bands", 0
+
+
+def put(*keys):
+    *way, last, value = keys
+
+    def change(tree):
+        for key in way:
+            tree = tree[key]
+        tree[last] = value
+
+    return change
+
+
+EFFECT = (*BAND, "effects", 0)
+LINES = "signals", "continuous", "envelopes"
+
+
+@pytest.mark.parametrize(
+    "name, change, says",
+    [
+        ("pop.ahap", put("Pattern", {}), r"\$\.Pattern is not a list; write"),
+        ("pop.ahap", put("Pattern", [3]), r"\$\.Pattern\[0\] is not an object"),
+        ("pop.ahap", put("Pattern", 0, "Event", "Time", -1), r"Event\.Time = -1 is out of range"),
+        ("pop.ahap", put("Pattern", 0, "Event", "Time", 1e9), "Time = 1000000000.0 is out of"),
+        ("pop.ahap", put("Pattern", 0, "Event", "Time", True), "Time = True is out of range"),
+        (
+            "pop.ahap",
+            put("Pattern", 0, "Event", "EventType", "AudioCustom"),
+            r"\$\.Pattern\[0\]\.Event\.EventType = 'AudioCustom' cannot be read; take the event",
+        ),
+        (
+            "pop.ahap",
+            put("Pattern", 0, "Event", "EventParameters", 0, "ParameterID", "Loudness"),
+            "= 'Loudness' cannot be read; use HapticIntensity",
+        ),
+        (
+            "rubberband.ahap",
+            put("Pattern", 3, "ParameterCurve", "ParameterCurveControlPoints", 1, "Time", 9),
+            r"\$\.Pattern\[3\] goes back in time; give",
+        ),
+        (
+            "rubberband.ahap",
+            put("Pattern", 3, "ParameterCurve", "ParameterCurveControlPoints", []),
+            r"\$\.Pattern\[3\] has no points",
+        ),
+        (
+            "dynamic.ahap",
+            lambda tree: tree["Pattern"][0]["Event"].pop("EventDuration"),
+            r"\$\.Pattern\[0\]\.Event\.EventDuration is missing; give it",
+        ),
+        ("button1.haptic", put("version", "major", 2), r"\$\.version\.major = 2 is out of range"),
+        (
+            "button1.haptic",
+            put(*LINES, "amplitude", 2, "emphasis", "amplitude", 1.5),
+            r"amplitude\[2\]\.emphasis\.amplitude = 1.5 is out of range; use 0 to 1",
+        ),
+        (
+            "button1.haptic",
+            put(*LINES, "amplitude", 2, "time", 1.0),
+            r"\$\.signals\.continuous\.envelopes\.amplitude goes back in time",
+        ),
+        ("button1.haptic", put(*LINES, "amplitude", []), "amplitude has no points"),
+        (
+            "tick1.hjif",
+            put(*BAND, "band_type", "WaveletWave"),
+            "'WaveletWave' cannot be read; synthesise it with MPEG's reference software",
+        ),
+        (
+            "tick1.hjif",
+            put(*EFFECT, "keyframes", 0, "relative_position", 65534),
+            r"bands\[0\]\.effects\[0\]\.keyframes goes back in time",
+        ),
+        ("tick1.hjif", put(*EFFECT, "keyframes", []), "keyframes has no points"),
+        (
+            "tick1.hjif",
+            put("perceptions", 0, "perception_modality", "Stiffness"),
+            "'Stiffness' cannot be read; use Vibrotactile",
+        ),
+        ("tick1.hjif", put("perceptions", []), r"\$\.perceptions has no channels"),
+        ("double_tick.hjif", put(*EFFECT, "id", 7), r"effects\[0\]\.id is not in effect_library"),
+        ("tick1.hjif", put("timescale", 0), r"\$\.timescale = 0 is out of range"),
+        ("two_channels.hjif", put(*BAND, "curve_type", "Bezier"), "'Bezier' cannot be read"),
+    ],
+)
+def test_a_file_that_cannot_be_read_says_where_and_what_to_do(name, change, says, tmp_path):
+    path = changed(name, change, tmp_path)
+    refused(SceneFileError, says, read_pattern, path)
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ('{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": NaN}}]}', "not a finite"),
+        ('{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": 1e999}}]}', "not a fin"),
+        ('{"Pattern": ' + "[" * 100_000, "nested too deeply"),
+        ("[]", "not a JSON object"),
+        ("{", "Expecting"),
+        ("{}", r"\$\.Pattern is missing; give it"),
+    ],
+)
+def test_text_that_is_no_pattern(text, says, tmp_path):
+    path = tmp_path / "a.ahap"
+    path.write_text(text)
+    refused(SceneFileError, says, read_pattern, path)
+
+
+def test_counts_and_sizes_are_bounded(tmp_path, monkeypatch):
+    tap = happens("HapticTransient")
+    path = ahap(tmp_path, *[tap] * 20)
+    monkeypatch.setattr(stimlib.limits, "scene_blocks", 10)
+    refused(SceneFileError, r"\$\.Pattern: items: 20 is more than limits", read_pattern, path)
+    many = changed("fill1.hjif", put(*BAND, "curve_type", "Unknown"), tmp_path)
+    refused(SceneFileError, "points so far", read_pattern, many)
+    monkeypatch.setattr(stimlib.limits, "scene_bytes", 100)
+    refused(SceneFileError, "bytes: ", read_pattern, path)
+
+
+def test_what_a_format_cannot_say_is_refused(tmp_path, monkeypatch):
+    render, S = stimlib.render, stimlib.Scene
+    tone = oscillator(150)
+    cases = [
+        ({"a": tone, "b": tone}, "AHAP holds one channel, not 2; write .hjif", BadValue),
+        (
+            {"a": oscillator(700)},
+            "holds 65 to 300 Hz, and there are (69|70).* Hz; give f_lo",
+            BadValue,
+        ),
+        ({"a": 0 * tone}, "nothing moves above 20 Hz", BadValue),
+        ({"a": tone, "b": timeline([(0, 1)], unit="N")}, "the outputs are in 1, N", UnitError),
+        ({"a": tone / timeline([(0, 1), (0.1, 0)])}, "was not written", FaultError),
+    ]
+    for outputs, says, error in cases:
+        made = render(S(outputs), fs=FS, seconds=0.3, on_fault="ignore")
+        refused(error, says, write_pattern, tmp_path / "a.ahap", made)
+    made = render(S({"a": tone}), fs=FS, seconds=0.3)
+    refused(
+        BadValue,
+        "full_scale = 0.5  is below the amplitude",
+        write_pattern,
+        tmp_path / "a.ahap",
+        made,
+        PatternDevice(full_scale=0.5),
+    )
+    refused(BadValue, "suffix is not known", write_pattern, tmp_path / "a.ahp", made)
+    refused(BadValue, "suffix is not known; use one", read_pattern, tmp_path / "a.txt")
+    refused(BadValue, "f_lo = 300 Hz is not below", PatternDevice, f_lo=300.0)
+    refused(BadValue, "decay = 0.0 must be", PatternDevice, decay=0.0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_noise_is_written_with_its_loss_stated(tmp_path):
+    made = stimlib.render(stimlib.Scene({"a": white_noise(1)}), fs=FS, seconds=0.5)
+    report = write_pattern(tmp_path / "a.hjif", made)
+    assert report.lost["a"][0] > -1.0 and "lost on the way back" in str(report)
+
+
+# Command ------------------------------------------------------------------------------
+def test_convert_both_ways(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    source = str(FILES / "ramp_down_with_emp.haptic")
+    ran(["convert", source, "a.wav", "--full-scale", "2", "--unit", "N"])
+    y, info = stimlib.files.read("a.wav")
+    assert info["channels"][0]["unit"] == "N" and 0.5 < np.abs(y).max() <= 2.0
+    ran(["convert", source, "a.json", "--unit", "N"])
+    assert stimlib.compile(stimlib.load("a.json"), FS).units["vibration"] == "N"
+    said = ran("convert a.json b.hjif --seconds 2.1").stdout
+    assert "1 transients" in said and "octaves in dB re 1 N" in said
+    ran("convert a.wav c.ahap --f-hi 400")
+    found = json.loads(ran("convert b.hjif d.haptic --json").stdout)
+    assert found["path"] == "d.haptic" and found["taps"] == 1
+    ran("convert tone e.haptic --seconds 0.4")
+
+
+@pytest.mark.parametrize(
+    "words, says",
+    [
+        (["squeeze", "a.hjif"], "no motion for x1"),
+        (["squeeze", "a.ahap", "--motion", "minimum_jerk()"], "AHAP holds one channel"),
+        (["nothing.ahap", "a.wav"], "cannot read nothing.ahap"),
+        (["a.wav", "a.json"], "cannot read a.wav"),
+        ([FILES / "pop.ahap", "a.mp3"], "suffix is not known"),
+        ([FILES / "pop.ahap", "a.wav", "--f-lo", "500"], "--f-lo = 500 Hz is not below"),
+    ],
+)
+def test_convert_says_what_is_wrong(words, says, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ran(["convert", *words], 2, says)
+
+
+def test_the_table_of_losses_is_that_of_the_command():
+    """docs/howto/patterns.csv, made by ``benchmarks/patterns.py --record``."""
+    table = runpy.run_path(str(ROOT / "benchmarks" / "patterns.py"))
+    with open(table["TABLE"], encoding="utf-8") as f:
+        written = list(csv.reader(f))
+    found = table["rows"]()
+    assert [row[:4] for row in found] == [row[:4] for row in written] and len(found) > 30
+    for one, two in zip(found[1:], written[1:], strict=True):
+        for a, b in zip(one[4:], two[4:], strict=True):
+            assert (a == "refused") == (b == "refused"), one
+            if a != "refused":
+                levels = np.array([row.split(" / ") for row in (a, b)], float)
+                assert np.abs(np.diff(np.maximum(levels, -60), axis=0)).max() <= 2, one
