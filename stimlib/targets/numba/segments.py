@@ -26,7 +26,7 @@ from .cache import load
 
 _HEAD = """from collections import namedtuple as _sl_namedtuple
 import numpy as _sl_np
-from numba import carray as _sl_carray, cfunc as _sl_cfunc, njit as _sl_njit
+from numba import cfunc as _sl_cfunc, njit as _sl_njit
 from stimlib.targets.numba import vectors as _sl_vectors, intrinsics as _sl
 """  # every name of ours begins with _sl: users choose theirs freely
 
@@ -203,7 +203,7 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
         memory = _MEMORY[k][0] + b
         if k.isupper():  # words: place, size
             start, size = codegen.each(f"_sl_np.int64(C{b}[%d])", (at, at + 1))
-            numbers.append(f"_sl_carray(_sl.at({memory}, {start}), {size})")
+            numbers.append(f"_sl.array(_sl.at({memory}, {start}), {size})")
             at += 1
         else:
             numbers.append(f"{memory}[{at}]")
@@ -213,7 +213,7 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
         if k.isupper():
             size = f"z{b}_{name}"
             lines.append(f"{size} = _sl_np.int64(C{b}[{at}])")
-            state.append(f"_sl_carray(_sl.at({memory}, {at_s}), {size})")
+            state.append(f"_sl.array(_sl.at({memory}, {at_s}), {size})")
             at_s += f" + {size}"
             at += 1
         else:
@@ -223,10 +223,10 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
     lines.append(f"p{b} = {codegen.record('_sl_P', numbers)}")
     lines.append(f"s{b} = {codegen.record('_sl_S', state)}")
     slots = range(slot, slot + len(signals))
-    lines += codegen.each(f"%s{b} = _sl_carray(_sl.at(W, A[%d]), n)", signals, slots)
+    lines += codegen.each(f"%s{b} = _sl.array(_sl.at(W, A[%d]), n)", signals, slots)
     if form.cls.tile and form.cls.work:
         size = f"_sl_np.int64(C[{at}])"
-        lines.append(f"w = _sl_carray(_sl.at(W, A[{len(signals)}]), {size})")
+        lines.append(f"w = _sl.array(_sl.at(W, A[{len(signals)}]), {size})")
 
 
 def _run(form: Form, f: Any, out: list[str]) -> list[str]:
