@@ -4,7 +4,8 @@ buffer, in a headless Chromium, null sound card.
     PYTHONPATH=tests python benchmarks/page.py                20 s each
     PYTHONPATH=tests python benchmarks/page.py --seconds 300
     PYTHONPATH=tests python benchmarks/page.py --record       and keep the figures
-    PYTHONPATH=tests python benchmarks/page.py --soak 1200    beside a busy loop
+    PYTHONPATH=tests python benchmarks/page.py --soak 1200    beside a busy loop, the
+                                                              server 2000 ppm slow
     PYTHONPATH=tests python benchmarks/page.py --drawing      of an experiment's page
 
 They are kept in results/page.csv, those of a soak in results/page_soak.csv.  The
@@ -13,10 +14,11 @@ server's clock is right, 2000 ppm slow, and 2000 ppm fast.
 A finger is dragged over six bumps, 125 moves a second, while the voltage is heard.
 Times are from the event's own stamp, without the filter behind the reports.
 
-A soak has one server and a program that computes without end.  Every minute (at least
-ten times) it prints underruns of the server, gaps in the sound and why, latencies, and
-memory: of the server, of all of the browser, and of the page's objects.  Latencies are
-those of the last thousand moves.
+A soak has one server and a program that computes without end (unless --idle).  Every
+minute (at least ten times) it prints the load of the machine, underruns of the server,
+gaps in the sound and why, blocks in its queue, latencies, and memory: of the server, of
+all of the browser, and of the page's objects.  Latencies are those of the last thousand
+moves.
 
 Of drawing, it measures how long a picture of a soft surface takes on the page of an
 experiment, under three avatars that press it deeply and move: by the script, and with
@@ -146,20 +148,21 @@ def resident(pid: int, group: bool = False) -> float:
 
 
 ASKED = """import('./live.js').then(({live}) => {
-    const {drawn, sound, report} = live, {played, gaps, causes} = sound;
-    const found = {drawn: [...drawn], heard: [...played], gaps, causes, report};
+    const {drawn, sound, report} = live, {played, gaps, causes, figures} = sound;
+    const found = {drawn: [...drawn], heard: [...played], gaps, causes, figures, report};
     drawn.length = played.length = 0;
     return found; })"""
 
 
-def soak(seconds: float) -> list[Row]:
-    """A session of so many seconds beside a busy loop: what it comes to, over time."""
+def soak(seconds: float, idle: bool) -> list[Row]:
+    """A session of so many seconds, beside a busy loop: what it comes to, over time."""
     if where() is None:
         return [row("Chromium is not installed")]
     rows: list[Row] = []
-    busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    busy = subprocess.Popen([sys.executable, "-c", "pass" if idle else "while True: pass"])
+    pace = str(PACES["2000 ppm slow"])
     server = subprocess.Popen(
-        [sys.executable, __file__, "--serve", "1"], stdout=subprocess.PIPE, text=True
+        [sys.executable, __file__, "--serve", pace], stdout=subprocess.PIPE, text=True
     )
     browser = Browser()
     try:
@@ -176,18 +179,22 @@ def soak(seconds: float) -> list[Row]:
             ]
             why = ", ".join(f"{cause} {n}" for cause, n in found["causes"].items())
             report = found["report"]
+            audio = found["figures"]
             rows += [
+                row(f"{at}: load of the machine", f"{os.getloadavg()[0]:.1f}", "processes"),
                 row(f"{at}: underruns of the server, in all", report["underruns"], "times"),
                 row(f"{at}: lost by the server, in all", report["lost"], "samples"),
                 row(f"{at}: gaps in the sound, in all", found["gaps"], "times"),
                 row(f"{at}: why", why or "none", "times"),
+                row(f"{at}: queue of the sound", audio["depth"], "blocks"),
+                row(f"{at}: step of the sound", round(audio["ratio"], 5), "times"),
             ]
             for what in ("drawn", "heard"):
                 p50, p99 = np.percentile(found[what] or [math.nan], [50, 99])
                 rows += [row(f"{at}: pointer to {what}, 50 and 99 %", f"{p50:.0f} {p99:.0f}", "ms")]
             server_browser_heap = " ".join(f"{m:.0f}" for m in memory)
             rows += [row(f"{at}: server, browser, page's objects", server_browser_heap, "MiB")]
-            for r in rows[-7:]:
+            for r in rows[-10:]:
                 print(r["what"], r["value"], r["unit"], flush=True)
         page.close()
     finally:
@@ -281,9 +288,10 @@ if __name__ == "__main__":
         parser = options(__doc__, None)
         parser.add_argument("--seconds", type=float, default=20.0)
         parser.add_argument("--soak", type=float, default=0.0, metavar="SECONDS")
+        parser.add_argument("--idle", action="store_true")
         parser.add_argument("--drawing", action="store_true")
         given = parser.parse_args()
         name = "page_soak" if given.soak else "page_drawing" if given.drawing else "page"
         short = drawing if given.drawing else measure
-        rows = soak(given.soak) if given.soak else short(given.seconds)
+        rows = soak(given.soak, given.idle) if given.soak else short(given.seconds)
         save(name, [row(machine()), *rows], given.record)

@@ -15,6 +15,9 @@ from pathlib import Path
 
 import pytest
 
+import stimlib
+from stimlib import Input, Scene
+from stimlib.blocks import springpot, velocity
 from stimlib.core import maths
 from stimlib.core.steps import source
 from stimlib.targets.numba import cache as caches, engine, intrinsics, kernels, vectors
@@ -156,7 +159,8 @@ def test_an_entry_is_named_by_all_that_is_compiled_into_it(monkeypatch):
         assert inspect.getsource(module) in usual
     for cls in vectors.OPERATIONS:
         assert source(cls.step) in usual
-    assert (Path(kernels.__file__).parent / "runtime.py").read_text() in usual
+    for part in ("runtime.py", "slow_modes.py", "stretches.py"):
+        assert (Path(kernels.__file__).parent / part).read_text() in usual
     monkeypatch.setattr(kernels, "FEATURES", [*kernels.FEATURES, "-avx512f"])
     assert salt.__wrapped__() != usual, "vectors of another width"
 
@@ -169,6 +173,47 @@ def test_a_second_process_compiles_nothing(small, wanted):
         "",
     ), "nor says a word where nobody listens to the log"
     assert {p: p.stat().st_mtime_ns for p in cache.rglob("*") if p.is_file()} == before
+
+
+LEAN = """
+import gc, sys
+from stimlib.targets.numba.cache import load
+half, total = sys.argv[1:]
+assert load(half, "half").twice(21.0) == 42.0 and "numba.np.linalg" not in sys.modules
+import numpy as np
+assert load(total, "total").total(np.arange(5.0)) == 10.0 and "numba.np.linalg" in sys.modules
+assert gc.isenabled()
+"""
+TOTAL = """
+from numba import njit, types
+@njit(types.float64(types.float64[::1]), cache=True)
+def total(x):
+    return x.sum()
+"""
+
+
+def test_arithmetic_is_compiled_without_most_of_numba_and_the_rest_with_it(tmp_path):
+    (tmp_path / "lean.py").write_text(LEAN)
+    run(tmp_path / "lean.py", tmp_path / "cache", TWICE, TOTAL)
+
+
+def test_parts_of_the_runtime_are_compiled_when_a_scene_needs_them(monkeypatch):
+    asked, real = [], engine._part
+
+    def part(piece, *names):
+        asked.append(piece[1])
+        return real(piece, *names)
+
+    monkeypatch.setattr(engine, "_part", part)
+    x, touch = Input("x"), Input("touch")
+    for y, parts in (
+        (velocity(x), []),
+        (velocity(x, contact=touch), ["stretches"]),
+        (springpot(x, 1.0, 0.5), ["slow_modes"]),
+    ):
+        asked.clear()
+        stimlib.compile(Scene({"y": y}), 1000)
+        assert sorted({*asked} - {"runtime"}) == parts
 
 
 TWICE = """

@@ -1547,7 +1547,7 @@ def test_what_an_empty_cache_compiles_is_said_once_before(tmp_path, monkeypatch,
             cache.load(seen, stem)
     assert (
         capsys.readouterr().err
-        == "compiling for this machine, once: about half a minute\nrunning\nrunning\n"
+        == "compiling for this machine, once: about ten seconds\nrunning\nrunning\n"
     )
     cache.load(f"{seen} # again", "pump")
     assert capsys.readouterr().err == "running\n", "nobody is told outside of a command"

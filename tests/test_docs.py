@@ -63,6 +63,11 @@ def build(builder, folder, gallery=False):
     return folder / "made"
 
 
+def test_the_page_says_that_jax_has_not_run_on_a_gpu_until_it_has():
+    ran = (ROOT / "benchmarks" / "results" / "jax_gpu.csv").exists()
+    assert ("has not run on a GPU yet" in text_of("batches.rst")) != ran
+
+
 def test_docs_have_no_warnings(tmp_path):
     """Everything is read and every reference found; no page is written."""
     build("dummy", tmp_path)

@@ -9,7 +9,7 @@ writer stores its count with release order, and the reader loads it with acquire
 so neither ever waits for the other.
 """
 
-from llvmlite import ir
+from llvmlite import binding, ir
 from numba import cfunc, njit, types
 from numba.extending import intrinsic
 
@@ -126,6 +126,12 @@ def _function(result, *args):
         return types.int64(types.int64, types.int64, types.int64), code
 
     return some
+
+
+def _by_name(name, f, signature):
+    """Return a compiled function for those below, which call it by name."""
+    binding.add_symbol(name, f.address)
+    return types.ExternalFunction(name, signature)
 
 
 clock_gettime, get_buffer, frame_time, sleep_us = (
@@ -429,8 +435,12 @@ def keep_motion(c, m):
     store(c, X_WRITE, w + m)
 
 
-@njit(error_model="numpy")
-def advance(c, done, n, keep):
+ADVANCE = types.int64(I8, types.int64, types.int64, types.int64)
+PRODUCE = types.void(I8, types.int64, types.int64)
+
+
+@cfunc(ADVANCE, cache=True, error_model="numpy")
+def _advance(c, done, n, keep):
     """Run up to n - done samples, and deliver them from frame ``done`` on.
 
     With keep = 0 the samples are discarded. Return the index of the next frame.
@@ -497,8 +507,11 @@ def late(c, n, start):
     c[DUE] = start + types.int64(n * float_of(c[FRAME_NS])) if load(c, WAIT) == 0 else 0
 
 
-@njit(error_model="numpy")
-def produce(c, n, lost):
+advance = _by_name("stimlib_advance", _advance, ADVANCE)
+
+
+@cfunc(PRODUCE, cache=True, error_model="numpy")
+def _produce(c, n, lost):
     """Make one block of n frames, after ``lost`` frames that the device skipped.
 
     Commit or withdraw the block afterwards.
@@ -531,6 +544,9 @@ def produce(c, n, lost):
         c[STALL] = 0
     if done > 0:
         count(c[HISTOGRAM], now(c) - start)
+
+
+produce = _by_name("stimlib_produce", _produce, PRODUCE)
 
 
 @plain

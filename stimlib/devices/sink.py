@@ -253,9 +253,9 @@ class Sink:
         if self.calibration is not None:
             self.safety = self.calibration.safety(self.scene, self.safety, rate)
             self.protected = protect(self.scene, self.safety)
-        from ..targets.numba.engine import RUNTIME, expect
+        from ..targets.numba.engine import expect
 
-        expect([RUNTIME, PUMP])
+        expect([PUMP])
         self.proc = compile(self.protected, rate, seed=self.seed)
         self.rate, self.block = self.proc.fs, block
         self._warm_up()

@@ -24,7 +24,9 @@ def heard(**options):
         "node",
         RING,
         WORKLET,
-        json.dumps({"pace": 1.0, "steer": True, "seconds": 20, "jitter": 0.002} | options),
+        json.dumps(
+            {"pace": 1.0, "steer": True, "seconds": 20, "jitter": 0.002, "depth": 2} | options
+        ),
     ]
     return json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
 
@@ -60,3 +62,26 @@ def test_a_stall_is_faded_and_told(late):
     y = heard(stall=5.0, late=late)
     assert y["under"] == 1 and y["missing"] == (0 if late else 800)
     assert y["step"] < 1.05 * 0.25 * 2 * math.pi * 158 / 48000  # no click
+
+
+@pytest.mark.parametrize("f", [500, 1000, 2000])
+@pytest.mark.parametrize("pace", [0.998, 1.002])
+def test_what_is_heard_is_the_tone_that_was_sent(f, pace):
+    """A cubic polynomial had images at -44 dB of 1000 Hz and -23 dB of 2000 Hz."""
+    y = heard(f=f, pace=pace)
+    assert y["distortion"] < -70  # dB, against a sine that follows the step
+    assert y["gain"] == pytest.approx(1, abs=1e-3)
+    assert y["wander"] < 5e-4  # of the step, in 5 s: less than a cent
+
+
+@pytest.mark.parametrize("hiccup", [0.05, 0.12])
+def test_a_gap_teaches_how_long_the_queue_must_be(hiccup):
+    """A queue that grew by one block had a gap at each of 19 pauses."""
+    y = heard(pace=0.998, seconds=60, hiccup=hiccup, late=True)
+    assert y["under"] == 1 and y["fill"] < hiccup + 0.03
+
+
+def test_the_queue_is_long_at_first_and_shrinks_to_what_is_needed():
+    assert heard(depth=None)["depth"] == 8
+    calm = heard(pace=0.998, depth=None, seconds=100)
+    assert calm["under"] == 0 and calm["depth"] <= 3

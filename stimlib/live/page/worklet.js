@@ -1,9 +1,21 @@
-// The audio thread: a ring of samples at the scene's rate, read at a fractional step by a 4-point Hermite polynomial. The step is
+// The audio thread: a ring of samples at the scene's rate, read at a fractional step by a windowed sinc. The step is
 // steered by a PI control so that the ring's mean fill stays at its goal: two clocks never agree, so something must give, and
 // here it is at most 0.5 % of pitch.
 "use strict";
 const SIZE = 1 << 16, MASK = SIZE - 1, FADE = 0.005;
+const HALF = 8, PHASES = 256, KERNEL = kernel(7); // taps on either side of a place between samples
+const MOST = 0.2, STALL = 0.15; // s: the longest queue; what comes later still is no jitter
+const CALM = 30, CALMEST = 960; // s without a gap before the queue shrinks: twice as long after each gap
 const QUICK = 0.5, LEARNT = QUICK * QUICK / 4; // 1/s, 1/s²: a control that is critically damped; 2000 ppm move the fill by 3 ms
+
+/** Taps of a sinc under a Kaiser window, for each phase and the one after the last: images below -70 dB up to a third of the rate. */
+function kernel(beta) {
+  const bessel = x => { let sum = 1, part = 1; for (let k = 1; k < 40; k++) sum += part *= (x / (2 * k)) ** 2; return sum; };
+  return Float32Array.from({ length: 2 * HALF * (PHASES + 1) }, (_, i) => {
+    const d = i % (2 * HALF) - HALF + 1 - Math.floor(i / (2 * HALF)) / PHASES, u = d / HALF;
+    return (d ? Math.sin(Math.PI * d) / (Math.PI * d) : 1) * (Math.abs(u) < 1 ? bessel(beta * Math.sqrt(1 - u * u)) / bessel(beta) : 0);
+  });
+}
 
 class Player extends AudioWorkletProcessor {
   constructor({ processorOptions: o }) {
@@ -11,9 +23,10 @@ class Player extends AudioWorkletProcessor {
     this.ring = new Float32Array(SIZE);
     this.fs = 8000; this.head = 0; this.at = 0; this.block = 32; this.session = 0; this.next = -1;
     this.base = Math.max(o.base, 128 / sampleRate); // s: the device takes so much at once
-    this.depth = this.min = o.depth ?? 2; // blocks in the ring besides
+    this.min = o.depth ?? 2; // blocks in the ring besides
+    this.depth = o.depth ?? 8; this.wait = CALM; // at first, as nobody knows how late they come
     this.steer = o.steer ?? true;
-    this.on = false; this.gain = 0; this.mean = 0; this.sum = 0; this.ratio = 1; this.ended = false;
+    this.on = this.dry = false; this.gain = 0; this.mean = 0; this.sum = 0; this.ratio = 1; this.ended = false;
     this.lost = this.under = this.skips = this.missing = 0; this.least = this.since = Infinity; this.calm = 0; this.n = 0; // since: s of silence since an underrun
     this.marks = [];
     this.port.onmessage = ({ data }) => { this.link = data.port; this.link.onmessage = ({ data: d }) => this.take(d); };
@@ -42,13 +55,17 @@ class Player extends AudioWorkletProcessor {
   goal() { return this.depth * this.block + this.base * this.fs; }
 
   // Begin only from silence and with so much in the ring that its mean is the goal, as the device begins with the first of what it
-  // takes at once; jitter asks for more depth, a stall does not.
+  // takes at once; jitter asks for more depth, as much as was missing, a stall does not.
   begin(fill, dt) {
     const swing = (this.base - dt) / 2 * this.fs;
-    if (fill < this.goal() + swing + 2 || this.gain > 0) {
+    if (fill > HALF + 2 && this.dry) { // what was late has come
+      this.wait = Math.min(2 * this.wait, CALMEST);
+      if (this.since < STALL) this.depth = Math.min(this.depth + Math.ceil(this.since * this.fs / this.block) + 1, Math.floor(MOST * this.fs / this.block));
+      this.dry = false;
+    }
+    if (fill < this.goal() + swing + HALF || this.gain > 0) {
       if (this.head) this.lost++;
     } else {
-      if (this.since < 0.2) this.depth = Math.min(this.depth + 1, 16);
       this.on = true; this.at = this.head - this.goal() - swing;
       this.mean = this.goal();
     }
@@ -58,8 +75,9 @@ class Player extends AudioWorkletProcessor {
   control(fill, dt) {
     this.mean += (fill - this.mean) * dt / 0.5;
     this.least = Math.min(this.least, fill);
-    if ((this.calm += dt) > 30) { // what grew in a bad moment shrinks again
-      if (this.depth > this.min && this.least > 2.5 * this.block + 24) this.depth--;
+    if ((this.calm += dt) > this.wait) { // what grew in a bad moment shrinks again, by half of what nobody needed
+      const spare = Math.ceil((this.least - 2.5 * this.block - 24 - HALF) / (2 * this.block));
+      if (spare > 0) this.depth = Math.max(this.min, this.depth - spare);
       this.calm = 0; this.least = Infinity;
     }
     const e = (this.mean - this.goal()) / this.fs; // s too much in the ring
@@ -68,10 +86,12 @@ class Player extends AudioWorkletProcessor {
   }
 
   read() {
-    const k = Math.floor(this.at), f = this.at - k, r = this.ring;
-    const a = r[(k - 1) & MASK], b = r[k & MASK], c = r[(k + 1) & MASK], d = r[(k + 2) & MASK];
-    const m0 = (c - a) / 2, m1 = (d - b) / 2, q = 2 * (b - c) + m0 + m1;
-    return b + f * (m0 + f * (c - b - m0 - q + f * q));
+    const k = Math.floor(this.at), p = (this.at - k) * PHASES, i = Math.floor(p), f = p - i;
+    let y = 0;
+    for (let j = 0, a = 2 * HALF * i; j < 2 * HALF; j++, a++) {
+      y += this.ring[(k + 1 - HALF + j) & MASK] * (KERNEL[a] + f * (KERNEL[a + 2 * HALF] - KERNEL[a]));
+    }
+    return y;
   }
 
   process(_, [[out]]) {
@@ -81,7 +101,7 @@ class Player extends AudioWorkletProcessor {
     if (this.on) this.control(fill, dt);
     const step = this.fs / sampleRate * this.ratio;
     for (let i = 0; i < n; i++) {
-      if (this.on && this.head - this.at < 3) { this.on = false; this.under += !this.ended; this.since = this.ended ? Infinity : 0; this.calm = 0; this.least = Infinity; }
+      if (this.on && this.head - this.at < HALF + 1) { this.on = false; this.dry = !this.ended; this.under += !this.ended; this.since = this.ended ? Infinity : 0; this.calm = 0; this.least = Infinity; }
       this.gain = this.on ? Math.min(1, this.gain + up) : Math.max(0, this.gain - up);
       out[i] = this.read() * this.gain;
       if (this.on) this.at += step;

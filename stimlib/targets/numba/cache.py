@@ -10,6 +10,7 @@ nothing that is not what was written.
 from __future__ import annotations
 
 import atexit
+import gc
 import hashlib
 import inspect
 import json
@@ -26,7 +27,7 @@ import types
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ import llvmlite
 import llvmlite.binding
 import numba
 import platformdirs
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
@@ -51,8 +53,8 @@ SUMS = "sha256.json"
 # be stopped
 WAIT = 300.0
 LONG = "runtime_", "pump_"
-"""What takes seconds to compile, and is missing in an empty cache; a block class takes
-half a second.
+"""What takes a second to compile, and is missing in an empty cache; a block class takes
+a tenth.
 """
 
 LEFT = re.compile(r"\w+_[0-9a-f]{20}\.\w{8}\.tmp")  # a folder that tempfile.mkdtemp made here
@@ -135,7 +137,8 @@ def _temporary(wanted: Path, why: OSError) -> None:
 # Entries ------------------------------------------------------------------------------
 @cache
 def _salt() -> str:
-    runtime = Path(__file__).with_name("runtime.py").read_text()
+    parts = ("runtime.py", "slow_modes.py", "stretches.py")
+    runtime = "".join(Path(__file__).with_name(name).read_text() for name in parts)
     config: Any = numba.config
     host = llvmlite.binding.get_host_cpu_name(), config.CPU_NAME, kernels.FEATURES
     flags = (
@@ -208,7 +211,7 @@ def _load(place: Path, text: str, alone: bool = False) -> types.ModuleType:
     if not alone:
         if place.name.startswith(LONG):
             for tell in announce:
-                tell("compiling for this machine, once: about half a minute")
+                tell("compiling for this machine, once: about ten seconds")
         with _turn(place, text):
             return _load(place, text, alone=True)
     began = time.perf_counter()
@@ -216,7 +219,7 @@ def _load(place: Path, text: str, alone: bool = False) -> types.ModuleType:
     part = Path(tempfile.mkdtemp(prefix=f"{place.name}.", suffix=".tmp", dir=place.parent))
     try:
         (part / f"{place.name}.py").write_text(text)
-        module = _execute(part, text, place.name)
+        module = _compiled(part, text, place.name)
         _publish(part, place)
     finally:
         shutil.rmtree(part, ignore_errors=True)
@@ -272,6 +275,55 @@ def _execute(place: Path, text: str, name: str = "") -> types.ModuleType:
     finally:
         config.CACHE_DIR = elsewhere
     return module
+
+
+def _compiled(place: Path, text: str, name: str) -> types.ModuleType:
+    """Compile source with as little of numba as it needs.
+
+    numba's implementations of arithmetic, tuples and arrays suffice for what stimlib
+    itself compiles; importing the others takes half a second. Python's collector of
+    cycles would look at all of them again and again.
+    """
+    context: Any = cpu_target.target_context
+    made: Any = context.codegen()
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        with suppress(Exception), global_compiler_lock:
+            context.load_additional_registries = partial(_few, context)
+            made._library_class = _Library
+            try:
+                return _execute(place, text, name)
+            finally:
+                del context.load_additional_registries, made._library_class
+        return _execute(place, text, name)  # a step of a user may need all
+    finally:
+        if collects:
+            gc.enable()
+
+
+class _Library(JITCodeLibrary):
+    """Machine code that is optimised once.
+
+    numba does it three times, for the sake of reference counts, which segments lack.
+    """
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(self._final_module, builder)
+
+
+def _few(context: Any) -> None:
+    """Register the implementations that stimlib's own steps need."""
+    from numba.cpython import mathimpl, numbers, rangeobj, slicing, tupleobj  # noqa: F401
+    from numba.np import arrayobj, npyimpl  # noqa: F401
+
+    rtsys.initialize(context)
+    context.install_registry(mathimpl.registry)
+    context.install_registry(npyimpl.registry)
 
 
 @contextmanager

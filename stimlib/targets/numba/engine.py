@@ -28,25 +28,28 @@ from .segments import Form, kinds, noise_behind, segment, written
 TILE = 64
 
 
-KERNELS = "fir", "modes", "memory"
-RUNTIME = Path(__file__).with_name("runtime.py").read_text(), "runtime"
+RUNTIME, SLOW_MODES, STRETCHES, THREADS = (
+    (Path(__file__).with_name(f"{name}.py").read_text(), name)
+    for name in ("runtime", "slow_modes", "stretches", "threads")
+)
 
 
-@cache
 def runtime() -> types.ModuleType:
     """Return the compiled runtime.
 
     Segments find its kernels by name, so it must be loaded before any of them.
     """
-    module = load(*RUNTIME)
-    for name in KERNELS:
-        llvmlite.binding.add_symbol(f"stimlib_{name}", getattr(module, name).address)
-    return module
+    return _part(RUNTIME, "fir", "modes")
 
 
 @cache
-def _threads() -> types.ModuleType:
-    return load(Path(__file__).with_name("threads.py").read_text(), "threads")
+def _part(piece: tuple[str, str], *kernels: str) -> types.ModuleType:
+    """Return a compiled part of the runtime, after giving its kernels their names."""
+    expect([piece])
+    module = load(*piece)
+    for name in kernels:
+        llvmlite.binding.add_symbol(f"stimlib_{name}", getattr(module, name).address)
+    return module
 
 
 # A program to a table -----------------------------------------------------------------
@@ -147,6 +150,8 @@ class _Table:
         i, instances = group[0], self.program.instances
         q, cls = instances[i], instances[i].block.definition
         form = self.form(group)
+        if "memory" in written(form)[0]:
+            _part(SLOW_MODES, "memory")
         compiled = segment(form)
         resets = cls.resettable and not _always(instances[q.args[-1]])
         rest = pack(at_rest(self.design[i][1])) if resets else np.zeros(0, np.uint64)
@@ -171,7 +176,7 @@ class _Table:
             outs, at = self.places(i), self.p_at - starts[0] - rest.size
             contact = self.arg(q.args[-1], q.clock)
             words = [contact, outs[0], len(outs), at, rest.size, address, *words]
-            address = self.machine.RESETTABLE
+            address = _part(STRETCHES).stretches.address
         if cls.work:
             words.append(-1)  # the slot of the scratch, which is behind all others
         return address, words, starts[0]
@@ -227,6 +232,7 @@ class Engine:
         self.S, W, *rest = np.split(memory[first : first + ends[-1]], ends[:-1])
         self.W = W.view(np.float64)
         self.N, self.index, pending, self.ctx = (a.view(np.int64) for a in rest)
+        self.index[(2 * ROOT + 1) * TILE : (2 * ROOT + 2) * TILE] = range(TILE)
         self.pending = pending.reshape(-1, 4)
         for k, v in self._constants:
             self.W[k : k + TILE] = v
@@ -269,7 +275,7 @@ class Engine:
         thread has taken. turn is one number, 0 at the start; x (1 or copies, n_inputs,
         n) and out (copies, n_outputs, n) must fit.
         """
-        contexts, process = np.array([e.ctx.ctypes.data for e in engines]), _threads().process
+        contexts, process = np.array([e.ctx.ctypes.data for e in engines]), _part(THREADS).process
 
         def run(
             turn: np.ndarray, x: np.ndarray, out: np.ndarray, kept: object = tuple(engines)

@@ -9,7 +9,7 @@ from types import FunctionType
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, njit, types
+from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
@@ -149,6 +149,21 @@ def data(ctx, a):
 
 
 @intrinsic
+def array(ctx, p, n):
+    """Return n words at a pointer as an array; ``carray`` compiles slower."""
+    t = types.Array(p.dtype, 1, "C")
+
+    def code(c, b, s, v):
+        from numba.np.arrayobj import populate_array  # takes long to import
+
+        a = c.make_array(t)(c, b)
+        populate_array(a, v[0], [v[1]], [I64(8)], I64(8), None)
+        return a._getvalue()
+
+    return t(p, i8), code
+
+
+@intrinsic
 def move(ctx, to, source, n):
     """Copy n words."""
 
@@ -181,7 +196,7 @@ def run(ctx, address, c, x, y, n):
 @plain
 def words(a):
     """Return a float64 array's memory as words."""
-    return carray(as_u8(data(a)), a.size)
+    return array(as_u8(data(a)), a.size)
 
 
 @plain

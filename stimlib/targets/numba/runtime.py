@@ -10,7 +10,6 @@ from stimlib.targets.numba.intrinsics import (
     F8,
     FIR,
     I8,
-    MEMORY,
     MODES,
     as_i8,
     at,
@@ -28,18 +27,11 @@ from stimlib.targets.numba.intrinsics import (
 #      18 numpy's array, 19 what tells float64, 20 &warm clocks
 # row: address or opcode, P, S, A, clock, autonomous, still (one number as long as no
 # parameter moves), -
-OPEN, CLOSE, GATHER, RESETTABLE, OPERATION, SEGMENT = 1, 2, 3, 4, 16, 4096
+OPEN, CLOSE, GATHER, OPERATION, SEGMENT = 1, 2, 3, 16, 4096
 
 
-MOST = kernels.MOST
 _whole_tile, _operation = kernels.whole_tile, vectors.operation
-_fir, _poles, _last_poles, _leaks, _total = (
-    kernels.fir,
-    kernels.poles,
-    kernels.last_poles,
-    kernels.leaks,
-    kernels.total,
-)
+_fir, _poles, _last_poles = kernels.fir, kernels.poles, kernels.last_poles
 
 
 @cfunc(FIR, cache=True, error_model="numpy")
@@ -57,74 +49,26 @@ def modes(p, r, q, size, d, x, w, y, n):
     _last_poles(at(p, k), at(r, k), at(q, k), d, x, w, y, n, (size - k) >> 3, k == 0)
 
 
-@cfunc(MEMORY, cache=True, error_model="numpy")
-def memory(e, r, q, low, size, lows, x, w, y, n):
-    """Compute a bank of slow modes, whose states have second words."""
-    k = 0
-    if size == 0:
-        for i in range(8 * n):
-            w[i] = 0.0
-    while k < size:
-        fine, coarse = (lows - k) >> 3, 0
-        if fine > MOST:
-            fine = min(MOST, (fine + 1) >> 1)
-        else:
-            fine = max(fine, 0)
-            coarse = min(MOST, ((size - k) >> 3) - fine)
-        _leaks(at(e, k), at(r, k), at(q, k), at(low, k), x, w, n, fine, coarse, k == 0)
-        k += 8 * (fine + coarse)
-    _total(w, y, n)
-
-
 @njit(error_model="numpy", inline="always")
-def open_clock(W, w, up, root, down, N, k):  # w = (slot of by, child)
-    """Gather the samples at which a gate is open."""
+def open_clock(W, w, every, up, down, N, k):  # w = (slot of by, child)
+    """Gather the samples at which a gate is open.
+
+    down gets their places in the parent's tile, and behind these in the root's.
+    """
     by = at(W, w[0])
     n = 0
     for i in range(k):
         n += by[i] > 0.0
     N[w[1]] = n
     if n == k:
-        for i in range(k):
-            down[i] = i
-        for i in range(k):
-            down[64 + i] = i if root else up[i]
+        move(down, every, k)
+        move(at(down, 64), up, k)
     elif n > 0:
         n = 0
         for i in range(k):
             if by[i] > 0.0:
-                down[n] = i  # place in the parent's tile
-                down[64 + n] = i if root else up[i]  # place in the root's tile
+                down[n], down[64 + n] = i, up[i]
                 n += 1
-
-
-@njit(error_model="numpy", inline="always")
-def stretches(
-    P,
-    S,
-    W,
-    w,
-    k,
-    # w = (contact, first output, outputs, state at rest in P, its words, segment, the
-    # segment's own ..)
-):
-    """Run the segment of a resettable block, one stretch of contact after another."""
-    by, y, cold = at(W, w[0]), at(W, w[1]), at(S, w[4] - 1)
-    start, n = 0, 0
-    for i in range(k):
-        n += by[i] > 0.0
-    for i in range(k - 1 if n == 0 or n == k else 0, k):
-        on = by[i] > 0.0
-        if i + 1 == k or on != (by[i + 1] > 0.0):
-            if on:
-                call(w[5], P, S, at(W, start), at(w, 6), i + 1 - start)
-            else:
-                for o in range(w[2]):
-                    for j in range(64 * o + start, 64 * o + i + 1):
-                        y[j] = 0.0
-                if cold[0] == 0.0:
-                    move(S, at(P, w[3]), w[4])
-            start = i + 1
 
 
 @njit(error_model="numpy", inline="always")
@@ -165,7 +109,7 @@ def entry(ctx, x, y, n):
         ctx[11],
         ctx[12],
     )
-    pending = i8_at(ctx[13])
+    every, pending = at(index, 128 + 64), i8_at(ctx[13])  # places of the root's samples
     for j in range(ctx[14]):  # parameters: read once per call
         q = at(pending, 4 * j)
         if q[0] != 0:
@@ -174,7 +118,7 @@ def entry(ctx, x, y, n):
             q[0] = 0
             ctx[17] = 0
     for start in range(0, n, 64):
-        m = min(64, n - start)
+        m = 64 if n - start > 64 else n - start
         for c in range(clocks):
             N[c] = 0
         N[0] = m
@@ -186,8 +130,7 @@ def entry(ctx, x, y, n):
             for j in range(warm):
                 c = i8_at(ctx[20])[j]
                 N[c] = m
-                for i in range(m):
-                    index[c * 128 + 64 + i] = i
+                move(at(index, c * 128 + 64), every, m)
         # 0: still rows, for good
         for turn in range(1 if ctx[17] != 0 or not standing(S, pending, ctx[14]) else 0, 2):
             for r in range(rows):
@@ -204,10 +147,8 @@ def entry(ctx, x, y, n):
                     call(q[0], at(P, q[1]), at(S, q[2]), W, w, k)
                 elif q[0] >= OPERATION:
                     _operation(q[0] - OPERATION, W, w, k)
-                elif q[0] == RESETTABLE:
-                    stretches(at(P, q[1]), at(S, q[2]), W, w, k)
                 elif q[0] == OPEN:
-                    open_clock(W, w, at(index, c * 128 + 64), c == 1, at(index, w[1] * 128), N, k)
+                    open_clock(W, w, every, at(index, c * 128 + 64), at(index, w[1] * 128), N, k)
                 elif q[0] == CLOSE:  # w = (inner, out, child)
                     inner, out, place = at(W, w[0]), at(W, w[1]), at(index, w[2] * 128)
                     if N[w[2]] == k:

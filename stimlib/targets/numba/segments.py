@@ -26,7 +26,7 @@ from .cache import load
 
 _HEAD = """from collections import namedtuple as _sl_namedtuple
 import numpy as _sl_np
-from numba import carray as _sl_carray, cfunc as _sl_cfunc, njit as _sl_njit
+from numba import cfunc as _sl_cfunc, njit as _sl_njit
 from stimlib.targets.numba import vectors as _sl_vectors, intrinsics as _sl
 """  # every name of ours begins with _sl: users choose theirs freely
 
@@ -219,7 +219,7 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
         memory = _MEMORY[k][0] + b
         if k.isupper():  # words: place, size
             start, size = codegen.each(f"_sl_np.int64(C{b}[%d])", (at, at + 1))
-            numbers.append(f"_sl_carray(_sl.at({memory}, {start}), {size})")
+            numbers.append(f"_sl.array(_sl.at({memory}, {start}), {size})")
             at += 1
         else:
             numbers.append(f"{memory}[{at}]")
@@ -229,7 +229,7 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
         if k.isupper():
             size = f"z{b}_{name}"
             lines.append(f"{size} = _sl_np.int64(C{b}[{at}])")
-            state.append(f"_sl_carray(_sl.at({memory}, {at_s}), {size})")
+            state.append(f"_sl.array(_sl.at({memory}, {at_s}), {size})")
             at_s += f" + {size}"
             at += 1
         else:
@@ -239,10 +239,10 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
     lines.append(f"p{b} = {codegen.record(f'_sl_P{kind}', numbers)}")
     lines.append(f"s{b} = {codegen.record(f'_sl_S{kind}', state)}")
     slots = range(slot, slot + len(part.signals))
-    lines += codegen.each(f"%s{b} = _sl_carray(_sl.at(W, A[%d]), n)", part.signals, slots)
+    lines += codegen.each(f"%s{b} = _sl.array(_sl.at(W, A[%d]), n)", part.signals, slots)
     if part.cls.tile and part.cls.work:
         size = f"_sl_np.int64(C{b}[{at}])"
-        lines.append(f"w{b} = _sl_carray(_sl.at(W, A[{_scratch(form)}]), {size})")
+        lines.append(f"w{b} = _sl.array(_sl.at(W, A[{_scratch(form)}]), {size})")
 
 
 def _scratch(form: Form) -> int:
@@ -252,7 +252,7 @@ def _scratch(form: Form) -> int:
 
 
 NOISE_BEHIND = """
-ahead, mark = _sl_carray(_sl.at(W, A[{0}]), 64), _sl.as_u8(_sl.at(W, A[{1}]))
+ahead, mark = _sl.array(_sl.at(W, A[{0}]), 64), _sl.as_u8(_sl.at(W, A[{1}]))
 later = s.n + _sl_np.uint64(64)
 if n == 64 and p1.p.size == 8 and mark[0] == s.n and mark[1] == s.key and mark[2] > 0:
     if mark[2] == 1:
