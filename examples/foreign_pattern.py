@@ -1,10 +1,10 @@
-"""A tap with a fading buzz for a phone, as AHAP, .haptic and .hjif, and what
-each of them loses.
+"""A tap with a fading buzz for a phone, as AHAP, .haptic and .hjif, and what each of
+them loses.
 
-python examples/foreign_pattern.py [FOLDER]
+python examples/foreign_pattern.py [--plot picture.png] [--out FOLDER]
 """
 
-import sys
+import argparse
 import tempfile
 from pathlib import Path
 
@@ -20,14 +20,26 @@ def scene() -> stimlib.Scene:
     return stimlib.Scene({"acceleration": stimlib.constant(1.0, "m/s^2") * (tap + buzz)})
 
 
-def main(folder: Path) -> None:
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--plot", help="file for a picture of the scene read back")
+    parser.add_argument("--out", help="folder for the patterns; by default one that is removed")
+    args = parser.parse_args()
     made = stimlib.render(scene(), fs=8000, seconds=1.1)
-    for suffix in (".ahap", ".haptic", ".hjif"):
-        print(write_pattern(folder / f"tap{suffix}", made, PatternDevice(f_lo=80, f_hi=230)))
-    back = read_pattern(folder / "tap.haptic", PatternDevice(5.0, "m/s^2", f_lo=80, f_hi=230))
-    print(back.scene, f"{back.seconds:g} s")
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(args.out or temporary)
+        for suffix in (".ahap", ".haptic", ".hjif"):
+            path = folder / f"tap{suffix}"
+            report = write_pattern(path, made, PatternDevice(f_lo=80, f_hi=230))
+            samples, envelope, _ = report.lost["acceleration"]
+            print(f"{path.name}: {report.points} points, {report.taps} transient; lost:", end=" ")
+            print(f"{samples:.0f} dB of the samples, {envelope:.0f} dB of the envelope")
+        device = PatternDevice(5.0, "m/s^2", f_lo=80, f_hi=230)
+        back = read_pattern(folder / "tap.haptic", device)
+    print(f"{back.scene}, {back.seconds:.2f} s")
+    if args.plot:
+        stimlib.render(back.scene, fs=8000, seconds=back.seconds).plot().savefig(args.plot)
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as temporary:
-        main(Path(sys.argv[1] if len(sys.argv) > 1 else temporary))
+    main()

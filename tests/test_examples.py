@@ -23,6 +23,12 @@ PRINTED = {
         "force1: largest 40.00 N, vibration 14.13 mN rms\n"
         "force2: largest 40.00 N, vibration 14.29 mN rms\n"
     ),
+    "foreign_pattern.py": (
+        "tap.ahap: 16 points, 1 transient; lost: -24 dB of the samples, -55 dB of the envelope\n"
+        "tap.haptic: 11 points, 1 transient; lost: -25 dB of the samples, -55 dB of the envelope\n"
+        "tap.hjif: 9 points, 1 transient; lost: -9 dB of the samples, -55 dB of the envelope\n"
+        "Scene(no input -> vibration [m/s**2]), 0.99 s\n"
+    ),
     "ribbed_cloth.py": (
         "Rendering(force: 1.5 s at 8000 Hz)\n"
         "stroking: 0.144 N rms, between -0.26 and 0.26 N\n"

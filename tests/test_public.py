@@ -423,8 +423,9 @@ RESULTS = set("""
     Rendering Report Check Shows Drawing Against Recording Cues Power Effect Detection Distance
     Coefficient ForcedChoice Estimate Roc Jnds Explained Found Located Sorted Ratings Law
     Comparison Fit LikelihoodRatio MaterialFit SpringpotFit MaxwellFit Bin TextureFit FrameFit
-    Placement Resonance Sweep Drift FileReport Replay SessionReport MotionFile SessionLog Loopback
-    Device Saved Record Forecast Copies Levels TextureModel stimlib.plate.Answer Prompt
+    Placement Resonance Sweep Drift FileReport PatternReport Replay SessionReport MotionFile
+    SessionLog Loopback Device Saved Record Forecast Copies Levels TextureModel
+    stimlib.plate.Answer Prompt
     Texts AmplifierLoad Exported Felt MotorCalibration
 """.split())  # fmt: skip
 """Classes that functions return, and nobody else makes."""

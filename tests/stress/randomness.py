@@ -23,7 +23,7 @@ from datetime import UTC, datetime
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -65,10 +65,13 @@ def words(keys: np.ndarray, first: np.uint64, out: np.ndarray) -> None:
             out[m, k, 0], out[m, k, 1] = pair_of_words(keys[k], first + U(m))
 
 
-philox = numba.njit(noise.philox)
-pair_of_words = numba.njit(
-    type(noise.pair_of_words)(noise.pair_of_words.__code__, noise.__dict__ | {"philox": philox})
-)
+def compiled(f: Any) -> Any:
+    """A function of the noise, compiled with those that it calls."""
+    called = {name: numba.njit(getattr(noise, name)) for name in ("rounds", "swapped")}
+    return numba.njit(type(f)(f.__code__, noise.__dict__ | called))
+
+
+philox, pair_of_words = map(compiled, (noise.philox, noise.pair_of_words))
 
 
 def bits_of(*sources: tuple[int, int]) -> Iterator[bytes]:

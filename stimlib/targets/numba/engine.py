@@ -394,6 +394,10 @@ side.
 """
 
 
+NOISE, BANK = White.tile, Modes.tile
+"""Tiles that run in one segment; a class that has another is not put into it."""
+
+
 def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, ...]]:
     """Return groups of instances in running order.
 
@@ -403,9 +407,9 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
     instances = program.instances
     behind: dict[int, int] = {}
     for i, q in enumerate(instances):
-        if q.kind == "block" and q.block.definition.tile is Modes.tile:
+        if q.kind == "block" and q.block.definition.tile is BANK:
             white = instances[q.args[0]]
-            if white.block.definition is White and white.clock == q.clock:
+            if white.block.definition.tile is NOISE and white.clock == q.clock:
                 behind.setdefault(q.args[0], i)
     opened = {q.child: i for i, q in enumerate(instances) if q.kind == "open"}
     done = [q.kind in ("const", "input") for q in instances]
