@@ -279,7 +279,7 @@ def test_the_command_line_page_is_complete():
     for name, command in known.items():
         section = page.partition(f"stimlib {name}")[2].partition("\n---")[2].partition("\n---")[0]
         assert section, f"stimlib {name} is not in cli.rst"
-        told = set(re.findall(r"^``(--[a-z-]+)``", section, re.MULTILINE))
+        told = set(re.findall(r"^``(--[a-z0-9-]+)``", section, re.MULTILINE))
         assert told == {o for p in command.params for o in p.opts if o.startswith("--")}, (
             f"options of stimlib {name}"
         )
