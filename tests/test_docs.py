@@ -193,7 +193,7 @@ def test_programs_that_pages_show_have_their_imports(tmp_path):
             page.read_text(),
         )
         assert len(included) == len(
-            re.findall(r"literalinclude:: \S*examples", page.read_text())
+            re.findall(r"literalinclude:: \S*examples\S*[.]py", page.read_text())
         ), page
         for name, how, first, last in included:
             text = (ROOT / "examples" / f"{name}.py").read_text()
