@@ -510,7 +510,7 @@ def test_convert_both_ways(tmp_path, monkeypatch):
     [
         (["squeeze", "a.hjif"], "no motion for x1"),
         (["squeeze", "a.ahap", "--motion", "minimum_jerk()"], "AHAP holds one channel"),
-        (["nothing.ahap", "a.wav"], "cannot read nothing.ahap"),
+        (["nothing.ahap", "a.wav"], "error: cannot read nothing.ahap"),
         (["a.wav", "a.json"], "cannot read a.wav"),
         ([FILES / "pop.ahap", "a.mp3"], ".hjif for a pattern, .caf, .flac, .rf64, .w64, .wav for"),
         (["tone", "a.json", "--set", "freq=100"], "--set sets parameters of a rendered scene"),

@@ -127,8 +127,9 @@ def read_pattern(
     """
     path, device = Path(path), device or PatternDevice()
     shape, read, _ = format_of(path)
+    data = safe_files.read(path, "scene_bytes", SceneFileError)
     try:
-        tree = fields.parse(safe_files.read(path, "scene_bytes", SceneFileError))
+        tree = fields.parse(data)
         compare(tree, shape)
         patterns = read(tree, device)
     except (ValueError, RecursionError) as e:
