@@ -1277,7 +1277,7 @@ def test_a_tablet_in_milliseconds_and_equal_times(own, tmp_path):
         str(out),
     ]
     for more, says in (
-        ([], "time needs column t_s"),
+        ([], 'such as time="'),
         (["--time", "t_ms"], 'choose repeats="spread"'),
         (["--time", "t_ms", "--repeats", "last"], 'time in ms? write time="t_ms*1e-3"'),
     ):

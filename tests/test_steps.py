@@ -260,6 +260,11 @@ def test_mistakes_of_authors_name_class_file_line_and_remedy(mine, members, says
         ("step = staticmethod(lambda p, s, x: (x, s))\n", None, "Mine.<lambda>: write it with def"),
         (body("return x * TABLE[0], s"), None, "Mine.step uses 'TABLE'"),
         (
+            "class Own(NamedTuple):\n    y: float\n\n" + body("return Mine.Own(x).y, s"),
+            None,
+            "define its NamedTuples outside of the class",
+        ),
+        (
             ARRAYS + body("return x, Memory(s.line, s.n + 1, s.y)"),
             "@staticmethod",
             "beside a np.uint64 write np.uint64(1), not 1",

@@ -89,6 +89,16 @@ def convert_(
     device = files.PatternDevice(full_scale, unit, f_lo, f_hi, decay, power)
     kind, wanted = (Path(path).suffix.lower() for path in (source, target))
     sounds, values, given = {f".{name.lower()}" for name in SOUNDS}, {}, None
+    if wanted not in {*FORMATS, *sounds, ".json"}:
+        raise BadValue(
+            f"{target}: the suffix is not known; use one of {', '.join(FORMATS)} for a pattern,"
+            f" {', '.join(sorted(sounds))} for a sound file, or .json for a scene"
+        )
+    if set_ and (wanted == ".json" or kind in {*FORMATS, *sounds}):
+        raise BadValue(
+            "--set sets parameters of a rendered scene only, and a .json file keeps the scene's"
+            " own values; leave it out, and change the arguments of the scene"
+        )
     motion: dict[str, Any] = {}
     recorded: float | None = None
     if kind in FORMATS:

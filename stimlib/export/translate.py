@@ -445,7 +445,7 @@ class Translator:
             return self.loop(target, node)
         if isinstance(target, type) and hasattr(target, "_fields"):
             if self.unit.single and any(map(counts, node.args)):
-                raise self.fail(node, "in float32 a count ends at 2^24")
+                raise self.fail(node, "in float32 a count ends at 2^24 (export in doubles)")
             values = [self.value(v) for v in node.args]
             named = {k.arg: self.value(k.value) for k in node.keywords}
             names = target._fields[: len(values)] + tuple(named)
@@ -460,7 +460,7 @@ class Translator:
         if target in RUNTIME:
             function, kind = RUNTIME[target]
             if target is maths.words and self.unit.single:
-                raise self.fail(node, "64-bit words take the room of two float32")
+                raise self.fail(node, "64-bit words take the room of two float32 (use doubles)")
             one = self.number if kind in (DOUBLE, WORD) else self.value
             given = [one(v) for v in node.args]
             if target is abs and given[0].kind != DOUBLE:

@@ -12,7 +12,6 @@ Band, AhapEncoder).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -269,11 +268,13 @@ def write_ahap(patterns: list[Pattern], device: PatternDevice) -> Tree:
         sharp = [*((t, device.part(f)) for t, f in frequency), (end + SPIKE, 0.0)]
         dull = [(t, -device.part(f)) for t, _, f in taps]
         lines = [let_through(level, loud, 1.0), let_through(sharp, dull, 0.0)]
-        for k in range(math.ceil((end - start) / EVENT_SECONDS)):
-            at = start + k * EVENT_SECONDS
-            event = event_of("HapticContinuous", at, 1.0, 0.0)
-            event["Event"]["EventDuration"] = round(min(EVENT_SECONDS, end - at), 6)
-            events.append(event)
+        starts = [
+            start + k * EVENT_SECONDS for k in range(math.ceil((end - start) / EVENT_SECONDS))
+        ]
+        events = [
+            event_of("HapticContinuous", at, 1.0, 0.0, round(min(EVENT_SECONDS, end - at), 6))
+            for at in starts
+        ]
     for (t, intensity), (_, _, f) in zip(loud, taps, strict=True):
         held = amplitude and t >= amplitude[0][0]  # the curves act on taps, too
         level_at, sharp_at = (np.interp(t, *line) if held else line[1][-1] for line in lines)
@@ -308,13 +309,16 @@ def let_through(line: list[Point], asked: list[Point], full: float) -> np.ndarra
     return np.array(sorted([*kept, *((at, full) for at in times)])).T
 
 
-def event_of(kind: str, at: float, intensity: float, sharpness: float) -> Tree:
-    """Return an event of AHAP."""
+def event_of(
+    kind: str, at: float, intensity: float, sharpness: float, duration: float | None = None
+) -> Tree:
+    """Return an event of AHAP; a transient has no duration."""
     values = {"HapticIntensity": intensity, "HapticSharpness": sharpness}
     parameters = [
         {"ParameterID": name, "ParameterValue": round(float(v), 5)} for name, v in values.items()
     ]
-    return {"Event": {"Time": round(at, 6), "EventType": kind, "EventParameters": parameters}}
+    event = {"Time": round(at, 6), "EventType": kind, "EventParameters": parameters}
+    return {"Event": event | ({"EventDuration": duration} if duration is not None else {})}
 
 
 # .haptic ------------------------------------------------------------------------------
@@ -440,17 +444,6 @@ def write_hjif(patterns: list[Pattern], device: PatternDevice) -> Tree:
             bands.append(band_of(kind, frames, voice.amplitude[0][0], voice, per_second))
         channel = {"id": k, "description": f"channel {k + 1}", "gain": 1.0, "mixing_weight": 1.0}
         channels.append(channel | {"body_part_mask": 0, "bands": bands})
-    perception = {
-        "id": 0,
-        "avatar_id": 0,
-        "description": "stimlib",
-        "perception_modality": "Vibrotactile",
-        "unit_exponent": -3,
-        "perception_unit_exponent": 0,
-        "reference_devices": [],
-        "effect_library": [],
-        "channels": channels,
-    }
     return {
         "version": "2023",
         "profile": "Main",
@@ -459,7 +452,19 @@ def write_hjif(patterns: list[Pattern], device: PatternDevice) -> Tree:
         "description": "stimlib",
         "timescale": per_second,
         "avatars": [],
-        "perceptions": [perception],
+        "perceptions": [
+            {
+                "id": 0,
+                "avatar_id": 0,
+                "description": "stimlib",
+                "perception_modality": "Vibrotactile",
+                "unit_exponent": -3,
+                "perception_unit_exponent": 0,
+                "reference_devices": [],
+                "effect_library": [],
+                "channels": channels,
+            }
+        ],
         "syncs": [{"timestamp": 0, "timescale": per_second}],
     }
 
@@ -518,9 +523,8 @@ def simple(patterns: list[Pattern]) -> bool:
     )
 
 
-Read = Callable[[Tree, PatternDevice], list[Pattern]]
-Write = Callable[[list[Pattern], PatternDevice], Tree]
-FORMATS: dict[str, tuple[Tree, Read, Write]] = {
+# suffix -> shape, reader and writer
+FORMATS: dict[str, tuple[Tree, Any, Any]] = {
     ".ahap": (AHAP, read_ahap, write_ahap),
     ".haptic": (HAPTIC, read_haptic, write_haptic),
     ".hjif": (HJIF, read_hjif, write_hjif),

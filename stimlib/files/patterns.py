@@ -72,8 +72,9 @@ class PatternReport:
             least = max(level for _, level, _ in bands) - 40
             heard = [f"{f:.4g} Hz {x:.1f} -> {y:.1f}" for f, x, y in bands if max(x, y) > least]
             lines.append(
-                f"{name}: lost on the way back: {error:.1f} dB of the samples, {shape:.1f} dB of"
-                f" the envelope; octaves in dB re 1 {self.unit or 'unit'}: {', '.join(heard)}"
+                f"{name}: read back, it differs by {error:.1f} dB in samples, {shape:.1f} dB in its"
+                " envelope (of the original's RMS: -20 dB is a tenth); octaves, original -> file,"
+                f" in dB re 1 {self.unit or 'unit'}: {', '.join(heard)}"
             )
         return shown("\n".join(lines))
 
@@ -126,8 +127,9 @@ def read_pattern(
     """
     path, device = Path(path), device or PatternDevice()
     shape, read, _ = format_of(path)
+    data = safe_files.read(path, "scene_bytes", SceneFileError)
     try:
-        tree = fields.parse(safe_files.read(path, "scene_bytes", SceneFileError))
+        tree = fields.parse(data)
         compare(tree, shape)
         patterns = read(tree, device)
     except (ValueError, RecursionError) as e:

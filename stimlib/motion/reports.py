@@ -105,7 +105,7 @@ def _find(table: TableFile, column: str, what: str) -> str:
         if column in (name, unicodedata.normalize("NFKC", name)):
             return name
     remedy = (
-        f"use one of those, such as time={names[0]!r}"
+        f'use one of those, with its factor to s, such as time="{names[0]}*1e-3" for ms'
         if what == "time" and names
         else "use one of those"
     )

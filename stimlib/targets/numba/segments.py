@@ -72,10 +72,14 @@ def _meaning(f: types.FunctionType, n: str, v: Any) -> str:
         return f"{n} = float({str(float(v))!r})"
     if isinstance(v, int):
         return f"{n} = {v!r}"
+    remedy = (
+        "define its NamedTuples outside of the class"
+        if isinstance(v, type)
+        else "put arrays into the parameters that design(fs) returns"
+    )
     raise SceneError(
         f"{f.__qualname__} uses {n!r}, a {type(v).__name__}: a step may use module-level"
-        " numbers, NamedTuples and helper functions; put arrays into the parameters that"
-        " design(fs) returns"
+        f" numbers, NamedTuples and helper functions; {remedy}"
     )
 
 
