@@ -38,6 +38,10 @@ FLAGS = (
 ).split()
 IMPORT = re.compile(r'^import \{ (.+) \} from "\./(\w+)\.js";\n', re.M)
 EXPORT = re.compile(r"^export (?=(?:const|let|class|async function|function) (\w+))", re.M)
+PATIENCE = 300.0
+"""Seconds after which a compiler that hangs is stopped: the first use of zig builds its
+own library.
+"""
 ORDERS = 5
 """Differences of recorded motion that are tried, to store it in few bytes."""
 
@@ -181,7 +185,8 @@ def share(
 
 def _seconds(motion: Mapping[str, Any], fs: float) -> float:
     """Return the length of the shortest recorded input, or 5 s."""
-    return min((len(m) / fs for m in motion.values() if not callable(m)), default=5.0)
+    arrays = [m for m in motion.values() if not callable(m)]
+    return min((len(m) if np.ndim(m) else 1 for m in arrays), default=5.0 * fs) / fs
 
 
 def packed(x: np.ndarray) -> dict[str, Any]:
@@ -212,10 +217,23 @@ def compiled(folder: Path) -> bytes:
     for command in commands:
         words = [*command, *FLAGS, f"-I{WEB}", "-I.", *hand, "scene.c", str(WEB / "page.c")]
         words += ["-o", "page.wasm"]
-        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, errors="replace")
-        if done.returncode == 0:
-            return (folder / "page.wasm").read_bytes()
-        why = f"{command[0]} says: {done.stderr.strip()[-400:]}"
+        try:
+            done = subprocess.run(
+                words,
+                cwd=folder,
+                capture_output=True,
+                timeout=PATIENCE,
+                text=True,
+                errors="replace",
+            )
+            if done.returncode == 0:
+                return (folder / "page.wasm").read_bytes()
+        except subprocess.TimeoutExpired:
+            why = f"{command[0]} was stopped after {PATIENCE:g} s"
+        except OSError as e:  # it does not start, or has written nothing
+            why = f"{command[0]}: {e}"
+        else:
+            why = f"{command[0]} says: {done.stderr.strip()[-400:]}"
     raise MissingPackage(
         f"share: no compiler for WebAssembly works here ({why}); pip install ziglang, or install"
         " clang and lld of one version"

@@ -364,13 +364,18 @@ class Watch:
 
     @staticmethod
     def _above(instances, at: int) -> list[int]:
-        """Return the instances from an output's guard up to the scene's own guard."""
-        found, i = [], at
+        """Return the instances from an output's guard up to the scene's own guard.
+
+        The guard behind an inverse filter is passed: what the scene's own guard has
+        ended arrives there as a fade.
+        """
+        found, i, drive = [], at, False
         while True:
             found.append(i)
             q = instances[i]
-            if not q.args or (isinstance(q.block, Guard) and i != at):
+            if not q.args or (isinstance(q.block, Guard) and i != at and not drive):
                 return found
+            drive = isinstance(q.block, Tally) and q.block.stage == "drive"
             i = next(
                 (a for a in q.args if not isinstance(instances[a].block, (Param, Const))), q.args[0]
             )

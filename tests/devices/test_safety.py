@@ -215,3 +215,18 @@ def test_equal_outputs_are_counted_apart():
     assert Watch(proc).counts() == {"clip": {"a": 7}}
     proc.process(np.full((1, 1), np.nan))
     assert Watch(proc).faults() == {"a": 7, "b": 7}
+
+
+@pytest.mark.parametrize("limits", [{}, {"peak": 0.8, "static": 0.7, "slew": 1e4}])
+def test_a_fault_before_an_inverse_filter_is_reported(limits):
+    """The guard behind the filter receives only the fade of the one before it."""
+    scene = Scene({"force": 1 * Input("f", "N"), "mark": 1 * Input("m")})
+    limits = limits | {"slew": {"force": limits["slew"]}} if limits else {}
+    proc = compiled(scene, Safety({"force": 1.0, "mark": 1.0}, inverse=[0.1, 0.9, -0.2], **limits))
+    x = np.full((2, 600), 0.5)
+    proc.process(x[:, :50].copy())
+    assert Watch(proc).faults() == {}
+    x[0, 100], x[1, 200:] = np.nan, np.inf
+    y = proc.process(x[:, 50:].copy())
+    assert np.isfinite(y).all() and not y[0, 300:].any()
+    assert Watch(proc).faults() == {"force": 100, "mark": 200}

@@ -4,6 +4,7 @@ that no text in it becomes code.
 
 import hashlib
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -83,9 +84,29 @@ def test_without_a_compiler_it_says_what_to_install(monkeypatch, tmp_path):
     refused(MissingPackage, "clang says: no wasm-ld here", compiled, tmp_path)
 
 
+@pytest.mark.skipif(os.name == "nt", reason="the stand-in for a compiler is a shell script")
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("not a program", "Exec format error"),
+        ("#!/nothing/here\n", "No such file"),
+        ("#!/bin/sh\nexit 0\n", "No such file.*page.wasm"),
+        ("#!/bin/sh\nexec /bin/sleep 60\n", "was stopped after 0.2 s"),
+    ],
+)
+def test_a_compiler_that_does_not_start_or_end_is_named(monkeypatch, tmp_path, text, says):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("stimlib.live.share.PATIENCE", 0.2)
+    (tmp_path / "clang").write_text(text)
+    (tmp_path / "clang").chmod(0o755)
+    refused(MissingPackage, f"{tmp_path}/clang.*{says}", compiled, tmp_path)
+
+
 def test_what_is_refused(tmp_path):
     scene = Scene({"y": 2 * Input("x")})
     refused(UnknownName, "x is missing", share, scene, motion={})
+    refused(BadValue, "motion of x", share, scene, motion={"x": 3})
     refused(BadValue, "fs = 0", share, scene, 0)
     refused(UnknownName, "range of z", share, scene, ranges={"z": (0, 1)})
     refused(BadValue, "finite", share, scene, motion={"x": np.full(9, np.nan)})
