@@ -492,6 +492,7 @@ def test_what_a_format_cannot_say_is_refused(tmp_path, monkeypatch):
             "holds 65 to 300 Hz, and there are (69|70).* Hz; give f_lo",
             BadValue,
         ),
+        ({"a": oscillator(312)}, "holds 65 to 300 Hz, and there are 3[01].* Hz", BadValue),
         ({"a": 0 * tone}, "nothing moves above 20 Hz", BadValue),
         ({"a": tone, "b": timeline([(0, 1)], unit="N")}, "the outputs are in 1, N", UnitError),
         ({"a": tone / timeline([(0, 1), (0.1, 0)])}, "was not written", FaultError),
@@ -502,17 +503,23 @@ def test_what_a_format_cannot_say_is_refused(tmp_path, monkeypatch):
     made = render(S({"a": tone}), fs=FS, seconds=0.3)
     refused(
         BadValue,
-        "full_scale = 0.5  is below the amplitude",
+        "full_scale = 0.9  is below the amplitude",
         write_pattern,
         tmp_path / "a.ahap",
         made,
-        PatternDevice(full_scale=0.5),
+        PatternDevice(full_scale=0.9),
     )
     refused(BadValue, "suffix is not known", write_pattern, tmp_path / "a.ahp", made)
     refused(BadValue, "suffix is not known; use one", read_pattern, tmp_path / "a.txt")
     refused(BadValue, "f_lo = 300 Hz is not below", PatternDevice, f_lo=300.0)
     refused(BadValue, "decay = 0.0 must be", PatternDevice, decay=0.0)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_tone_is_in_one_octave():
+    y = np.sin(2 * np.pi * 200 * np.arange(8000) / FS)
+    levels = {f: level for f, level, _ in loss(y, y, FS)[2]}
+    assert levels.pop(250.0) == pytest.approx(10 * np.log10(0.5)) and max(levels.values()) < -100
 
 
 def test_noise_is_written_with_its_loss_stated(tmp_path):
