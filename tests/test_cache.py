@@ -180,6 +180,7 @@ import gc, sys
 from stimlib.targets.numba.cache import load
 half, total = sys.argv[1:]
 assert load(half, "half").twice(21.0) == 42.0 and "numba.np.linalg" not in sys.modules
+assert gc.isenabled()
 import numpy as np
 assert load(total, "total").total(np.arange(5.0)) == 10.0 and "numba.np.linalg" in sys.modules
 assert gc.isenabled()

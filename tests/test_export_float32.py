@@ -19,6 +19,7 @@ from stimlib.blocks import carrier, elapsed, friction, lowpass, pink_noise, whit
 from stimlib.core import maths
 from stimlib.errors import MissingPackage, SceneError
 from stimlib.export import export_c
+from stimlib.export.c99 import differences
 from stimlib.motion.text import parse_motion
 from stimlib.run.safety import Safety, protect
 from stimlib.scenes import ROWS, SHIPPED
@@ -142,6 +143,11 @@ def test_what_needs_float64_is_refused_by_name(tmp_path):
         assert not list(tmp_path.iterdir()), error
         export_c(scene, 1000, tmp_path / "double", way)
         shutil.rmtree(tmp_path / "double")
+
+
+def test_differences_of_both_signs_count():
+    found = differences(np.array([[1.0, 0.0], [3.0, 0.0]]), np.array([[2.0, 0.0], [-4.0, 1.0]]))
+    assert found == [(0.5**0.5, 1.0, 2.0), (5.0, 7.0, 4.0)]
 
 
 def test_the_error_is_measured_with_a_compiler_of_this_machine(tmp_path, monkeypatch):

@@ -187,6 +187,30 @@ def test_the_device_gives_units_frequencies_and_the_power(tmp_path):
     assert stimlib.compile(made.scene, FS).units["vibration"] == "m/s**2"
 
 
+@pytest.mark.parametrize("signal, sign", [("SawToothUp", 1.0), ("SawToothDown", -1.0)])
+def test_saw_teeth_begin_at_their_middle_and_frequencies_have_limits(signal, sign, tmp_path):
+    """Effect::computeBaseSignal: 2 (x - floor(x + 1/2)) of x periods, up or down."""
+    tree = json.loads((FILES / "tick1.hjif").read_text())
+    band = {"band_type": "VectorialWave", "upper_frequency_limit": 100}
+    frames = [
+        {"relative_position": 0, "amplitude_modulation": 0.5, "frequency_modulation": 400},
+        {"relative_position": 100, "amplitude_modulation": 0.5},
+    ]
+    band["effects"] = [{"position": 0, "base_signal": signal, "keyframes": frames}]
+    tree["timescale"], tree["perceptions"][0]["channels"] = 1000, [{"gain": 0.5, "bands": [band]}]
+    path = tmp_path / "saw.hjif"
+    path.write_text(json.dumps(tree))
+    t, y = played(path, seconds=0.1)
+    part = 100 * t - np.floor(100 * t + 0.5)
+    far = np.abs(part) < 0.4  # from the jump
+    assert np.abs(y - 0.5 * sign * part)[far].max() < 0.02
+
+
+def test_an_event_that_states_nothing_has_full_intensity_and_half_the_sharpness(tmp_path):
+    t, y = played(ahap(tmp_path, happens(_for=0.1)), seconds=0.1)
+    close(y, np.sin(2 * np.pi * (65 + 300) / 2 * t))
+
+
 # Write --------------------------------------------------------------------------------
 SIMPLE = [p.name for p in sorted(FILES.glob("*.*")) if p.suffix in (".ahap", ".haptic", ".hjif")]
 
@@ -221,6 +245,15 @@ def test_a_tone_comes_back_with_its_level_and_frequency(tmp_path):
     points = json.loads((tmp_path / "a.haptic").read_text())["signals"]["continuous"]["envelopes"]
     part = [65 + 235 * p["frequency"] for p in points["frequency"]]
     assert np.allclose(part, 150, atol=1.0)
+
+
+def test_the_power_of_a_device_counts_for_transients_both_ways(tmp_path):
+    device = PatternDevice(1.0, power=2.0)
+    made = read_pattern(ahap(tmp_path, happens("HapticTransient", HapticIntensity=0.5)), device)
+    assert made.patterns[0].taps[0][1] == 0.25
+    write_pattern(tmp_path / "back.ahap", made)
+    event = json.loads((tmp_path / "back.ahap").read_text())["Pattern"][0]["Event"]
+    assert event["EventParameters"][0]["ParameterValue"] == 0.5
 
 
 def test_rings_of_a_scene_become_transients(tmp_path):
@@ -459,6 +492,7 @@ def test_what_a_format_cannot_say_is_refused(tmp_path, monkeypatch):
             "holds 65 to 300 Hz, and there are (69|70).* Hz; give f_lo",
             BadValue,
         ),
+        ({"a": oscillator(312)}, "holds 65 to 300 Hz, and there are 3[01].* Hz", BadValue),
         ({"a": 0 * tone}, "nothing moves above 20 Hz", BadValue),
         ({"a": tone, "b": timeline([(0, 1)], unit="N")}, "the outputs are in 1, N", UnitError),
         ({"a": tone / timeline([(0, 1), (0.1, 0)])}, "was not written", FaultError),
@@ -469,17 +503,23 @@ def test_what_a_format_cannot_say_is_refused(tmp_path, monkeypatch):
     made = render(S({"a": tone}), fs=FS, seconds=0.3)
     refused(
         BadValue,
-        "full_scale = 0.5  is below the amplitude",
+        "full_scale = 0.9  is below the amplitude",
         write_pattern,
         tmp_path / "a.ahap",
         made,
-        PatternDevice(full_scale=0.5),
+        PatternDevice(full_scale=0.9),
     )
     refused(BadValue, "suffix is not known", write_pattern, tmp_path / "a.ahp", made)
     refused(BadValue, "suffix is not known; use one", read_pattern, tmp_path / "a.txt")
     refused(BadValue, "f_lo = 300 Hz is not below", PatternDevice, f_lo=300.0)
     refused(BadValue, "decay = 0.0 must be", PatternDevice, decay=0.0)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_tone_is_in_one_octave():
+    y = np.sin(2 * np.pi * 200 * np.arange(8000) / FS)
+    levels = {f: level for f, level, _ in loss(y, y, FS)[2]}
+    assert levels.pop(250.0) == pytest.approx(10 * np.log10(0.5)) and max(levels.values()) < -100
 
 
 def test_noise_is_written_with_its_loss_stated(tmp_path):

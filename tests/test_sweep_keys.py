@@ -18,6 +18,7 @@ from collections import deque
 import numba
 import numpy as np
 import pandas
+import pyarrow
 import pytest
 import scipy.signal
 from refusals import refused
@@ -30,6 +31,7 @@ from stimlib.sweep import grid, measure, sweep
 from stimlib.sweep.identity import identity
 from stimlib.sweep.plan import motion_digest, row_keys
 from stimlib.sweep.rows import table_of
+from stimlib.sweep.store import Store
 from stimlib.sweep.study import planned
 
 RUN = {"motion": np.ones(400), "fs": 8000, "progress": False, "workers": 0}
@@ -625,3 +627,18 @@ def test_small_parts_are_merged_and_the_folder_reads_as_one_table(tmp_path, monk
         again = sweep(SPRING, {"k": np.arange(7.0)}, **words)
     assert again["peak_force"].to_pylist() == list(range(7))
     assert sorted(pandas.read_parquet(tmp_path)["k"]) == [0.0, 1.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+
+
+def test_a_merge_done_again_keeps_its_part_and_both_a_failure_and_its_success(
+    tmp_path, monkeypatch
+):
+    """As after a kill between its two steps."""
+    monkeypatch.setattr("stimlib.sweep.store.MANY", 2)
+    store = object.__new__(Store)
+    store.folder = tmp_path
+    rows = {"key": [b"a", b"a", b"b"], "content": [b"c"] * 3, "error": ["failed", None, None]}
+    whole = pyarrow.table(rows)
+    parts = {store._publish(t): t for t in (whole, whole.slice(0, 1), whole.slice(1, 2))}
+    store._merge(parts)
+    assert [*tmp_path.iterdir()] == [next(iter(parts))]
+    assert pandas.read_parquet(tmp_path)["error"].isna().tolist() == [False, True, True]

@@ -407,6 +407,12 @@ def test_a_mean_is_as_near_as_its_taps_at_every_block_size(n):
     error, before = (np.std((v - wanted).astype(float)) for v in (y, taps.process(x[None])[0]))
     assert error <= before
     x = x[: 3 * n + 5]
+    block, row = b.moving_average(X, n / 1000), np.zeros(x.size)
+    p, s = block.design(1000)
+    for k in (-57, *range(7, x.size, 64)):  # numpy tells what goes beyond a state or scratch
+        part = slice(max(0, k), k + 64)
+        s = block.tile(p, s, x[part], row[part], np.zeros(block.work(p)))
+    np.testing.assert_array_equal(row, y[: x.size])
     for size in (1, 7, 64, 100, n):
         mean.reset()
         parts = [mean.process(x[None, k : k + size]) for k in range(0, x.size, size)]

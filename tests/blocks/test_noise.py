@@ -9,6 +9,7 @@ from laws import assert_same
 import stimlib
 from stimlib import Scene
 from stimlib.blocks import white_noise
+from stimlib.blocks.noise import pair_of_words
 from stimlib.checks import laws
 
 NOTHING = np.empty((0, 500))
@@ -35,6 +36,14 @@ def test_what_it_is_for_all_time():
 
 FIRST = [-0.2586643421641892, 0.47280889618782834, 0.6266124952097749, -0.2058550569242391]
 LATER = [0.4276765344287945, -0.05785564487978792]
+
+
+def test_words_of_every_pair_and_key_are_those_of_the_reference():
+    """Up to pair 2^63, beyond every run that a test can make."""
+    low = 2**32 - 1
+    for key, m in ((0, 0), (2**64 - 1, 2**63), (3 << 40 | 5, 2**33 + 7), (9, 2**32)):
+        a, b, c, d = laws.philox((m & low, m >> 32, 0, 0), (key & low, key >> 32))
+        assert pair_of_words(np.uint64(key), np.uint64(m)) == (a | b << 32, c | d << 32)
 
 
 def test_samples_give_back_their_bits():

@@ -6,6 +6,7 @@ import dataclasses as dc
 import hashlib
 import json
 import tracemalloc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -215,6 +216,13 @@ def test_a_gate_knows_the_samples_at_which_it_is_open():
         np.testing.assert_array_equal(some.samples(0, some.total), np.flatnonzero(on[:333]))
 
 
+def test_a_difference_counts_as_much_as_it_is_presented():
+    interval = SimpleNamespace(window=np.array([0.0, 0.25, 1.0, 0.5]))
+    off = [np.array([np.nan, -4.0, 0.5, 1.0]), np.zeros(4), np.array([0.0, 0.0, np.nan, 0.0])]
+    assert [evidence.Asked.far(interval, d) for d in off[:2]] == [1.0, 0.0]
+    assert np.isnan(evidence.Asked.far(interval, off[2]))
+
+
 @pytest.mark.parametrize(
     ("size", "edges"), [(1000, [928, 1928, 2200]), (600, [128, 728, 1128, 1728, 2200])]
 )
@@ -234,6 +242,7 @@ def test_trials_are_held_in_the_stretches_in_which_they_begin(monkeypatch, size,
     made = stimlib.render(scene, motion, FS, 0.55, params=params, seed=3)
     whole = stimlib.verify(scene, motion, made)
     monkeypatch.setattr(evidence, "AT_ONCE", size)
+    monkeypatch.setattr(evidence, "LATER", 100)  # not of trials
     parts = stimlib.verify(scene, motion, made)
     assert parts.passed and [(c.group, c.name) for c in parts.checks] == [
         (c.group, c.name) for c in whole.checks

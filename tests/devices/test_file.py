@@ -24,7 +24,7 @@ import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import exp, log, lut, sqrt, white_noise
 from stimlib.errors import BadValue, FaultError, SinkError, UnitError, UnknownName
-from stimlib.files import audio as file
+from stimlib.files import audio as file, formats
 from stimlib.files.formats import BITS, FORMATS, MAX_WAV, check_format
 from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.motion.text import parse_motion
@@ -234,6 +234,25 @@ def test_flac_counts_clips_and_rounds_half_to_even(tmp_path):
     y, sidecar = file.read(tmp_path / "a.flac")
     assert y[0].tolist() == [c * 2.0**-20 for c in [*stored, -(2**23)]]
     assert sidecar["channels"][0]["clips"] == 5 and sidecar["channels"][0]["peak"] == 1.7e308
+
+
+@pytest.mark.parametrize("subtype, bits", [("PCM_16", 16), ("PCM_24", 24)])
+@pytest.mark.parametrize("beyond", [-1.5, -1.0, 1.0, 1.5])
+def test_one_sample_beyond_one_end_alone_stays_at_it(beyond, subtype, bits):
+    """2^15 would be -2^15 in 16 bits."""
+    top = 2 ** (bits - 1)
+    y = np.array([[0.25, beyond], [0.5, 0.0]])
+    made, limited = formats.encode(y, np.ones(2), subtype, ("a", "b"))
+    code = top - 1 if beyond > 0 else -top
+    assert (made >> (32 - bits)).tolist() == [[top // 4, top // 2], [code, 0]]
+    assert limited.tolist() == [beyond != -1.0, 0]
+
+
+def test_the_seed_of_a_dither_makes_the_same_codes_for_all_time():
+    y = np.array([[0.1, 0.2, 0.3, 0.4]])
+    made, _ = formats.encode(y, np.ones(1), "PCM_16", ("a",), at=3, dither=5)
+    dither = formats.dither_of(5, 1, 3, 4)
+    assert (made[:, 0] >> 16).tolist() == np.rint(y[0] * 2**15 + dither[0]).tolist()
 
 
 def test_floats_are_not_clipped(tmp_path):

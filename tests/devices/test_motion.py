@@ -385,3 +385,14 @@ def test_many_generators_give_the_bits_of_each_alone():
             500,
             1000.0,
         )
+
+
+def test_a_function_that_several_encoders_report_sees_times_in_one_row():
+    def hand(t):
+        assert t.ndim == 1
+        return 0.1 * t
+
+    motion = {f"x{k}": m.quantised(hand, 1e-3 * (k + 1)) for k in range(4)}
+    x = positions(sources_of(motion, tuple(motion), 100), 0, 100, 1000.0)
+    t = np.arange(100) / 1000
+    assert x.tobytes() == np.array([one(t) for one in motion.values()]).tobytes()

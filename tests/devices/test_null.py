@@ -137,6 +137,9 @@ def test_a_stall_is_told_and_accounted():
     assert [*r.lateness] == [*r.block_time] == ["p50", "p99", "p99.9", "max"]
     assert f"; late p50 {1e6 * r.lateness['p50']:.0f} us, p99 " in str(r)
     assert r.to_dict()["lateness"] == r.lateness
+    sink.pump.lateness[0] += 10_000  # blocks in time
+    late = sink.report()
+    assert late.lateness["p50"] < 1e-8 < late.block_time["p50"] == r.block_time["p50"]
     assert r.delivered + r.lost == r.produced == 1.5 * FS
     lost = [(at, e["frames"]) for at, kind, e in log.events if kind == "lost"]
     assert (

@@ -472,11 +472,15 @@ def test_how_late_blocks_begin():
     bench.block(160)  # before the start
     time.sleep(0.03)
     pump.start(None)
+    longest, before = 0.0, None
     for late in (0.0, 0.04, 0.0, 0.0):
+        begun = time.perf_counter()
         bench.block(160)  # 20 ms
+        ended = time.perf_counter()
+        longest, before = max(longest, ended - (before or begun)), begun
         time.sleep(0.02 + late)
     assert pump.lateness.sum() == 3
-    assert 0.04 <= pump.percentiles(100, of=pump.lateness)[0]
+    assert 0.04 <= pump.percentiles(100, of=pump.lateness)[0] <= 1.125 * (longest - 0.02)
     bench.block(160)
     early = pump.lateness[0]
     bench.block(160)

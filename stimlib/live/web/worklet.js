@@ -34,7 +34,7 @@ class Scene extends AudioWorkletProcessor {
 
   // From the page ------------------------------------------------------------------------------------------------------
   begin(params) {
-    Object.assign(this, { at: 0, head: 3, place: 1, packed: 0, first: 0, stopping: false });
+    Object.assign(this, { at: 0, head: 3, place: 1, quiet: 0, packed: 0, first: 0, stopping: false });
     this.ring.fill(0);
     this.last = this.inputs.map(() => 0);
     this.changed = this.inputs.map(() => -Infinity);
@@ -181,8 +181,8 @@ class Scene extends AudioWorkletProcessor {
     for (let i = 0; i < out.length; i++) {
       // as many samples as this call still needs, so that a context of the scene's rate takes whole blocks
       if (this.head - this.place < 3) this.more(Math.min(MOST, Math.max(1, Math.ceil((out.length - i) * step))));
-      this.gain = Math.min(1, Math.max(0, this.gain + (this.stopping || this.heard !== this.wanted ? -up : up)));
-      if (this.gain === 0) this.heard = this.wanted;
+      this.gain = Math.min(1, Math.max(0, this.gain + (this.stopping || this.heard !== this.wanted || this.place <= this.quiet ? -up : up)));
+      if (this.gain === 0 && this.heard !== this.wanted) Object.assign(this, { heard: this.wanted, quiet: this.head }); // the ring still has the other one
       out[i] = this.read() * this.gain;
       this.place += step;
     }

@@ -1,0 +1,80 @@
+"""The audio thread of a shared page in node: sources, changes, fades, other rates."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicHermiteSpline
+
+THREAD = Path(__file__).with_name("thread.js")
+WORKLET = Path(__file__).parents[2] / "stimlib" / "live" / "web" / "worklet.js"
+FS, MOST = 8000, 128
+pytestmark = pytest.mark.skipif(
+    shutil.which("node") is None, reason="needs node, which runs the audio thread without a browser"
+)
+
+
+def source(kind, low=-1.0, high=3.0, freq=5.0, value=0.5):
+    return {"from": kind, "finger": 0, "low": low, "high": high, "freq": freq, "value": value}
+
+
+def started(calls, say=None, rate=FS, motion=(), **sources):
+    names = list(sources)
+    o = {
+        "fs": FS,
+        "inputs": names,
+        "outputs": [2.0, 4.0][: len(names)],
+        "held": [f"{what}{k}" for k in range(len(names)) for what in ("x", "on")],
+        "motion": list(motion),
+        "sources": sources,
+    }
+    begin = {"start": {"params": [], "sources": sources, "session": 1}}
+    say = {0: [begin]} | (say or {})
+    words = [
+        "node",
+        THREAD,
+        WORKLET,
+        json.dumps({"rate": rate, "o": o, "calls": calls, "say": say}),
+    ]
+    made = json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
+    return np.array(made["heard"]), np.array(made["rows"]), made["ended"]
+
+
+def test_a_sine_and_the_change_to_another_in_100_ms():
+    other, cut = source("sine", 0.0, 0.5, 8.0), 10 * MOST
+    _, rows, _ = started(30, {10: [{"choose": {"x": other}}]}, x=source("sine"))
+    i = np.arange(rows.shape[1])
+    before = 1 - 2 * np.cos(2 * np.pi * 5 * i / FS)
+    after = 0.25 - 0.25 * np.cos(2 * np.pi * 8 * i / FS)
+    part = np.clip((i - cut + 1) / (0.1 * FS), 0, 1)
+    changed = before[cut - 1] + part * (after - before[cut - 1])
+    np.testing.assert_allclose(rows[0], np.where(i < cut, before, changed), atol=1e-12)
+
+
+def test_a_finger_moves_its_input_along_a_line_of_a_60th_of_a_second():
+    move = {"move": {"finger": 0, "u": 0.5, "v": 0.0, "p": 1.0, "on": 1, "t": 1}}
+    _, rows, _ = started(20, {5: [move]}, x=source("u"))
+    i = np.arange(rows.shape[1])
+    u = 0.5 * np.clip((i - 5 * MOST + 1) / 134, 0, 1)
+    np.testing.assert_allclose(rows[0], -1 + 4 * u, atol=1e-12)
+
+
+def test_another_output_is_heard_after_a_fade_and_all_ends_with_one():
+    say = {10: [{"listen": 1}], 25: [{"stop": True}]}
+    y, _, ended = started(40, say, a=source("value", value=1.0), b=source("value", value=-2.0))
+    assert ended == 1
+    np.testing.assert_allclose(y[[9 * MOST, 20 * MOST]], [1.0 / 2, -2.0 / 4])  # of full scale
+    assert np.abs(np.diff(y)).max() < 4 * 0.5 / (0.02 * FS)  # the first is of 3 samples
+    assert not y[0] > 0.01 and not y[-MOST:].any()
+
+
+def test_another_rate_reads_a_cubic_polynomial_through_four_samples():
+    x = np.random.default_rng(3).standard_normal(1000)
+    y, _, _ = started(40, rate=48000, motion=x, x=source("given"))
+    places = np.arange(y.size) / 6 - 2
+    wanted = CubicHermiteSpline(np.arange(1000), x, np.gradient(x))(places) / 2
+    middle = slice(1000, 5000)  # after the fade
+    np.testing.assert_allclose(y[middle], wanted[middle], atol=1e-9)
