@@ -69,9 +69,19 @@ class Front:
         return self.answers.pop(0)
 
 
+EARLIER: set[threading.Thread] = set()
+
+
+@pytest.fixture(autouse=True)
+def earlier():
+    """Note which threads other tests have left."""
+    EARLIER.clear()
+    EARLIER.update(threading.enumerate())
+
+
 def playing():
-    """Whether a stimulus is there."""
-    return any(t.name == "stimlib sink" for t in threading.enumerate())
+    """Whether a stimulus of this test is there."""
+    return any(t.name == "stimlib sink" for t in set(threading.enumerate()) - EARLIER)
 
 
 def logs(session):
