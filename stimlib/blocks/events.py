@@ -236,6 +236,12 @@ class CrossingState(NamedTuple):
     cold: float
 
 
+NEAR_LINE = 1e-12
+"""Positions closer to a line, in parts of the largest number there, are divided by the
+spacing to see whether they cross.
+"""
+
+
 def crossed(p, s, x):
     """Return the number of lines crossed in one sample, and the new state."""
     u = x / p.spacing
@@ -289,12 +295,19 @@ class Crossing(Event):
 
     @staticmethod
     def tile(p, s, x, y):
+        # without a division: so far from both lines that its rounding cannot matter
+        far = NEAR_LINE * (abs(s.cell) + p.half + 2.0)
+        low, high = p.spacing * (s.cell - p.half + far), p.spacing * (s.cell + 1.0 + p.half - far)
         stays = NONE
         for i in range(y.size):
-            u = x[i] / p.spacing
-            stays = stays + where(
-                floor(u - p.half) <= s.cell, where(floor(u + p.half) >= s.cell, ONE, NONE), NONE
-            )
+            stays = stays + where(x[i] > low, where(x[i] < high, ONE, NONE), NONE)
+        if stays < U(y.size):
+            stays = NONE
+            for i in range(y.size):
+                u = x[i] / p.spacing
+                stays = stays + where(
+                    floor(u - p.half) <= s.cell, where(floor(u + p.half) >= s.cell, ONE, NONE), NONE
+                )
         if stays == U(y.size) and s.carry == 0.0 and s.cold == 0.0:
             y[:] = 0.0
             return CrossingState(s.cell, x[y.size - 1] / p.spacing, 0.0, 0.0)

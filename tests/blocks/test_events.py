@@ -448,3 +448,23 @@ def test_a_level_rises_and_falls_with_its_time_constants():
     )
     short = stimlib.compile(Scene({"y": b.envelope_follower(X, 0.0005)}), 1000)  # of half a sample
     assert short.process(np.array([[2.0]]))[0, 0] == pytest.approx(-2 * np.expm1(-2), rel=1e-12)
+
+
+@pytest.mark.parametrize("spacing", [0.01, 1 / 3, 7.0])
+@pytest.mark.parametrize("hysteresis", [0.0, 0.002])
+def test_crossing_beside_a_line_is_that_of_one_sample(spacing, hysteresis):
+    """A whole tile that stays between two lines is seen without a division; what lies
+    on a line or beside it, by a few ulps or parts of 1e-12, must not be.
+    """
+    rng = np.random.default_rng(3)
+    lines = spacing * rng.integers(-60, 60, 96)
+    at = np.repeat(lines + hysteresis / 2 * rng.choice([-1, 0, 1], 96), 64)  # a tile each
+    beside = at + spacing * rng.choice([0.0, 1e-16, -1e-16, 1e-13, -1e-13, 1e-9], at.size)
+    beside[:: 640 + 1] = np.nan
+    made = {
+        target: stimlib.compile(Scene({"y": b.crossing(X, spacing, hysteresis)}), 1000, target)
+        for target in ("numba", "python")
+    }
+    y = made["numba"].process(beside[None])
+    one = np.concatenate([made["python"].process(v[None, None]) for v in beside], axis=1)
+    assert np.array_equal(y, one) and np.count_nonzero(y) > 50
