@@ -169,14 +169,14 @@ def rising(points: list[Any], path: str) -> list[Any]:
 
 
 def course(points: list[Point], start: float) -> list[Point]:
-    """Return a course from a time on, held before its first point."""
+    """Return a curve from a time on; before its first point it has that value."""
     t, v = np.array(points).T
     return [(start, float(np.interp(start, t, v))), *(p for p in points if p[0] > start)]
 
 
 # AHAP ---------------------------------------------------------------------------------
 def read_ahap(tree: Tree, device: PatternDevice) -> list[Pattern]:
-    """Return the pattern of an AHAP file, out of range values limited as Apple does."""
+    """Return the pattern of an AHAP file; limit values out of range, as Apple does."""
     curves: dict[str, list[list[Point]]] = {INTENSITY: [], SHARPNESS: []}
     for k, item in enumerate(tree["Pattern"]):
         p = item.get("ParameterCurve") or item.get("Parameter") or {}

@@ -278,8 +278,8 @@ mark[0], mark[1] = s.n, s.key
 deviates of the next tile are drawn.
 
 They are pure functions of the key and the index of a sample, which are noted with them:
-``mark`` has that index, the key, and 2 if the deviates are there, 1 if the tile before
-was whole and they are worth to be drawn.
+``mark`` has that index, the key, and a number: 2 if the deviates are there, 1 if the
+tile before was whole, after which drawing ahead pays.
 """
 
 
