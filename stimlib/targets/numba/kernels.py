@@ -196,17 +196,21 @@ def _fir_at(b, R, taps, size, w, y, sums):
     m. So for each j the samples slide through the registers, and one load serves R
     products.
     """
+    pairs = b.and_(size, I64(-16))
     with loop(b, I64(0), I64(8), 1) as (j, _):
         base, tap_0, out = b.gep(w, [j]), b.gep(taps, [j]), b.gep(sums, [b.mul(j, I64(8 * R))])
         window = [variable(b, load(b, base, 8 * r)) for r in range(R - 1)]
         acc = [variable(b, zeros(V8)) for _ in range(R)]
-        with loop(b, I64(0), size, 8) as (m, _):
-            tap = splat(b, b.load(b.gep(tap_0, [m])))
-            x = [*map(b.load, window), load(b, base, b.add(m, I64(8 * (R - 1))))]
-            for r in range(R):
-                b.store(known(b, "fma", tap, x[r], b.load(acc[r])), acc[r])
-            for p, v in zip(window, x[1:], strict=True):
-                b.store(v, p)
+        # two taps a turn: between tests, the units have work for twice as long
+        for turn, start, stop in ((16, I64(0), pairs), (8, pairs, size)):
+            with loop(b, start, stop, turn) as (m, _):
+                x, s = list(map(b.load, window)), list(map(b.load, acc))
+                for k in range(0, turn, 8):
+                    tap = splat(b, b.load(b.gep(tap_0, [b.add(m, I64(k))])))
+                    x.append(load(b, base, b.add(m, I64(k + 8 * (R - 1)))))
+                    s = [known(b, "fma", tap, v, old) for v, old in zip(x[-R:], s, strict=True)]
+                for p, v in zip(window + acc, x[-R + 1 :] * (R > 1) + s, strict=True):
+                    b.store(v, p)
         for r in range(R):
             store(b, b.load(acc[r]), out, 8 * r)
     for r in range(R):
@@ -220,6 +224,7 @@ def fir(ctx, taps, size, w, y, n):
     def code(c, b, sig, v):
         taps, size, w, y, n = v
         sums = cgutils.alloca_once(b, DOUBLE, 64 * VECTORS[0])
+        sums.align = 64  # else each vector lies across two lines of the cache
         done = variable(b, I64(0))
         for R in VECTORS:
             start = b.load(done)
