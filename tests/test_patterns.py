@@ -460,6 +460,7 @@ def test_a_file_that_cannot_be_read_says_where_and_what_to_do(name, change, says
         ('{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": NaN}}]}', "not a finite"),
         ('{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": 1e999}}]}', "not a fin"),
         ('{"Pattern": ' + "[" * 100_000, "nested too deeply"),
+        ('{"Pattern": [{"Event": {"Time": 0, "Time": 1}}]}', "'Time' is there twice"),
         ("[]", "not a JSON object"),
         ("{", "Expecting"),
         ("{}", r"\$\.Pattern is missing; give it"),
