@@ -428,8 +428,8 @@ def designed(block: Block, fs: float) -> tuple[Any, Any]:
     return pair
 
 
-def ours(cls: type) -> bool:
-    """Return whether a class belongs to the library."""
+def ours(cls: Any) -> bool:
+    """Return whether a class or a function belongs to the library."""
     return cls.__module__.partition(".")[0] == "stimlib"
 
 
