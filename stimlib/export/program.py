@@ -136,7 +136,10 @@ class Writer:
             ends = f"m->v[{inner}], m->v[{self.slot(i)}], m->place[{q.child}]"
             self.body.append(f"st_close({ends}, n{q.child}, n{q.clock});")
         elif q.kind == "block":
-            self.block(i, q)
+            try:
+                self.block(i, q)
+            except SceneError as e:
+                raise SceneError(f"{repr(q.block)[:80]}: {e}") from e
 
     # One block ------------------------------------------------------------------------
     def block(self, i: int, q: Instance) -> None:
@@ -181,10 +184,7 @@ class Writer:
         head = f"static void b{i}({self.name}_state *m, int a, int n)"
         self.blocks.append("\n".join([f"/* {said(q.block)} */", head, "{", *lines, "}", ""]))
         if self.single:
-            try:
-                in_single("\n".join([*self.unit.functions[known:], self.blocks[-1]]))
-            except SceneError as e:
-                raise SceneError(f"{repr(q.block)[:80]}: {e}") from e
+            in_single("\n".join([*self.unit.functions[known:], self.blocks[-1]]))
         if contact is None:
             call = f"b{i}(m, 0, n{q.clock});"
         else:

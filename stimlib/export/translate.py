@@ -219,11 +219,17 @@ class Translator:
         self.result: Kind = NOTHING
 
     def fail(self, node: ast.AST, why: str) -> SceneError:
-        """Return the error for a part that C has no form for."""
+        """Return the error for a part that C has no form for.
+
+        It shows the place in an author's file, not in the library.
+        """
+        why = f"{why}, so it cannot be exported"
+        if steps.ours(self.f):
+            return SceneError(why)
         line = getattr(node, "lineno", 1) + self.offset
         return SceneError(
-            f"{self.f.__code__.co_filename}:{line}: {self.f.__qualname__}: {why}, so it cannot be"
-            f" exported: {ast.unparse(node)[:80]}"
+            f"{self.f.__code__.co_filename}:{line}: {self.f.__qualname__}: {why}:"
+            f" {ast.unparse(node)[:80]}"
         )
 
     def translated(self) -> tuple[list[str], Kind]:

@@ -26,6 +26,7 @@ from ..core import definitions
 from ..core.graph import Input
 from ..core.program import warn_beyond
 from ..core.scene import Scene
+from ..core.units import pretty
 from ..errors import BadValue, FaultError, SinkError, outside, public, shown
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from ..run.driver import rows_of, walk
@@ -393,7 +394,7 @@ def _beyond(report: FileReport, info: dict[str, Any]) -> str:
     if not passed:
         return ""
     told = ", ".join(
-        f"{c['name']} reaches {peaks[c['name']]:.4g} {c['unit']} of {c['full_scale']:g}"
+        f"{c['name']} reaches {peaks[c['name']]:.4g} {pretty(c['unit'])} of {c['full_scale']:g}"
         for c in passed
     )
     if len({c["unit"] for c in info["channels"]}) == 1:

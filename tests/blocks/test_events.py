@@ -1,5 +1,6 @@
 """Events and what they make, against what they are said to be."""
 
+import math
 import tracemalloc
 
 import numpy as np
@@ -423,6 +424,19 @@ def test_a_mean_keeps_nothing_of_what_has_left_it():
     x = np.concatenate([1e12 * np.random.default_rng(1).standard_normal(999), np.zeros(900)])
     y = stimlib.compile(Scene({"y": b.moving_average(X, 0.1)}), 1000).process(x[None])[0]
     assert np.all(y[999:1098] != 0.0) and not np.any(y[1098:])
+
+
+@pytest.mark.parametrize("n", [1, 5, 8, 40, 63, 64, 100])
+@pytest.mark.parametrize("target", ["python", "numba"])
+def test_a_sample_that_is_not_finite_leaves_an_average_after_its_length(n, target):
+    """Rounded up to eight samples where taps are filled up with zeros: 0 times inf."""
+    x, taps = np.ones(300), np.full(n, 1 / n)
+    x[10] = np.nan
+    for made, first in ((b.moving_average(X, n / 1000), 64), (b.fir(X, taps), math.inf)):
+        length = n if n >= first else 8 * math.ceil(n / 8)
+        proc = stimlib.compile(Scene({"y": made > -1.0}), 1000, target)  # NaN is not above
+        y = np.concatenate([proc.process(part[None])[0] for part in (x[:37], x[37:])])
+        assert np.flatnonzero(y == 0.0).tolist() == list(range(10, 10 + length))
 
 
 @pytest.mark.parametrize("attack, release", [(0.01, 0.1), (0.0, 0.01), (1.0, 300.0)])

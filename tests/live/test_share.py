@@ -23,6 +23,7 @@ from refusals import refused
 import stimlib
 from stimlib import BadValue, Input, MissingPackage, Param, Scene, SinkError, UnknownName
 from stimlib.live import notebook
+from stimlib.live.describe import full_scales
 from stimlib.live.share import WEB, compiled, packed, page_of, share
 from stimlib.motion import sinusoid
 from stimlib.scenes import squeeze
@@ -108,6 +109,10 @@ def test_what_is_refused(tmp_path):
     refused(UnknownName, "x is missing", share, scene, motion={})
     refused(BadValue, "motion of x", share, scene, motion={"x": 3})
     refused(BadValue, "fs = 0", share, scene, 0)
+    # before a second of samples is made: at 1e9 Hz, 8 GB
+    fast = "fs = 1e\\+06 Hz is faster than a page can present; give at most 768000 Hz"
+    refused(BadValue, fast, share, scene, 1e6)
+    refused(BadValue, fast, full_scales, scene, 1e6, {"x": (0.0, 1.0)})
     refused(UnknownName, "range of z", share, scene, ranges={"z": (0, 1)})
     refused(BadValue, "finite", share, scene, motion={"x": np.full(9, np.nan)})
 
