@@ -28,7 +28,7 @@ class Player extends AudioWorkletProcessor {
     this.steer = o.steer ?? true;
     this.on = this.dry = this.stood = this.ended = false; this.gain = 0; this.mean = 0; this.sum = 0; this.ratio = 1;
     this.under = this.late = this.skips = this.missing = 0; this.n = 0; // late: gaps of the server
-    this.time = 0; this.best = this.before = -Infinity; this.until = 0; // s of the server's clock, and by how much a block was ahead of it at most
+    this.time = 0; this.best = this.before = -Infinity; this.until = 0; // s of the card's clock, and by how much blocks were ahead of it
     this.begun = this.came = this.made = 0; this.heard = Infinity; // s, when the sound began, the newest block came, and the first; s of the server's clock when it was made
     this.marks = [];
     this.port.onmessage = ({ data }) => { this.link = data.port; this.link.onmessage = ({ data: d }) => this.take(d); };
@@ -111,7 +111,7 @@ class Player extends AudioWorkletProcessor {
   process(_, [[out]]) {
     const n = out.length, dt = n / sampleRate, up = 1 / (FADE * sampleRate);
     this.n += n;
-    this.time += dt * (1 + this.sum);
+    this.time += dt;
     this.need *= 1 - dt / this.keep;
     this.depth = Math.min(MOST, Math.max(this.time - this.heard < KNOWN ? this.first : 0, LEAST + MARGIN * this.need));
     if (!this.on) this.begin(dt);
