@@ -5,19 +5,21 @@ must not compile.
 import inspect
 import json
 import os
+import platform
 import re
 import shutil
 import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
 import stimlib
 from stimlib import Input, Scene
-from stimlib.blocks import springpot, velocity
+from stimlib.blocks import envelope, friction, oscillator, springpot, velocity
 from stimlib.core import maths
 from stimlib.core.steps import source
 from stimlib.targets.numba import cache as caches, engine, intrinsics, kernels, vectors
@@ -215,6 +217,38 @@ def test_parts_of_the_runtime_are_compiled_when_a_scene_needs_them(monkeypatch):
         asked.clear()
         stimlib.compile(Scene({"y": y}), 1000)
         assert sorted({*asked} - {"runtime"}) == parts
+
+
+def machine_code(folder, block, ours):
+    """The instructions of a block's segment, compiled in this folder."""
+    name = next(filter(None, stimlib.compile(Scene({"y": block}), 8000)._engine.segments))
+    text = (caches.folder() / name / f"{name}.py").read_text()
+    folder.mkdir()
+    (folder / f"{name}.py").write_text(text)
+    with caches._choices() if ours else nullcontext():
+        return caches._execute(folder, text, name)._sl_segment._library.get_asm_str()
+
+
+@pytest.mark.skipif(
+    platform.machine() not in ("x86_64", "AMD64"), reason="LLVM decides otherwise there"
+)
+@pytest.mark.parametrize(
+    ("option", "other", "block"),
+    [
+        ("disable-select-optimize", "true", envelope(Input("x"))),
+        ("mispredict-default-rate", 90, friction(Input("x", "m"), Input("n", "N"))),
+        ("unswitch-threshold", 50, oscillator(Input("f", "Hz"), "triangle")),
+    ],
+)
+def test_segments_are_compiled_with_options_of_llvm_and_nothing_else_is(
+    option, other, block, tmp_path, monkeypatch
+):
+    ours = machine_code(tmp_path / "ours", block, True)
+    with pytest.raises(KeyError), caches._choices():
+        raise KeyError
+    assert machine_code(tmp_path / "plain", block, False) != ours, "LLVM keeps our options"
+    monkeypatch.setitem(kernels.CHOICES, option, (other, kernels.CHOICES[option][1]))
+    assert machine_code(tmp_path / "other", block, True) != ours, "LLVM does not know it"
 
 
 TWICE = """

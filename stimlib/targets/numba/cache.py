@@ -289,17 +289,35 @@ def _compiled(place: Path, text: str, name: str) -> types.ModuleType:
     collects = gc.isenabled()
     gc.disable()
     try:
-        with suppress(Exception), global_compiler_lock:
+        with suppress(Exception), _choices():
             context.load_additional_registries = partial(_few, context)
             made._library_class = _Library
             try:
                 return _execute(place, text, name)
             finally:
                 del context.load_additional_registries, made._library_class
-        return _execute(place, text, name)  # a step of a user may need all
+        with _choices():
+            return _execute(place, text, name)  # a step of a user may need all
     finally:
         if collects:
             gc.enable()
+
+
+@contextmanager
+def _choices() -> Iterator[None]:
+    """Compile with our options of LLVM in this context, while nobody else compiles."""
+    with global_compiler_lock:
+        try:
+            _choose(0)
+            yield
+        finally:
+            _choose(1)
+
+
+def _choose(turn: int) -> None:
+    """Set the options of LLVM for our code (0), or for others (1)."""
+    for name, values in kernels.CHOICES.items():
+        llvmlite.binding.set_option("", f"-{name}={values[turn]}")
 
 
 class _Library(JITCodeLibrary):

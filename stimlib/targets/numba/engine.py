@@ -190,13 +190,16 @@ class _Table:
         outputs = range(len(cls.outputs))
         read = tuple((group[0], j) in self.listened for j in outputs) or (True,)
         types = type(p), kinds(p), type(s), kinds(s)
+        inputs = q.args[: len(q.args) - cls.resettable]
+        constants = tuple(self.program.instances[a].kind == "const" for a in inputs)
         return Form(
             cls,
             (f.__code__, meaning),
             *types,
-            inputs=len(q.args) - cls.resettable,
+            inputs=len(inputs),
             beside=tuple(self.form((k,)) for k in group[1:]),
             read=read,
+            fixed=() if cls.tile else constants,
         )
 
 

@@ -62,6 +62,19 @@ if os.environ.get("STIMLIB_VECTOR_BITS"):
     numba.config.CPU_FEATURES = ",".join(FEATURES)  # type: ignore[attr-defined]  # before numba builds anything
 
 
+CHOICES = {
+    "disable-select-optimize": ("false", "true"),
+    "mispredict-default-rate": (20, 25),
+    "unswitch-threshold": (400, 50),
+}
+"""LLVM's options while we compile, and its own.
+
+A condition that a recursion waits for becomes a branch: processors predict it, because
+it mostly holds as it did a sample before.  A condition on parameters alone is decided
+before the loop, even if the loop is long.
+"""
+
+
 # Eight numbers ------------------------------------------------------------------------
 def zeros(t):
     """Return a vector of zeros."""

@@ -121,6 +121,10 @@ class Form(NamedTuple):
     """Of each output, whether anybody listens; a step's others are neither stored nor,
     for that, computed.
     """
+    fixed: tuple[bool, ...] = ()
+    """Of each input of a step, whether it is a constant; what depends on constants only
+    is computed once a tile.
+    """
 
     @property
     def parts(self) -> tuple[Form, ...]:
@@ -312,16 +316,20 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
         x, x1 = (f"({', '.join(slots[k : k + inputs])},)" for k in (0, inputs + 1))
         pairs = f"(p, p1), (s, s1), ({x}, {x1}), ({slots[inputs]}, {slots[-1]})"
         return [f"s, s1 = _sl_vectors.abreast(_sl_one, {pairs.replace('(,)', '()')}, n)"]
-    lines = []
-    for b in ["", "1"][: len(form.parts)]:
+    before, lines = [], []
+    for b, part in zip(["", "1"], form.parts, strict=False):
         samples = codegen.each(f"%s{b}[i]", form.signals)
+        for j, constant in enumerate(part.fixed):
+            if constant:
+                before.append(f"c{j}{b} = x{j}{b}[0]")
+                samples[j] = f"c{j}{b}"
         for j, listened in enumerate(form.read, inputs):
             if not listened:
                 samples[j] = "_sl_unread"
         made = codegen.several(samples[inputs:], bool(form.cls.outputs))
         run = codegen.call("_sl_block", f"p{b}", f"s{b}", *samples[:inputs])
         lines += [f"{made}, s{b} = {run}", *form.warm(f"s{b}")]
-    return ["for i in range(n):", *codegen.indented(lines)]
+    return [*before, "for i in range(n):", *codegen.indented(lines)]
 
 
 def _said(e: Exception) -> str:
