@@ -20,9 +20,10 @@ from stimlib.blocks import noise, white_noise
 from stimlib.core import maths
 from stimlib.errors import SceneError
 from stimlib.targets.numba import intrinsics, vectors
-from stimlib.targets.numba.engine import runtime
+from stimlib.targets.numba.engine import SLOW_MODES, _part, runtime
 
 runtime()  # it has the long sums
+_part(SLOW_MODES, "memory")
 
 SPECIAL = [
     0.0,
@@ -141,6 +142,7 @@ def test_every_name_of_maths_is_tested_here():
         *UNARY,
         "pairs",
         "each",
+        "series",
         "fma",
         "where",
         "as_float",
@@ -159,7 +161,8 @@ def test_every_name_of_maths_is_tested_here():
     }
     assert written == tested
     assert all(
-        hasattr(vectors if n in ("pairs", "each") else intrinsics, n) for n in tested - {"tree"}
+        hasattr(vectors if n in ("pairs", "each", "series") else intrinsics, n)
+        for n in tested - {"tree"}
     ), "each has a compiled counterpart"
 
 
@@ -391,6 +394,94 @@ def test_what_is_done_side_by_side_is_what_each_does(f):
     with np.errstate(all="ignore"):
         maths.each(f, (), (x, z), wanted)
     assert_number(y, wanted)
+
+
+class Gains(NamedTuple):
+    a: np.ndarray
+    c: float
+
+
+class Held(NamedTuple):
+    u: np.ndarray
+    w: np.ndarray
+
+
+def stage(q, s, x):
+    h = x - s.w
+    u = maths.fma(q.a, h, s.u)
+    return u + q.c * h, Held(u, maths.where(u > s.w, s.u, s.w + 0.5 * u))
+
+
+compiled_stage = njit(
+    type(stage)(stage.__code__, globals() | {"maths": intrinsics}, "stage"),
+    error_model="numpy",
+    inline="always",
+)
+
+
+@njit(error_model="numpy")
+def compiled_series(q, s, x, y):
+    vectors.series(compiled_stage, q, s, x, y)
+
+
+def rows(size, rng):
+    """Parameters of stages, and two equal states."""
+    state = rng.standard_normal((2, size))
+    q = Gains(rng.uniform(-0.3, 0.3, size), rng.uniform(0.5, 1.0))
+    return q, Held(*state.copy()), Held(*state.copy())
+
+
+@pytest.mark.parametrize("size", [*range(1, 10), 12, 16, 17, 33])
+def test_series(size):
+    """Any number of stages and samples in stretches that go on."""
+    rng = np.random.default_rng(size)
+    q, _, other = rows(size, rng)
+    room = np.full((2, size + 40), 7.0)
+    room[:, 20 : 20 + size] = other
+    s = Held(*room[:, 20 : 20 + size])
+    for n in [1, 2, 3, 5, 7, 8, 9, 15, 16, 17, 31, 64, 0, 70]:
+        x = rng.standard_normal(n)
+        y, wanted = np.full(n + 16, 7.0), np.empty(n)
+        compiled_series(q, s, x, y[8 : 8 + n])
+        maths.series(stage, q, other, x, wanted)
+        assert_same(y[8 : 8 + n], wanted, f"{size} stages, {n} samples")
+        assert_same(np.array(s), np.array(other), f"{size} stages, {n} samples: state")
+        assert (y[:8] == 7.0).all() and (y[8 + n :] == 7.0).all()
+        assert (room[:, :20] == 7.0).all() and (room[:, 20 + size :] == 7.0).all()
+
+
+def test_series_in_place_and_of_what_is_not_finite():
+    """What one stage makes of nan or inf reaches no stage before it."""
+    rng = np.random.default_rng(5)
+    for size in (1, 3, 8, 20):
+        for bad in (np.nan, np.inf, -np.inf):
+            q, s, other = rows(size, rng)
+            x = rng.standard_normal(40)
+            x[17] = bad
+            y, wanted = x.copy(), np.empty(40)
+            compiled_series(q, s, y, y)
+            with np.errstate(all="ignore"):
+                maths.series(stage, q, other, x, wanted)
+            assert_number(y, wanted, f"{size} stages")
+            assert_number(np.array(s), np.array(other), f"{size} stages: state")
+
+
+def test_series_says_what_it_takes():
+    @njit(error_model="numpy", inline="always")
+    def settled(q, s, x):
+        return intrinsics.settle(x), s
+
+    @njit(error_model="numpy")
+    def compiled(q, s, x, y):
+        vectors.series(settled, q, s, x, y)
+
+    q, s, _ = rows(3, np.random.default_rng(0))
+    x = np.ones(6)
+    with pytest.raises(SceneError, match=r"^settled cannot run in vectors: .* write a loop"):
+        compiled(q, s, x, x)
+    for wrong in ((q, s, x[::2], x[:3]), ((), s, x, x), (q, Gains(s.u, 1.0), x, x)):
+        with pytest.raises(SceneError, match=r"series\(f, p, s, x, y\).* write a loop"):
+            compiled_series(*wrong)
 
 
 def test_tree_is_the_written_order():

@@ -61,6 +61,18 @@ def test_narrow_vectors_give_the_same_bits(bits, tmp_path):
     assert done.stderr == "" and done.stdout.split() == [bits, said().split()[1]]
 
 
+def test_a_width_is_set_before_numba_looks_at_the_processor():
+    """A decorator that ran earlier would build for all that the processor has."""
+    text = """
+from stimlib.targets.numba import engine
+from numba.core.registry import cpu_target
+print("+avx," in cpu_target.target_context.codegen().magic_tuple()[2])
+"""
+    env = os.environ | {"STIMLIB_VECTOR_BITS": "128"}
+    done = subprocess.run([sys.executable, "-c", text], env=env, capture_output=True, text=True)
+    assert done.stderr == "" and done.stdout == "False\n"
+
+
 def test_another_width_is_refused():
     done = subprocess.run(
         [sys.executable, "-c", "import stimlib.targets.numba.kernels"],

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..core import units as un
 from ..core.graph import NONE, ONE, Block, as_block, constant, positive
-from ..core.maths import TINY, copy, fir as fir_sum, flush, fma, where
+from ..core.maths import TINY, copy, each, fir as fir_sum, flush, fma, series, where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
@@ -548,6 +548,21 @@ class CascadeState(NamedTuple):
     low2: np.ndarray
 
 
+def section(p, s, x):
+    """Return a section's output and new state; p and s are those of this section."""
+    h = x - s.s2
+    y = fma(p.h0, h, fma(p.e1, s.s1, p.e0 * s.s2))
+    t1 = fma(p.a, h, fma(-p.c, s.s1, TINY)) + s.low1
+    t2 = fma(p.d, h, p.b * s.s1) + s.low2
+    n1, n2 = s.s1 + t1, s.s2 + t2
+    return y, CascadeState(n1, n2, t1 - (n1 - s.s1), t2 - (n2 - s.s2))
+
+
+def audible(p, x):
+    """Return x, or 0 where it is only what TINY leaves behind."""
+    return flush(x)
+
+
 class Cascade(Block, abstract=True):
     """Second-order sections in series, discretised by the trapezoidal rule.
 
@@ -560,14 +575,16 @@ class Cascade(Block, abstract=True):
     def step(p, s, x):
         v = x
         for k in range(p.a.size):
-            s1, s2 = s.s1[k], s.s2[k]
-            h = v - s2
-            v = fma(p.h0[k], h, fma(p.e1[k], s1, p.e0[k] * s2))
-            t1 = fma(p.a[k], h, fma(-p.c[k], s1, TINY)) + s.low1[k]
-            t2 = fma(p.d[k], h, p.b[k] * s1) + s.low2[k]
-            n1, n2 = s1 + t1, s2 + t2
-            s.s1[k], s.s2[k], s.low1[k], s.low2[k] = n1, n2, t1 - (n1 - s1), t2 - (n2 - s2)
+            own = CascadeParams(p.a[k], p.c[k], p.b[k], p.d[k], p.h0[k], p.e1[k], p.e0[k], p.at)
+            v, new = section(own, CascadeState(s.s1[k], s.s2[k], s.low1[k], s.low2[k]), v)
+            s.s1[k], s.s2[k], s.low1[k], s.low2[k] = new.s1, new.s2, new.low1, new.low2
         return flush(v), s
+
+    @staticmethod
+    def tile(p, s, x, y):
+        series(section, p, s, x, y)
+        each(audible, (), (y,), y)
+        return s
 
     @staticmethod
     def transfer(p, z):

@@ -146,6 +146,25 @@ def pairs(f, key, first, z):
         z[i : i + 2] = f(key, np.uint64(first) + np.uint64(i >> 1))[: z.size - i]
 
 
+def series(f, p, s, x, y):
+    """Run stages in series: y[i] is x[i] after it went through all of them in turn.
+
+    A straight-line helper f(p, s, x) returns a stage's output and its new state. p and
+    s are NamedTuples; each array of them has one element per stage, and f gets this
+    element in its place. All fields of s are arrays, of at least one element. Compiled
+    code runs the stages side by side, each one sample behind the one before. x may be y
+    itself, but must not overlap it partly.
+    """
+    for i in range(y.size):
+        v = x[i]
+        for k in range(s[0].size):
+            own = type(p)(*(u[k] if isinstance(u, np.ndarray) else u for u in p))
+            v, new = f(own, type(s)(*(u[k] for u in s)), v)
+            for u, w in zip(s, new, strict=True):
+                u[k] = w
+        y[i] = v
+
+
 def copy(a, b):
     """Copy a into the start of b: b[: a.size] = a, without overlap."""
     b[: a.size] = a

@@ -261,7 +261,11 @@ def _helper(node: ast.AST, known: dict[str, Any]) -> Any:
     if not isinstance(node, ast.Call):
         return None
     target = _target(node.func, known)
-    if target in (maths.each, maths.pairs) and node.args and isinstance(node.args[0], ast.Name):
+    if (
+        target in (maths.each, maths.pairs, maths.series)
+        and node.args
+        and isinstance(node.args[0], ast.Name)
+    ):
         target = known.get(node.args[0].id)
     ours = isinstance(target, types.FunctionType) and target.__module__ != maths.__name__
     return target if ours else None

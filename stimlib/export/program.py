@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..blocks.contact import Tally
-from ..core import steps
+from ..core import maths, steps
 from ..core.graph import Block, at_rest, kind, pack
 from ..core.program import PARAMS, ROOT, Instance
 from ..errors import SceneError
@@ -157,7 +157,9 @@ class Writer:
         given = [*(["p"] if parameters else []), *(["s"] if state else [])]
         kinds: list[Kind] = [t[0] if t else None for t in (parameters, state)]
         arrays = [f"m->v[{k}] + a" for k in inputs], [f"m->v[{k}] + a" for k in outputs]
-        if cls.tile is not None and not (self.single and cls.step):  # words of 64 bits in tiles
+        # float32 has no words of 64 bits, C no lanes: what has a step too runs that
+        lanes = cls.tile is not None and maths.series in steps.names(cls.tile).values()
+        if cls.tile is not None and not ((self.single or lanes) and cls.step):
             given += [f"st_floats_of({v}, n)" for v in (*arrays[0], *arrays[1])]
             kinds += [FLOATS] * (len(inputs) + len(outputs))
             if cls.work:

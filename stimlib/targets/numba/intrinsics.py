@@ -14,6 +14,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from stimlib.core import maths
+from stimlib.targets.numba import kernels as _features  # noqa: F401  # set before njit builds
 
 F8, I8, U8 = (
     types.CPointer(types.float64),
