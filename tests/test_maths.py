@@ -273,6 +273,10 @@ def test_copy_and_words():
     maths.copy(a, other[3:])
     assert_same(b, other)
     assert first == maths.words(a)[0]
+    for n in [0, 1, 7, 8, 9, 15, 16, 17, 63, 64, 65, 500]:
+        a, b = np.arange(1.0, n + 2.0)[:n], np.zeros(n + 10)
+        both(a, b[: n + 3])
+        assert_same(b, np.pad(a, (3, 7)), f"{n}")
 
 
 ODD, HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(2**63 - 1)

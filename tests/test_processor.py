@@ -12,7 +12,7 @@ from refusals import refused
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.core.graph import Block
+from stimlib.core.graph import Block, Guard
 from stimlib.core.program import lead
 from stimlib.errors import BadValue, SceneError, StimlibError, UnknownName
 
@@ -501,6 +501,22 @@ def test_a_fault_fades_from_the_sample_before(target, at):
     np.testing.assert_allclose(
         y[at : at + 21], u[0, at - 1] * np.arange(20, -1, -1) / 20, rtol=1e-15
     )
+
+
+@pytest.mark.parametrize("at", [0, 63, 64, 70, 127, 200])
+def test_a_fault_is_found_wherever_it_is_in_a_tile(at):
+    """Of outputs that share a guard, and of one whose guard another block reads."""
+    outputs = {"z": z, "x": x, "same": x, "behind": 2.0 * Guard(x), "again": z, "sum": x + z}
+    one, other = (make(outputs, 250.0, target) for target in ("numba", "python"))
+    u = np.random.default_rng(at).standard_normal((2, 300))
+    u[one.inputs.index("x"), at], u[one.inputs.index("z"), 250] = np.nan, np.inf
+    wanted = other.process(u)
+    for n in (300, 64, 100):
+        one.reset()
+        parts = [one.process(np.ascontiguousarray(u[:, k : k + n])) for k in range(0, 300, n)]
+        assert_same(np.concatenate(parts, axis=1), wanted, f"calls of {n}")
+        assert_same(one.state, other.state, f"calls of {n}: state")
+        assert one.fault == other.fault
 
 
 # state --------------------------------------------------------------------------------

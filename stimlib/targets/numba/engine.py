@@ -70,6 +70,8 @@ class _Table:
         self.state = np.cumsum([0, *(pack(s).size for _, s in design)]).tolist()
         self.still = _still(program, design)
         self.listened: set[tuple[int, int]] = set()
+        self.read = {a for q in program.instances for a in q.args}
+        self.at: dict[int, int] = {}  # the row of an instance
         for i in program.inputs.values():
             self.place(i)
         self.constants = []
@@ -88,12 +90,16 @@ class _Table:
             and q.block.definition not in vectors.OPERATIONS
         )
         self.machine = runtime()
-        for group in order:
+        ends = {i: (i,) for i in program.outputs.values() if i not in self.read}
+        for group in (*(g for g in order if g[0] not in ends), *ends.values()):
             self.add(group)
             if program.instances[group[0]].block.definition.work:
                 works.append(len(self.A) - 1)
-        self.outputs_at = len(self.A)
-        self.A += [self.slot[o] for o in program.outputs.values()]
+        self.main, self.outputs_at = len(self.rows) - len(ends), len(self.A)
+        first: dict[int, int] = {}  # an output that shares a guard copies the first of them
+        for j, i in enumerate(program.outputs.values()):
+            self.A.append(-1 - first[i] if i in first else self.at[i])
+            first.setdefault(i, j)
         for j in works:
             self.A[j] = len(self.slot) * TILE
 
@@ -123,7 +129,8 @@ class _Table:
 
     def row(self, address: int, i: int, words: list[int], p: int, clock: int, stands: bool) -> None:
         autonomous = self.program.instances[i].autonomous
-        self.rows.append((address, p, self.state[i], len(self.A), clock, autonomous, stands, 0))
+        self.at[i], read = len(self.rows), i in self.read
+        self.rows.append((address, p, self.state[i], len(self.A), clock, autonomous, stands, read))
         self.A.extend(words)
 
     def add(self, group: tuple[int, ...]) -> None:
@@ -216,7 +223,8 @@ class Engine:
         self._place = {i: table.state[i] for i in program.params.values()}
         self._param = {i: j for j, i in enumerate(program.params.values())}
         self._empty = np.zeros((len(program.inputs), 0)), np.zeros((len(program.outputs), 0))
-        self._outs_at, self._clocks = table.outputs_at, len(program.parents)
+        self._main, self._outs_at = table.main, table.outputs_at
+        self._clocks = len(program.parents)
         # a stretch may begin late in its tile
         self._buffers = len(table.slot) * TILE + table.scratch + TILE
         self._allot()
@@ -244,7 +252,7 @@ class Engine:
         arrays = {1: self.table, 2: self.P, 3: self.S, 4: self.W, 5: self.A, 9: self.N}
         for k, a in (arrays | {10: self.index, 13: self.pending}).items():
             self.ctx[k] = a.ctypes.data
-        self.ctx[0], self.ctx[14], self.ctx[16] = len(self.table), params, machine.entry.address
+        self.ctx[0], self.ctx[14], self.ctx[16] = self._main, params, machine.entry.address
         self.ctx[6:9] = *(a.shape[0] for a in self._empty), self._outs_at
         self.ctx[11:13] = clocks, -1
         known = entry_points.array_words()

@@ -195,6 +195,41 @@ def whole_tile(ctx, to, source):
     return types.void(F8, F8), code
 
 
+@intrinsic
+def copy(ctx, to, source, n):
+    """Copy n numbers; for some hundred, this is faster than a call of memcpy."""
+
+    def code(c, b, sig, v):
+        to, source, n = v
+        last = b.sub(n, I64(8))
+        with b.if_else(b.icmp_signed("<", n, I64(8))) as (few, many):
+            with few, loop(b, I64(0), n, 1) as (i, _):
+                b.store(b.load(b.gep(source, [i])), b.gep(to, [i]))
+            with many:  # the last eight may overlap those before
+                with loop(b, I64(0), last, 8) as (i, _):
+                    store(b, load(b, source, i), to, i)
+                store(b, load(b, source, last), to, last)
+        return c.get_dummy_value()
+
+    return types.void(F8, F8, i8), code
+
+
+@intrinsic
+def sound_tile(ctx, to, source):
+    """Copy 64 numbers, and return whether all are finite."""
+
+    def code(c, b, sig, v):
+        sound = None
+        for k in range(0, 64, 8):
+            x = load(b, v[1], k)
+            store(b, x, v[0], k)
+            finite = b.fcmp_ordered("==", b.fsub(x, x), zeros(V8))
+            sound = finite if sound is None else b.and_(sound, finite)
+        return b.icmp_signed("==", b.bitcast(sound, ir.IntType(8)), ir.IntType(8)(-1))
+
+    return types.boolean(F8, F8), code
+
+
 # Taps ---------------------------------------------------------------------------------
 VECTORS = (8, 4, 2, 1) if "+avx512f" in FEATURES else (4, 2, 1) if "+avx" in FEATURES else (2, 1)
 """Of outputs, that stay in registers: the most that leave room for the samples under
