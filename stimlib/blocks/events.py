@@ -1353,14 +1353,14 @@ class Envelope(Block):
 
     @staticmethod
     def tile(p, s, gate, y):
-        stays, closed = NONE, where(s.stage > 0.0, NONE, ONE)
-        for i in range(y.size):
-            stays = stays + where(gate[i] > 0.0, ONE - closed, closed)
         level, after = followed(p, s, gate[0])
-        # at rest, or at the sustain level
-        if stays == U(y.size) and after.y == s.y and after.stage == s.stage:
-            y[:] = level
-            return s
+        if after.y == s.y and after.stage == s.stage:  # at rest, or at the sustain level
+            stays, closed = NONE, where(s.stage > 0.0, NONE, ONE)
+            for i in range(y.size):
+                stays = stays + where(gate[i] > 0.0, ONE - closed, closed)
+            if stays == U(y.size):
+                y[:] = level
+                return s
         for i in range(y.size):
             y[i], s = followed(p, s, gate[i])
         return s

@@ -517,17 +517,21 @@ class Downsampled(Method):
         most = s.past.size * 1.0
         k = where(s.k > 0.0, where(s.k < most, s.k, most), 0.0)  # a state may come from anywhere
         first, cold = s.first, s.cold
+        stride, scale = 1.0, p.scale
         for i in range(x.size):
             if contact[i] > 0.0:
                 first, k, cold = origin(cold, first, x[i]), where(cold > 0.0, 0.0, k), 0.0
                 if k < most:
-                    now = np.int64(k)
+                    now = np.uint64(k)
                     s.past[now] = x[i] - first
                     m = where(k > 0.0, floor((k + (POINTS - 1)) / POINTS), 1.0)
+                    if m != stride:  # each of a hundred samples
+                        stride = m
+                        scale = p.scale * where(m > 1.0, exp(-p.alpha * log(m)), 1.0)
                     total = 0.0
                     for j in range(np.int64(floor(k / m)) + 1):
-                        total = fma(p.weights[j], s.past[now - j * np.int64(m)], total)
-                    y[i] = p.scale * where(m > 1.0, exp(-p.alpha * log(m)), 1.0) * total
+                        total = fma(p.weights[j], s.past[now - np.uint64(j) * np.uint64(m)], total)
+                    y[i] = scale * total
                     k = k + 1.0
                 else:
                     y[i] = NAN
