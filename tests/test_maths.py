@@ -155,6 +155,8 @@ def test_every_name_of_maths_is_tested_here():
         "fir",
         "modes",
         "memory",
+        "chebyshev",
+        "moderate_exp",
     }
     written = {
         n for n, v in vars(maths).items() if callable(v) and not n.startswith("_") and n != "F"
@@ -600,6 +602,52 @@ def test_memory(size, slow, counts):
         assert_number(y, z, f"{size} modes, {n} samples")
         assert_number(q, p, "state")
         assert_number(low, other, "second words")
+
+
+@pytest.mark.parametrize(("size", "slow"), [(8, 0), (64, 32), (136, 64), (56, 56)])
+def test_memory_with_weights_for_each_sample(size, slow):
+    """As calls of one sample each, with its weights."""
+    rng = np.random.default_rng(size)
+    e, r = np.sort(10.0 ** rng.uniform(-14, 0, size)), rng.standard_normal(16 * size)
+    q, low, x = (
+        rng.standard_normal(size),
+        1e-17 * rng.standard_normal(slow),
+        rng.standard_normal(16),
+    )
+    for f in (compiled_memory, maths.memory):
+        (a, b), (c, d) = ((q.copy(), low.copy()) for _ in range(2))
+        y, z = np.empty((2, 16))
+        f(e, r, a, b, x, y, np.full(512, np.nan))
+        for i in range(16):
+            f(e, r[size * i : size * (i + 1)], c, d, x[i : i + 1], z[i : i + 1], np.zeros(8))
+        assert_number(y, z)
+        assert_number(a, c, "state")
+        assert_number(b, d, "second words")
+
+
+@njit(error_model="numpy")
+def compiled_chebyshev(c, t, y):
+    intrinsics.chebyshev(c, t, y)
+
+
+@pytest.mark.parametrize("n", [1, 3, 4, 6, 16])
+def test_chebyshev(n):
+    rng = np.random.default_rng(n)
+    for terms, m in ((1, 8), (2, 16), (25, 24)):
+        c, t = rng.standard_normal((terms, m)), rng.uniform(-1, 1, n)
+        y, z = np.empty((2, n * m))
+        compiled_chebyshev(c.ravel(), t, y)
+        maths.chebyshev(c.ravel(), t, z)
+        assert_same(y, z)
+        wanted = np.polynomial.chebyshev.chebval(t, c).T
+        np.testing.assert_allclose(y.reshape(n, m), wanted, atol=1e-13)
+
+
+def test_a_moderate_exp_is_exp():
+    x = np.concatenate([np.random.default_rng(1).uniform(-700, 700, 3000), [0.0, 700.0, -700.0]])
+    y = compiled_each("exp")(x)
+    assert_same(compiled_each("moderate_exp")(x), y)
+    assert_same(each(maths.moderate_exp, x), y)
 
 
 def test_long_sums_write_nothing_around_their_samples():

@@ -301,9 +301,12 @@ class Crossing(Event):
         stays = NONE
         for i in range(y.size):
             stays = stays + where(x[i] > low, where(x[i] < high, ONE, NONE), NONE)
-        if stays < U(y.size):
-            stays = NONE
+        if stays < U(y.size):  # a position that rests is divided once
+            same = NONE
             for i in range(y.size):
+                same = same + where(x[i] == x[0], ONE, NONE)
+            stays = where(same == U(y.size), U(y.size) - ONE, NONE)
+            for i in range(np.int64(stays), y.size):
                 u = x[i] / p.spacing
                 stays = stays + where(
                     floor(u - p.half) <= s.cell, where(floor(u + p.half) >= s.cell, ONE, NONE), NONE

@@ -51,6 +51,7 @@ RUNTIME = {
     maths.fir: ("st_fir", NOTHING),
     maths.modes: ("st_modes", NOTHING),
     maths.memory: ("st_memory", NOTHING),
+    maths.chebyshev: ("st_chebyshev", NOTHING),
     abs: ("fabs", DOUBLE),
 }
 """Functions of ``runtime.h``, and the kinds that they return."""

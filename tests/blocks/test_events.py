@@ -482,3 +482,14 @@ def test_crossing_beside_a_line_is_that_of_one_sample(spacing, hysteresis):
     y = made["numba"].process(beside[None])
     one = np.concatenate([made["python"].process(v[None, None]) for v in beside], axis=1)
     assert np.array_equal(y, one) and np.count_nonzero(y) > 50
+
+
+def test_a_position_that_rests_on_a_line_crosses_once():
+    """Tiles in which all samples are the same, at a line, beyond it, or no numbers."""
+    levels = [0.0, 0.01, 0.01, np.nan, 0.01, -0.0, 0.03, 0.03]
+    x = np.repeat(levels, 64)[None]
+    scene = Scene({"y": b.crossing(X, 0.01)})
+    for target in ("numba", "python"):
+        y = stimlib.compile(scene, 1000, target).process(x)[0]
+        at = np.flatnonzero(y)
+        assert at.tolist() == [64, 320, 384] and y[at].tolist() == [1, -1, 3]

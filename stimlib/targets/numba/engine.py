@@ -158,7 +158,7 @@ class _Table:
         q, cls = instances[i], instances[i].block.definition
         form = self.form(group)
         if "memory" in written(form)[0]:
-            _part(SLOW_MODES, "memory")
+            _part(SLOW_MODES, "memory", "moving_memory", "chebyshev")
         compiled = segment(form)
         resets = cls.resettable and not _always(instances[q.args[-1]])
         rest = pack(at_rest(self.design[i][1])) if resets else np.zeros(0, np.uint64)

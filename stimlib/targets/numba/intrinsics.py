@@ -224,9 +224,16 @@ FIR = types.void(F8, i8, F8, F8, i8)  # taps, size, w, y, n
 MODES = types.void(F8, F8, F8, i8, f8, F8, F8, F8, i8)  # p, r, q, size, d, x, w, y, n
 # e, r, q, low, size, size of low, x, w, y, n
 MEMORY = types.void(F8, F8, F8, F8, i8, i8, F8, F8, F8, i8)
-_fir, _modes, _memory = (
+CHEBYSHEV = types.void(F8, i8, F8, F8, i8, i8)  # c, terms, t, y, series, size of t
+_fir, _modes, _memory, _moving_memory, _chebyshev = (
     types.ExternalFunction(f"stimlib_{name}", t)
-    for name, t in (("fir", FIR), ("modes", MODES), ("memory", MEMORY))
+    for name, t in {
+        "fir": FIR,
+        "modes": MODES,
+        "memory": MEMORY,
+        "moving_memory": MEMORY,
+        "chebyshev": CHEBYSHEV,
+    }.items()
 )
 
 
@@ -245,6 +252,15 @@ def modes(p, r, q, d, x, y, w):
 @plain
 def memory(e, r, q, low, x, y, w):
     """Compute a bank of slow modes, whose states have second words."""
-    _memory(
-        data(e), data(r), data(q), data(low), e.size, low.size, data(x), data(w), data(y), y.size
-    )
+    p, s, n, of = data(e), data(q), e.size, data(low)
+    if r.size == n:
+        _memory(p, data(r), s, of, n, low.size, data(x), data(w), data(y), y.size)
+    else:
+        _moving_memory(p, data(r), s, of, n, low.size, data(x), data(w), data(y), y.size)
+
+
+@plain
+def chebyshev(c, t, y):
+    """Compute Chebyshev series with the runtime's kernel."""
+    m = y.size // t.size
+    _chebyshev(data(c), c.size // m, data(t), data(y), m, t.size)

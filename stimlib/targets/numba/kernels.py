@@ -291,30 +291,32 @@ def fir(ctx, taps, size, w, y, n):
 
 
 # Modes --------------------------------------------------------------------------------
-def _pass(b, x, w, n, first, update, groups, r, states, last=None):
+def _pass(b, x, w, n, first, update, groups, r, states, last=None, stride=None):
     """Run groups of eight modes for n samples: s += sum r q, in eight lanes.
 
     Their states stay in registers; the groups are independent, so that each runs during
     the latency of the others. The sums begin with 0 in the first pass, else with w.
-    They go to w, or eight of them at a time to ``last``.
+    They go to w, or eight of them at a time to ``last``. With a stride, each sample has
+    weights of its own, so many numbers further on.
     """
     held = [[variable(b, load(b, p, 8 * g)) for p in states(g)] for g in range(groups)]
-    weights = [load(b, r, 8 * g) for g in range(groups)]
+    weights = [load(b, r, 8 * g) for g in range(groups)] if stride is None else []
     nothing = variable(b, zeros(V8))
     source = b.select(first, b.bitcast(nothing, w.type), w)
-    stride = b.select(first, I64(0), I64(8))
+    turn_w = b.select(first, I64(0), I64(8))
     drives = cgutils.alloca_once(b, DOUBLE, 64)  # in memory, from where a splat costs nothing
     with loop(b, I64(0), n, 8) as (i, _):
         store(b, b.fadd(load(b, x, i), splat(b, ir.Constant(DOUBLE, TINY))), drives, i)
 
     def sample(i):
         drive = splat(b, b.load(b.gep(drives, [i])))
-        sums = load(b, source, b.mul(i, stride))
+        sums = load(b, source, b.mul(i, turn_w))
         for g in range(groups):
             new = update(g, drive, *map(b.load, held[g]))
             for p, v in zip(held[g], new, strict=True):
                 b.store(v, p)
-            sums = known(b, "fma", weights[g], new[0], sums)
+            at = weights[g] if weights else load(b, r, b.add(b.mul(i, stride), I64(8 * g)))
+            sums = known(b, "fma", at, new[0], sums)
         if last is None:
             store(b, sums, w, b.mul(i, I64(8)))
         return sums
@@ -392,35 +394,50 @@ def eight_modes(b, p, r, q, d, x, y):
     store(b, state, q)
 
 
-@intrinsic
-def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first):
-    """Run groups of slow modes, q += (x + TINY) - e q.
+def _leaks(moving):
+    every = [(f, k) for f in range(MOST + 1) for k in range(MOST + 1) if f + k]
+    kinds = [(f, k) for f, k in every if not moving or f == 0 or k == 0]
 
-    Up to MOST groups have a second word, and up to MOST have none.
-    """
+    @intrinsic
+    def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first, stride):
+        """Run groups of slow modes, q += (x + TINY) - e q.
 
-    def code(c, b, sig, v):
-        e, r, q, low, x, w, n, fine, coarse, first = v
+        Up to MOST groups have a second word, and up to MOST have none; with moving
+        weights, all are of one kind.
+        """
 
-        def body(with_low, groups):
-            es = [b.fneg(load(b, e, 8 * g)) for g in range(groups)]
+        def code(c, b, sig, v):
+            e, r, q, low, x, w, n, fine, coarse, first, stride = v
 
-            def update(g, drive, old, rest=None):
-                step = known(b, "fma", es[g], old, drive)
-                if rest is None:
-                    return [b.fadd(old, step)]
-                t = b.fadd(step, rest)
-                new = b.fadd(old, t)
-                return [new, b.fsub(t, b.fsub(new, old))]
+            def body(with_low, groups):
+                es = [b.fneg(load(b, e, 8 * g)) for g in range(groups)]
 
-            _pass(b, x, w, n, first, update, groups, r, lambda g: [q, low] if g < with_low else [q])
+                def update(g, drive, old, rest=None):
+                    step = known(b, "fma", es[g], old, drive)
+                    if rest is None:
+                        return [b.fadd(old, step)]
+                    t = b.fadd(step, rest)
+                    new = b.fadd(old, t)
+                    return [new, b.fsub(t, b.fsub(new, old))]
 
-        every = [(f, k) for f in range(MOST + 1) for k in range(MOST + 1) if f + k]
-        number = b.add(b.mul(fine, I64(MOST + 1)), coarse)
-        cases(b, number, {(MOST + 1) * f + k: lambda f=f, k=k: body(f, f + k) for f, k in every})
-        return c.get_dummy_value()
+                def states(g):
+                    return [q, low] if g < with_low else [q]
 
-    return types.void(F8, F8, F8, F8, F8, F8, i8, i8, i8, types.boolean), code
+                own = stride if moving else None
+                _pass(b, x, w, n, first, update, groups, r, states, stride=own)
+
+            number = b.add(b.mul(fine, I64(MOST + 1)), coarse)
+            cases(
+                b, number, {(MOST + 1) * f + k: lambda f=f, k=k: body(f, f + k) for f, k in kinds}
+            )
+            return c.get_dummy_value()
+
+        return types.void(F8, F8, F8, F8, F8, F8, i8, i8, i8, types.boolean, i8), code
+
+    return leaks
+
+
+leaks, moving_leaks = _leaks(moving=False), _leaks(moving=True)
 
 
 @intrinsic
@@ -437,3 +454,42 @@ def total(ctx, w, y, n):
         return c.get_dummy_value()
 
     return types.void(F8, F8, i8), code
+
+
+@intrinsic
+def chebyshev(ctx, c, terms, t, y, m, n):
+    """Compute maths.chebyshev: m series for each of n numbers.
+
+    Four numbers take turns while each waits for its last term.
+    """
+
+    def code(ctx, b, sig, v):
+        c, terms, t, y, m, n = v
+        whole = b.and_(n, I64(-4))
+
+        def turns(count, start, stop):
+            with loop(b, start, stop, count) as (i, _), loop(b, I64(0), m, 8) as (j, _):
+                factors = [splat(b, b.load(b.gep(t, [b.add(i, I64(k))]))) for k in range(count)]
+                twice = [b.fadd(f, f) for f in factors]
+                last, before = ([variable(b, zeros(V8)) for _ in factors] for _ in range(2))
+                place = variable(b, b.add(j, b.mul(m, terms)))
+
+                def term(factors):
+                    b.store(b.sub(b.load(place), m), place)
+                    row = load(b, c, b.load(place))
+                    for f, s, r in zip(factors, last, before, strict=True):
+                        now = known(b, "fma", f, b.load(s), b.fsub(row, b.load(r)))
+                        b.store(b.load(s), r)
+                        b.store(now, s)
+
+                with loop(b, I64(1), terms, 1):
+                    term(twice)
+                term(factors)
+                for k, s in enumerate(last):
+                    store(b, b.load(s), y, b.add(j, b.mul(m, b.add(i, I64(k)))))
+
+        turns(4, I64(0), whole)
+        turns(1, whole, n)
+        return ctx.get_dummy_value()
+
+    return types.void(F8, i8, F8, F8, i8, i8), code
