@@ -571,6 +571,38 @@ def test_silence_of_modes():
         assert_same(q, p, "state")
 
 
+def test_eight_modes_beside_pairs():
+    """What TINY leaves of nothing is the same there; white noise is never as small."""
+
+    @njit(error_model="numpy", inline="always")
+    def helper(key, m):
+        return intrinsics.as_float(key ^ m), intrinsics.as_float(m)
+
+    @njit(error_model="numpy")
+    def compiled(key, z, p, r, q, d, x, y):
+        vectors.pairs_beside_modes(helper, key, np.uint64(3), z, p, r, q, d, x, y)
+
+    poles, weights = np.linspace(0.1, 0.9, 8), np.full(8, 1e10)
+    for d, x in ((0.0, np.zeros(64)), (0.5, np.repeat([1e-200, -1e-200, -1e-190, 1.0], 16))):
+        q, exact, y, z = np.zeros(8), np.zeros(8), np.empty(64), np.empty(64)
+        compiled(np.uint64(5), z, poles, weights, q, d, x, y)
+        wanted = np.empty(64)
+        for i in range(64):  # q = p q + (x + TINY), a rounding each
+            drive = Fraction(float(x[i]) + 1e-200)
+            exact = [
+                float(Fraction(p) * Fraction(v) + drive) for p, v in zip(poles, exact, strict=True)
+            ]
+            sums = [
+                float(Fraction(float(w)) * Fraction(v)) for w, v in zip(weights, exact, strict=True)
+            ]
+            a, b, c, e = (sums[k] + sums[k + 4] for k in range(4))
+            total = float(Fraction(d) * Fraction(float(x[i])) + Fraction((a + c) + (b + e)))
+            wanted[i] = total if abs(total) > 1e-190 else 0.0
+        assert_same(y, wanted)
+        assert_same(q, np.array(exact), "state")
+        assert z.tolist() == [float(v) for m in range(3, 35) for v in (5 ^ m, m)]
+
+
 @njit(error_model="numpy")
 def compiled_memory(e, r, q, low, x, y, w):
     intrinsics.memory(e, r, q, low, x, y, w)

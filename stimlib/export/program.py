@@ -16,7 +16,8 @@ from ..core.graph import Block, at_rest, kind, pack
 from ..core.program import PARAMS, ROOT, Instance
 from ..errors import SceneError
 from ..run.processor import Change, Processor
-from .translate import FLOATS, KINDS, WORD, Kind, Record, Unit, in_single, literal, local
+from .translate import Unit
+from .values import FLOATS, KINDS, WORD, Kind, Record, in_single, literal, local
 
 OF_EXPORT = "NUMBER_OF_EXPORT"  # stands for it until all texts are there
 OF_DOUBLES = "/* Of doubles, in single precision too. */"

@@ -26,6 +26,7 @@ from ..export.c99 import export_c
 from ..motion.source import frames_of, positions, sources_of
 from ..run.rendering import render
 from ..system.limits import limits
+from ..system.pool import terminable
 from ..system.safe_files import publish
 from .describe import Range, description, full_scales, page_rate, ranges_of
 from .inputs import first_sources, following
@@ -156,7 +157,7 @@ def share(
         data["sha256"] = facts["SHA-256 of the samples"] = hashlib.sha256(
             np.ascontiguousarray(made.y, "<f8").tobytes()
         ).hexdigest()
-    with tempfile.TemporaryDirectory(prefix="stimlib-") as folder:
+    with terminable(), tempfile.TemporaryDirectory(prefix="stimlib-") as folder:
         still = {name: np.zeros(3) for name in scene.inputs}
         export_c(scene, fs, folder, still, "scene", 3 / fs, params, seed)
         if scene.inputs:

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import time
 import zlib
 from base64 import b64decode
@@ -102,6 +103,24 @@ def test_a_compiler_that_does_not_start_or_end_is_named(monkeypatch, tmp_path, t
     (tmp_path / "clang").write_text(text)
     (tmp_path / "clang").chmod(0o755)
     refused(MissingPackage, f"{tmp_path}/clang.*{says}", compiled, tmp_path)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the stand-in for a compiler is a shell script")
+def test_a_page_that_is_stopped_leaves_the_old_file_and_nothing_else(tmp_path):
+    folder, path = tmp_path / "temporary", tmp_path / "a.html"
+    folder.mkdir()
+    path.write_text("old")
+    (tmp_path / "clang").write_text("#!/bin/sh\ntouch begun\nexec /bin/sleep 60\n")
+    (tmp_path / "clang").chmod(0o755)
+    words = [sys.executable, "-m", "stimlib", "share", "tone", "--out", path]
+    env = os.environ | {"PATH": f"{tmp_path}:/usr/bin:/bin", "TMPDIR": str(folder)}
+    job = subprocess.Popen(words, env=env, stderr=subprocess.PIPE)
+    until = time.monotonic() + 60
+    while not list(folder.glob("*/begun")) and time.monotonic() < until:
+        time.sleep(0.02)
+    job.terminate()
+    assert job.communicate(timeout=20) == (None, b"") and job.returncode == 143
+    assert path.read_text() == "old" and not list(folder.iterdir())
 
 
 def test_what_is_refused(tmp_path):
