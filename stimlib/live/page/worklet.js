@@ -4,9 +4,9 @@
 "use strict";
 const SIZE = 1 << 17, MASK = SIZE - 1, FADE = 0.005;
 const HALF = 8, PHASES = 256, KERNEL = kernel(7); // taps on either side of a place between samples
-const LEAST = 0.008, FIRST = 0.1, MOST = 0.4; // s of queue: the shortest, the first while lateness is unknown, the longest
-const KNOWN = 10, MARGIN = 1.25, KEPT = 60, LONGEST = 960; // s until it is known; times the largest lateness; s it is kept, twice as long after each gap
-const WINDOW = 1, EXCESS = 0.25; // s in which some block is not late; s of queue too much, which are left out
+const LEAST = 0.04, FIRST = 0.1, MOST = 0.4; // s of queue: the shortest, the first while lateness is unknown, the longest
+const KNOWN = 10, MARGIN = 1.5, KEPT = 120, LONGEST = 960; // s until it is known; times the largest lateness; s it is kept, twice as long after each gap
+const WINDOW = 1, EXCESS = 0.25; // s in which some block is not late; s of queue too much that are left out
 const QUICK = 0.5, LEARNT = QUICK * QUICK / 4, STEEP = 0.005; // 1/s, 1/s²: a control that is critically damped; 2000 ppm move the fill by 3 ms
 
 /** Taps of a sinc under a Kaiser window, for each phase and the one after the last: images below -70 dB up to a third of the rate. */
@@ -48,8 +48,9 @@ class Player extends AudioWorkletProcessor {
     this.learn(d);
     if (d.t && this.marks.length < 64) this.marks.push([this.head, d.t]);
     for (const v of d.y) this.ring[this.head++ & MASK] = v;
-    if (this.on && this.fill() > this.goal() + EXCESS) { // a stall was caught up: begin again near the newest
-      if (this.time - this.begun > 1) this.skips++; // else it belongs to the gap before
+    const same = this.time - this.begun < 1; // the gap before is not over yet
+    if (this.on && this.fill() > this.goal() + (same ? EXCESS / 5 : EXCESS)) { // a stall was caught up: begin again near the newest
+      this.skips += !same;
       this.on = false;
     }
   }
@@ -113,7 +114,7 @@ class Player extends AudioWorkletProcessor {
     this.n += n;
     this.time += dt;
     this.need *= 1 - dt / this.keep;
-    this.depth = Math.min(MOST, Math.max(this.time - this.heard < KNOWN ? this.first : 0, LEAST + MARGIN * this.need));
+    this.depth = Math.min(MOST, Math.max(this.time - this.heard < KNOWN ? this.first : LEAST, MARGIN * this.need));
     if (!this.on) this.begin(dt);
     if (this.on) this.control(dt);
     const step = this.fs / sampleRate * this.ratio;
