@@ -171,15 +171,20 @@ def cases(b, number, cases):
 
 
 @intrinsic
-def whole_tile(ctx, to, source):
-    """Copy 64 numbers."""
+def move_tile(ctx, to, source, n):
+    """Copy up to 64 numbers."""
 
     def code(c, b, sig, v):
-        for k in range(0, 64, 8):
-            store(b, load(b, v[1], k), v[0], k)
+        to, source, n = v
+        with b.if_else(b.icmp_signed("==", n, I64(64))) as (whole, part):
+            with whole:
+                for k in range(0, 64, 8):
+                    store(b, load(b, source, k), to, k)
+            with part:
+                cgutils.raw_memcpy(b, to, source, n, 8)
         return c.get_dummy_value()
 
-    return types.void(F8, F8), code
+    return types.void(F8, F8, i8), code
 
 
 # Taps ---------------------------------------------------------------------------------

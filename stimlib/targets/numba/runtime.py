@@ -30,7 +30,7 @@ from stimlib.targets.numba.intrinsics import (
 OPEN, CLOSE, GATHER, OPERATION, SEGMENT = 1, 2, 3, 16, 4096
 
 
-_whole_tile, _operation = kernels.whole_tile, vectors.operation
+move_tile, _operation = kernels.move_tile, vectors.operation
 _fir, _poles, _last_poles = kernels.fir, kernels.poles, kernels.last_poles
 
 
@@ -69,15 +69,6 @@ def open_clock(W, w, every, up, down, N, k):  # w = (slot of by, child)
             if by[i] > 0.0:
                 down[n], down[64 + n] = i, up[i]
                 n += 1
-
-
-@njit(error_model="numpy", inline="always")
-def move_tile(to, source, n):
-    """Copy a tile."""
-    if n == 64:
-        _whole_tile(to, source)
-    else:
-        move(to, source, n)
 
 
 @njit(error_model="numpy", inline="always")
