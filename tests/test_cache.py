@@ -16,13 +16,15 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+from numba.core.compiler import Compiler
+from numba.core.compiler_machinery import PassManager
 
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import envelope, friction, oscillator, springpot, velocity
 from stimlib.core import maths
 from stimlib.core.steps import source
-from stimlib.targets.numba import cache as caches, engine, intrinsics, kernels, vectors
+from stimlib.targets.numba import cache as caches, engine, intrinsics, kernels, segments, vectors
 from stimlib.targets.numba.cache import _salt as salt
 
 ROOT = Path(__file__).parent.parent
@@ -198,6 +200,34 @@ def total(x):
 def test_arithmetic_is_compiled_without_most_of_numba_and_the_rest_with_it(tmp_path):
     (tmp_path / "lean.py").write_text(LEAN)
     run(tmp_path / "lean.py", tmp_path / "cache", TWICE, TOTAL)
+
+
+def test_noise_is_drawn_by_one_function_and_compiled_in_few_passes(tmp_path, monkeypatch):
+    """However often a tile calls it; numba's passes are put back."""
+    drawn, passes, whole = [], [], Compiler.define_pipelines
+    draw, run_pass = vectors._draw, PassManager._runPass
+    monkeypatch.setattr(vectors, "_draw", lambda *a: (drawn.append(a[-1]), draw(*a)))
+    monkeypatch.setattr(
+        PassManager, "_runPass", lambda *a: (passes.append(a[2].name()), run_pass(*a))[1]
+    )
+    engine.runtime()
+    scene = stimlib.Scene({"y": stimlib.blocks.white_noise(seed=1)})
+    instance = next(q for q in scene.program.instances if q.kind == "block")
+    p, s = instance.block.design(8000.0)
+    form = segments.Form(
+        type(instance.block), (), type(p), segments.kinds(p), type(s), segments.kinds(s), 0
+    )
+    text, _ = segments.written(form)
+    (tmp_path / "white.py").write_text(text)
+    caches._compiled(tmp_path, text, "white")
+    assert sorted(drawn) == [2, 16, 32] and Compiler.define_pipelines is whole
+    assert "native_lowering" in passes and "nopython_rewrites" not in passes
+
+
+def test_noise_behind_a_filter_calls_the_segment_of_noise_alone():
+    scene = stimlib.Scene({"y": stimlib.blocks.pink_noise(1.0, seed=1, f_low=10)})
+    noise = engine._white().table
+    assert noise[:, 0].max() in stimlib.compile(scene, 8000)._engine.A
 
 
 def test_parts_of_the_runtime_are_compiled_when_a_scene_needs_them(monkeypatch):

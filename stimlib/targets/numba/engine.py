@@ -178,7 +178,8 @@ class _Table:
         for k, start in zip(group[1:], starts[1:], strict=True):
             words += [start - starts[0], self.state[k] - self.state[i]]
         if noise_behind(form):
-            words += [self.place(("ahead", i)), self.place(("mark", i))]
+            noise = segment(self.form(group[:1]))._sl_segment.address
+            words += [self.place(("ahead", i)), self.place(("mark", i)), noise, words[0]]
         if resets:
             outs, at = self.places(i), self.p_at - starts[0] - rest.size
             contact = self.arg(q.args[-1], q.clock)

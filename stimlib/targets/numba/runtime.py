@@ -31,7 +31,7 @@ from stimlib.targets.numba.intrinsics import (
 OPEN, CLOSE, GATHER, OPERATION, SEGMENT = 1, 2, 3, 16, 4096
 
 
-_whole_tile, _sound_tile = kernels.whole_tile, kernels.sound_tile
+move_tile, _sound_tile = kernels.move_tile, kernels.sound_tile
 _operation = vectors.operation
 _fir, _poles, _last_poles = kernels.fir, kernels.poles, kernels.last_poles
 
@@ -71,15 +71,6 @@ def open_clock(W, w, every, up, down, N, k):  # w = (slot of by, child)
             if by[i] > 0.0:
                 down[n], down[64 + n] = i, up[i]
                 n += 1
-
-
-@njit(error_model="numpy", inline="always")
-def move_tile(to, source, n):
-    """Copy a tile."""
-    if n == 64:
-        _whole_tile(to, source)
-    else:
-        move(to, source, n)
 
 
 @njit(error_model="numpy", inline="always")

@@ -397,7 +397,8 @@ def _helper(f: Any, p_type: Any, p_kinds: str, kinds: str, s_type: Any = None) -
 
 
 @intrinsic
-def _each(ctx, f, p, x, y):
+def each(ctx, f, p, x, y):
+    """Compute maths.each."""
     tuples = isinstance(p, types.BaseTuple) and isinstance(x, types.BaseTuple)
     known_kinds: dict[Any, str] = {types.float64: "f", types.uint64: "u"}
     kinds = "".join(known_kinds.get(t, "?") for t in getattr(p, "types", "?"))
@@ -441,12 +442,6 @@ def _each(ctx, f, p, x, y):
         return c.get_dummy_value()
 
     return types.void(f, p, x, y), code
-
-
-@intrinsics.plain
-def each(f, p, x, y):
-    """Compute maths.each."""
-    _each(f, p, x, y)  # type: ignore[call-arg]
 
 
 def _held(b, q, count, W, new=None):
@@ -526,7 +521,8 @@ def _is_floats(t: Any) -> bool:
 
 
 @intrinsic
-def _series(ctx, f, p, s, x, y):
+def series(ctx, f, p, s, x, y):
+    """Compute maths.series."""
     tuples = all(isinstance(t, types.BaseNamedTuple) for t in (p, s))
     arrays = [t for t in p if t != types.float64] if tuples else []
     if not tuples or not all(_is_floats(t) for t in (*arrays, *s, x, y)):
@@ -563,12 +559,6 @@ def _series(ctx, f, p, s, x, y):
         return c.get_dummy_value()
 
     return types.void(f, p, s, x, y), code
-
-
-@intrinsics.plain
-def series(f, p, s, x, y):
-    """Compute maths.series."""
-    _series(f, p, s, x, y)  # type: ignore[call-arg]
 
 
 OPERATIONS: tuple[type[Block], ...] = (
@@ -622,11 +612,11 @@ def _draw(b, helper, key, first, z, W):
 
 
 @intrinsic
-def _pairs(ctx, f, key, first, z, n):
+def pairs(ctx, f, key, first, z):
+    """Compute maths.pairs."""
     helper = _helper(f, (), "", "uu")
 
-    def code(c, b, sig, v):
-        key, first, z, n = v[1:]
+    def body(b, key, first, z, n):
         with b.if_else(b.icmp_signed("==", n, I64(64))) as (tile, part):
             with tile:  # no loop, for two turns of which keys and constants would be prepared
                 _draw(b, helper, key, first, z, 32)
@@ -636,23 +626,33 @@ def _pairs(ctx, f, key, first, z, n):
                     with loop(b, start, stop, 2 * W) as (i, _):
                         m = b.add(first, b.lshr(i, I64(1)))
                         _draw(b, helper, key, m, b.gep(z, [i]), W)
+        b.ret_void()
+
+    def code(c, b, sig, v):
+        name = f"pairs.{f.dispatcher.py_func.__name__}"
+        if name not in b.module.globals:  # one function, however often it is called
+            of = ir.FunctionType(ir.VoidType(), [I64, I64, DOUBLE.as_pointer(), I64])
+            once = ir.Function(b.module, of, name)
+            once.linkage = "internal"
+            once.attributes.add("noinline")
+            body(ir.IRBuilder(once.append_basic_block()), *once.args)
+        b.call(b.module.globals[name], [*v[1:3], *intrinsics.parts(c, b, sig.args[3], v[3])])
         return c.get_dummy_value()
 
-    return types.void(f, types.uint64, types.uint64, F8, types.int64), code
-
-
-@intrinsics.plain
-def pairs(f, key, first, z):
-    """Compute maths.pairs."""
-    _pairs(f, key, first, intrinsics.data(z), z.size)  # type: ignore[call-arg]
+    return types.void(f, types.uint64, types.uint64, z), code
 
 
 @intrinsic
-def _pairs_beside_modes(ctx, f, key, first, z, p, r, q, d, x, y):
+def pairs_beside_modes(ctx, f, key, first, z, p, r, q, d, x, y):
+    """Compute maths.pairs into z, and maths.modes of 8 from x to y, for a tile each.
+
+    Each sample of the modes waits for the one before; the pairs are drawn meanwhile.
+    """
     helper = _helper(f, (), "", "uu")
 
     def code(c, b, sig, v):
-        key, first, z, p, r, q, d, x, y = v[1:]
+        given = zip(sig.args[1:], v[1:], strict=True)
+        key, first, z, p, r, q, d, x, y = (intrinsics.parts(c, b, *one)[0] for one in given)
         done = b.block.instructions
         before = len(done)
         kernels.eight_modes(b, p, r, q, d, x, y)
@@ -661,23 +661,13 @@ def _pairs_beside_modes(ctx, f, key, first, z, p, r, q, d, x, y):
         done[before:] = _merged(done[before:between], done[between:])
         return c.get_dummy_value()
 
-    return types.void(f, types.uint64, types.uint64, F8, F8, F8, F8, f8, F8, F8), code
+    return types.void(f, types.uint64, types.uint64, z, p, r, q, f8, x, y), code
 
 
 def _merged(one: list, other: list) -> list:
     """Return two lists of independent instructions as one, evenly mixed."""
     places = [((k + 0.5) / len(v), v is other, k) for v in (one, other) for k in range(len(v))]
     return [(other if second else one)[k] for _, second, k in sorted(places)]
-
-
-@intrinsics.plain
-def pairs_beside_modes(f, key, first, z, p, r, q, d, x, y):
-    """Compute maths.pairs into z, and maths.modes of 8 from x to y, for a tile each.
-
-    Each sample of the modes waits for the one before; the pairs are drawn meanwhile.
-    """
-    at: Any = intrinsics.data
-    _pairs_beside_modes(f, key, first, at(z), at(p), at(r), at(q), d, at(x), at(y))  # type: ignore[call-arg]
 
 
 # a tile may say maths.each
