@@ -20,9 +20,10 @@ from stimlib.blocks import noise, white_noise
 from stimlib.core import maths
 from stimlib.errors import SceneError
 from stimlib.targets.numba import intrinsics, vectors
-from stimlib.targets.numba.engine import runtime
+from stimlib.targets.numba.engine import SLOW_MODES, _part, runtime
 
 runtime()  # it has the long sums
+_part(SLOW_MODES, "memory", "moving_memory", "chebyshev")
 
 SPECIAL = [
     0.0,
