@@ -201,6 +201,15 @@ def test_silence_and_the_smallest_signals_have_the_same_bits(tmp_path):
     assert (np.count_nonzero(y[:, :90], axis=1) > 60).all() and np.abs(y).max() < 1e-186
 
 
+def test_a_moving_order_has_the_same_bits(tmp_path):
+    """Rows of weights, pieces of a tile that stay and that move, and both ends."""
+    x, n = Input("x", "m"), 200
+    alpha = np.concatenate([np.linspace(0, 1, 70), np.full(50, 1.0), np.linspace(1, 0.3, 80)])
+    given = {"x": 1e-3 * np.sin(np.arange(n) ** 2), "a": alpha}
+    scene = Scene({"f": springpot(x, 1.0, Input("a"))})
+    assert same(tmp_path, samples=export_c(scene, 1000, tmp_path, given, seconds=0.2).samples)
+
+
 def mixed(p, s, x):
     return maths.as_float(maths.bits(x) + np.int64(x)), s
 

@@ -23,7 +23,7 @@ from stimlib.targets.numba import intrinsics, vectors
 from stimlib.targets.numba.engine import SLOW_MODES, _part, runtime
 
 runtime()  # it has the long sums
-_part(SLOW_MODES, "memory")
+_part(SLOW_MODES, "memory", "moving_memory", "chebyshev")
 
 SPECIAL = [
     0.0,

@@ -430,14 +430,12 @@ class Gate(Block, abstract=True):
     @staticmethod
     def tile(p, s, x, y):
         # a state may come from anywhere
-        g, above_on, above_off = where(s.g > 0.0, 1.0, 0.0), NONE, NONE
+        g, above = where(s.g > 0.0, 1.0, 0.0), NONE
+        edge = where(g > 0.0, p.off, p.on)
         for i in range(y.size):
-            above_on = above_on + where(x[i] > p.on, ONE, NONE)
-            above_off = above_off + where(x[i] > p.off, ONE, NONE)
-        # nothing changes
-        if (g > 0.0 and above_off == np.uint64(y.size)) or (g == 0.0 and above_on == NONE):
-            for i in range(y.size):
-                y[i] = g
+            above = above + where(x[i] > edge, ONE, NONE)
+        if above == where(g > 0.0, np.uint64(y.size), NONE):  # nothing changes
+            y[:] = g
             return GateState(g)
         for i in range(y.size):
             g = where(x[i] > where(g > 0.0, p.off, p.on), 1.0, 0.0)

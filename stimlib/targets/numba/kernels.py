@@ -147,16 +147,12 @@ def fold(b, v):
 
     Lane k of the result is that of vector k.
     """
-    for apart, lanes in (
-        (4, [0, 1, 2, 3, 8, 9, 10, 11]),
-        (2, [0, 1, 8, 9, 4, 5, 12, 13]),
-        (1, [0, 8, 2, 10, 4, 12, 6, 14]),
-    ):
+    for apart in (4, 2, 1):
+        # of a pair of vectors, one half of the lanes stays in place: x + apart, y
+        stay = [k if k & apart == 0 else 8 + k for k in range(8)]
+        cross = [k + apart if k & apart == 0 else 8 + k - apart for k in range(8)]
         both = [(v[k], v[k + apart]) for k in range(apart)]
-        v = [
-            b.fadd(shuffle(b, x, y, lanes), shuffle(b, x, y, [k + apart for k in lanes]))
-            for x, y in both
-        ]
+        v = [b.fadd(shuffle(b, x, y, stay), shuffle(b, x, y, cross)) for x, y in both]
     return v[0]
 
 
@@ -272,6 +268,13 @@ def fir(ctx, taps, size, w, y, n):
         sums = cgutils.alloca_once(b, DOUBLE, 64 * VECTORS[0])
         sums.align = 64  # else each vector lies across two lines of the cache
         done = variable(b, I64(0))
+        with b.if_then(b.icmp_signed("==", size, I64(8))):  # one product in each partial sum
+            each = [splat(b, b.load(b.gep(taps, [I64(j)]))) for j in range(8)]
+            b.store(b.and_(n, I64(-8)), done)
+            with loop(b, I64(0), b.load(done), 8) as (i, _):
+                x = [load(b, w, b.add(i, I64(j))) for j in range(8)]
+                s = [known(b, "fma", *pair, zeros(V8)) for pair in zip(each, x, strict=True)]
+                store(b, tree(b, s), y, i)
         for R in VECTORS:
             start = b.load(done)
             stop = b.add(start, b.and_(b.sub(n, start), I64(-8 * R)))
