@@ -14,7 +14,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from stimlib.core import maths
-from stimlib.targets.numba import kernels  # before njit: it says for which features to build
+from stimlib.targets.numba import kernels as _features  # noqa: F401  # set before njit builds
 
 F8, I8, U8 = (
     types.CPointer(types.float64),
@@ -203,7 +203,7 @@ def words(a):
 @plain
 def copy(a, b):
     """Copy a into the start of b."""
-    kernels.copy(data(b), data(a), a.size)
+    move(data(b), data(a), a.size)
 
 
 @plain

@@ -172,38 +172,7 @@ def cases(b, number, cases):
 
 @intrinsic
 def whole_tile(ctx, to, source):
-    """Copy 64 numbers."""
-
-    def code(c, b, sig, v):
-        for k in range(0, 64, 8):
-            store(b, load(b, v[1], k), v[0], k)
-        return c.get_dummy_value()
-
-    return types.void(F8, F8), code
-
-
-@intrinsic
-def copy(ctx, to, source, n):
-    """Copy n numbers; for some hundred, this is faster than a call of memcpy."""
-
-    def code(c, b, sig, v):
-        to, source, n = v
-        last = b.sub(n, I64(8))
-        with b.if_else(b.icmp_signed("<", n, I64(8))) as (few, many):
-            with few, loop(b, I64(0), n, 1) as (i, _):
-                b.store(b.load(b.gep(source, [i])), b.gep(to, [i]))
-            with many:  # the last eight may overlap those before
-                with loop(b, I64(0), last, 8) as (i, _):
-                    store(b, load(b, source, i), to, i)
-                store(b, load(b, source, last), to, last)
-        return c.get_dummy_value()
-
-    return types.void(F8, F8, i8), code
-
-
-@intrinsic
-def sound_tile(ctx, to, source):
-    """Copy 64 numbers, and return whether all are finite."""
+    """Copy 64 numbers, and return whether all are finite, which costs only who asks."""
 
     def code(c, b, sig, v):
         sound = None
