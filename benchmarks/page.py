@@ -16,7 +16,7 @@ Times are from the event's own stamp, without the filter behind the reports.
 
 A soak has one server and a program that computes without end (unless --idle).  Every
 minute (at least ten times) it prints the load of the machine, underruns of the server,
-gaps in the sound and why, blocks in its queue, latencies, and memory: of the server, of
+gaps in the sound and why, its queue, latencies, and memory: of the server, of
 all of the browser, and of the page's objects.  Latencies are those of the last thousand
 moves.
 
@@ -186,7 +186,7 @@ def soak(seconds: float, idle: bool) -> list[Row]:
                 row(f"{at}: lost by the server, in all", report["lost"], "samples"),
                 row(f"{at}: gaps in the sound, in all", found["gaps"], "times"),
                 row(f"{at}: why", why or "none", "times"),
-                row(f"{at}: queue of the sound", audio["depth"], "blocks"),
+                row(f"{at}: queue of the sound", round(1e3 * audio["depth"]), "ms"),
                 row(f"{at}: step of the sound", round(audio["ratio"], 5), "times"),
             ]
             for what in ("drawn", "heard"):

@@ -5,6 +5,7 @@ The process ends with the right exit status, whenever an interrupt or error come
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import signal
@@ -21,6 +22,7 @@ def main() -> None:
     """
     try:
         _open_streams()
+        gc.set_threshold(100_000)  # the objects of a start stay: searching them takes a tenth of it
         try:
             from .cli import app  # most of the time of a start
 

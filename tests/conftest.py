@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import warnings
 from collections import Counter
 from importlib.metadata import version
@@ -67,6 +68,28 @@ def pytest_runtest_setup(item):
         "STIMLIB_STRESS"
     ):
         verify.STRETCH = 128
+
+
+# Threads ------------------------------------------------------------------------------
+BEGUN: dict[threading.Thread, str] = {}
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item, nextitem):
+    """At the end of a file the threads of its sinks have ended; fixtures may keep them
+    until then.
+    """
+    for thread in threading.enumerate():
+        if thread.name in ("stimlib sink", "stimlib markers"):
+            BEGUN.setdefault(thread, item.nodeid)
+    result = yield
+    if nextitem is None or nextitem.path != item.path:
+        for thread in BEGUN:
+            thread.join(5.0)
+        left = [f"{thread.name} of {test}" for thread, test in BEGUN.items() if thread.is_alive()]
+        BEGUN.clear()
+        assert not left, f"a sink was not closed: {left}"
+    return result
 
 
 # Time ---------------------------------------------------------------------------------

@@ -5,22 +5,26 @@ must not compile.
 import inspect
 import json
 import os
+import platform
 import re
 import shutil
 import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+from numba.core.compiler import Compiler
+from numba.core.compiler_machinery import PassManager
 
 import stimlib
 from stimlib import Input, Scene
-from stimlib.blocks import springpot, velocity
+from stimlib.blocks import envelope, friction, oscillator, springpot, velocity
 from stimlib.core import maths
 from stimlib.core.steps import source
-from stimlib.targets.numba import cache as caches, engine, intrinsics, kernels, vectors
+from stimlib.targets.numba import cache as caches, engine, intrinsics, kernels, segments, vectors
 from stimlib.targets.numba.cache import _salt as salt
 
 ROOT = Path(__file__).parent.parent
@@ -198,6 +202,34 @@ def test_arithmetic_is_compiled_without_most_of_numba_and_the_rest_with_it(tmp_p
     run(tmp_path / "lean.py", tmp_path / "cache", TWICE, TOTAL)
 
 
+def test_noise_is_drawn_by_one_function_and_compiled_in_few_passes(tmp_path, monkeypatch):
+    """However often a tile calls it; numba's passes are put back."""
+    drawn, passes, whole = [], [], Compiler.define_pipelines
+    draw, run_pass = vectors._draw, PassManager._runPass
+    monkeypatch.setattr(vectors, "_draw", lambda *a: (drawn.append(a[-1]), draw(*a)))
+    monkeypatch.setattr(
+        PassManager, "_runPass", lambda *a: (passes.append(a[2].name()), run_pass(*a))[1]
+    )
+    engine.runtime()
+    scene = stimlib.Scene({"y": stimlib.blocks.white_noise(seed=1)})
+    instance = next(q for q in scene.program.instances if q.kind == "block")
+    p, s = instance.block.design(8000.0)
+    form = segments.Form(
+        type(instance.block), (), type(p), segments.kinds(p), type(s), segments.kinds(s), 0
+    )
+    text, _ = segments.written(form)
+    (tmp_path / "white.py").write_text(text)
+    caches._compiled(tmp_path, text, "white")
+    assert sorted(drawn) == [2, 16, 32] and Compiler.define_pipelines is whole
+    assert "native_lowering" in passes and "nopython_rewrites" not in passes
+
+
+def test_noise_behind_a_filter_calls_the_segment_of_noise_alone():
+    scene = stimlib.Scene({"y": stimlib.blocks.pink_noise(1.0, seed=1, f_low=10)})
+    noise = engine._white().table
+    assert noise[:, 0].max() in stimlib.compile(scene, 8000)._engine.A
+
+
 def test_parts_of_the_runtime_are_compiled_when_a_scene_needs_them(monkeypatch):
     asked, real = [], engine._part
 
@@ -215,6 +247,38 @@ def test_parts_of_the_runtime_are_compiled_when_a_scene_needs_them(monkeypatch):
         asked.clear()
         stimlib.compile(Scene({"y": y}), 1000)
         assert sorted({*asked} - {"runtime"}) == parts
+
+
+def machine_code(folder, block, ours):
+    """The instructions of a block's segment, compiled in this folder."""
+    name = next(filter(None, stimlib.compile(Scene({"y": block}), 8000)._engine.segments))
+    text = (caches.folder() / name / f"{name}.py").read_text()
+    folder.mkdir()
+    (folder / f"{name}.py").write_text(text)
+    with caches._choices() if ours else nullcontext():
+        return caches._execute(folder, text, name)._sl_segment._library.get_asm_str()
+
+
+@pytest.mark.skipif(
+    platform.machine() not in ("x86_64", "AMD64"), reason="LLVM decides otherwise there"
+)
+@pytest.mark.parametrize(
+    ("option", "other", "block"),
+    [
+        ("disable-select-optimize", "true", envelope(Input("x"))),
+        ("mispredict-default-rate", 90, friction(Input("x", "m"), Input("n", "N"))),
+        ("unswitch-threshold", 50, oscillator(Input("f", "Hz"), "triangle")),
+    ],
+)
+def test_segments_are_compiled_with_options_of_llvm_and_nothing_else_is(
+    option, other, block, tmp_path, monkeypatch
+):
+    ours = machine_code(tmp_path / "ours", block, True)
+    with pytest.raises(KeyError), caches._choices():
+        raise KeyError
+    assert machine_code(tmp_path / "plain", block, False) != ours, "LLVM keeps our options"
+    monkeypatch.setitem(kernels.CHOICES, option, (other, kernels.CHOICES[option][1]))
+    assert machine_code(tmp_path / "other", block, True) != ours, "LLVM does not know it"
 
 
 TWICE = """

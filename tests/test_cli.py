@@ -1426,7 +1426,7 @@ def test_play_says_that_an_output_failed(own):
         (["squeeze", *HAND, "--seconds", "inf"], "seconds = inf must be finite"),
         (
             ["OWN:broken", *HAND, "--peak", "1"],
-            "peak and static limit outputs in N, but this scene has none: y [meter**-1]",
+            "peak and static limit outputs in N, but this scene has none: y [m⁻¹]",
         ),
         (["tone", "--full-scale", "-1"], "--full-scale = -1 must be a finite number above 0"),
         (["tone", "--set", "freq=-3"], "--set freq=-3: a frequency or rate is 0 or above"),

@@ -27,7 +27,7 @@ PRINTED = {
         "tap.ahap: 16 points, 1 transient; lost: -24 dB of the samples, -55 dB of the envelope\n"
         "tap.haptic: 11 points, 1 transient; lost: -25 dB of the samples, -55 dB of the envelope\n"
         "tap.hjif: 9 points, 1 transient; lost: -9 dB of the samples, -55 dB of the envelope\n"
-        "Scene(no input -> vibration [m/s**2]), 0.99 s\n"
+        "Scene(no input -> vibration [m/s²]), 0.99 s\n"
     ),
     "ribbed_cloth.py": (
         "Rendering(force: 1.5 s at 8000 Hz)\n"

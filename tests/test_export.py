@@ -31,7 +31,8 @@ from stimlib.core import maths
 from stimlib.errors import SceneError, UnitError
 from stimlib.export import INCLUDE, export_c
 from stimlib.export.program import comment
-from stimlib.export.translate import FLOATS, Unit
+from stimlib.export.translate import Unit
+from stimlib.export.values import FLOATS
 from stimlib.motion.text import parse_motion
 from stimlib.run.safety import Safety, Watch, protect
 from stimlib.scenes import ROWS, SHIPPED

@@ -16,7 +16,8 @@ from stimlib.core import maths
 from stimlib.core.maths import where
 from stimlib.errors import SceneError
 from stimlib.export import export_c
-from stimlib.export.translate import DOUBLE, FLOATS, Unit
+from stimlib.export.translate import Unit
+from stimlib.export.values import DOUBLE, FLOATS
 
 LESS, MANY = -3, 100000
 

@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
 from stimlib.core.graph import Block, Const, Mul, reach, registry
-from stimlib.core.units import ONE, unit
+from stimlib.core.units import ONE, pretty, unit
 from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
 
 x, v, n = Input("x", "m"), Input("v", "m/s"), Input("n")
@@ -196,6 +196,13 @@ def test_units_print_as_the_field_writes_them():
         "1/s",
         "1",
     ]
+    printed = {"m/s**2": "m/s²", "N*s/m": "N·s/m", "kg*m**2/s**2/A": "kg·m²·s⁻²·A⁻¹", "m/m": "1"}
+    for text, wanted in (printed | {"1/m**12": "m⁻¹²"}).items():
+        assert sorted(f"{unit(text)}".split("·")) == sorted(wanted.split("·"))
+        assert unit(f"{unit(text)}") == unit(text)  # pint reads it back
+    assert f"{unit('m') ** 0.5}|{unit('V'):>3}" == "m^0.5|  V"
+    assert pretty("(m/s^2)^2/Hz") == "(m/s²)²/Hz" and pretty("s^-0.25") == "s^-0.25"
+    assert repr(Scene({"a": Input("a", "m/s^2")})) == "Scene(a [m/s²] -> a [m/s²])"
     assert unit(str(unit("m**2*A/s"))) == unit("m**2*A/s")
     assert unit(str(unit("m") ** 0.5)) == unit("m") ** 0.5
 

@@ -109,6 +109,21 @@ stimlib.compile(scene, 1000).process(np.ones((1, 8)))"""
     assert loaded(f"{code}\n{more}", NOT_TO_RUN) == {"numba.np.linalg", "scipy.linalg"}
 
 
+def test_a_squeeze_loads_no_network_and_no_masked_arrays():
+    code = "import stimlib; stimlib.compile(stimlib.scenes.squeeze(), 8000, target='python')"
+    assert loaded(code, ("ssl", "http.client", "urllib.request", "numpy.ma")) == set()
+
+
+def test_a_command_does_not_search_for_garbage_while_it_starts():
+    code = """import gc, sys
+from stimlib.__main__ import main
+sys.argv = ["stimlib", "--version"]
+try: main()
+except SystemExit: print(gc.get_threshold()[0] >= 50_000)"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("True\n")
+
+
 def test_help_needs_no_numpy():
     assert loaded("import stimlib.cli", ("numpy", "rich")) == {"rich"}
 

@@ -23,7 +23,7 @@ from stimlib.targets.numba import intrinsics, vectors
 from stimlib.targets.numba.engine import SLOW_MODES, _part, runtime
 
 runtime()  # it has the long sums
-_part(SLOW_MODES, "memory")
+_part(SLOW_MODES, "memory", "moving_memory", "chebyshev")
 
 SPECIAL = [
     0.0,
@@ -155,6 +155,8 @@ def test_every_name_of_maths_is_tested_here():
         "fir",
         "modes",
         "memory",
+        "chebyshev",
+        "moderate_exp",
     }
     written = {
         n for n, v in vars(maths).items() if callable(v) and not n.startswith("_") and n != "F"
@@ -569,6 +571,38 @@ def test_silence_of_modes():
         assert_same(q, p, "state")
 
 
+def test_eight_modes_beside_pairs():
+    """What TINY leaves of nothing is the same there; white noise is never as small."""
+
+    @njit(error_model="numpy", inline="always")
+    def helper(key, m):
+        return intrinsics.as_float(key ^ m), intrinsics.as_float(m)
+
+    @njit(error_model="numpy")
+    def compiled(key, z, p, r, q, d, x, y):
+        vectors.pairs_beside_modes(helper, key, np.uint64(3), z, p, r, q, d, x, y)
+
+    poles, weights = np.linspace(0.1, 0.9, 8), np.full(8, 1e10)
+    for d, x in ((0.0, np.zeros(64)), (0.5, np.repeat([1e-200, -1e-200, -1e-190, 1.0], 16))):
+        q, exact, y, z = np.zeros(8), np.zeros(8), np.empty(64), np.empty(64)
+        compiled(np.uint64(5), z, poles, weights, q, d, x, y)
+        wanted = np.empty(64)
+        for i in range(64):  # q = p q + (x + TINY), a rounding each
+            drive = Fraction(float(x[i]) + 1e-200)
+            exact = [
+                float(Fraction(p) * Fraction(v) + drive) for p, v in zip(poles, exact, strict=True)
+            ]
+            sums = [
+                float(Fraction(float(w)) * Fraction(v)) for w, v in zip(weights, exact, strict=True)
+            ]
+            a, b, c, e = (sums[k] + sums[k + 4] for k in range(4))
+            total = float(Fraction(d) * Fraction(float(x[i])) + Fraction((a + c) + (b + e)))
+            wanted[i] = total if abs(total) > 1e-190 else 0.0
+        assert_same(y, wanted)
+        assert_same(q, np.array(exact), "state")
+        assert z.tolist() == [float(v) for m in range(3, 35) for v in (5 ^ m, m)]
+
+
 @njit(error_model="numpy")
 def compiled_memory(e, r, q, low, x, y, w):
     intrinsics.memory(e, r, q, low, x, y, w)
@@ -600,6 +634,52 @@ def test_memory(size, slow, counts):
         assert_number(y, z, f"{size} modes, {n} samples")
         assert_number(q, p, "state")
         assert_number(low, other, "second words")
+
+
+@pytest.mark.parametrize(("size", "slow"), [(8, 0), (64, 32), (136, 64), (56, 56)])
+def test_memory_with_weights_for_each_sample(size, slow):
+    """As calls of one sample each, with its weights."""
+    rng = np.random.default_rng(size)
+    e, r = np.sort(10.0 ** rng.uniform(-14, 0, size)), rng.standard_normal(16 * size)
+    q, low, x = (
+        rng.standard_normal(size),
+        1e-17 * rng.standard_normal(slow),
+        rng.standard_normal(16),
+    )
+    for f in (compiled_memory, maths.memory):
+        (a, b), (c, d) = ((q.copy(), low.copy()) for _ in range(2))
+        y, z = np.empty((2, 16))
+        f(e, r, a, b, x, y, np.full(512, np.nan))
+        for i in range(16):
+            f(e, r[size * i : size * (i + 1)], c, d, x[i : i + 1], z[i : i + 1], np.zeros(8))
+        assert_number(y, z)
+        assert_number(a, c, "state")
+        assert_number(b, d, "second words")
+
+
+@njit(error_model="numpy")
+def compiled_chebyshev(c, t, y):
+    intrinsics.chebyshev(c, t, y)
+
+
+@pytest.mark.parametrize("n", [1, 3, 4, 6, 16])
+def test_chebyshev(n):
+    rng = np.random.default_rng(n)
+    for terms, m in ((1, 8), (2, 16), (25, 24)):
+        c, t = rng.standard_normal((terms, m)), rng.uniform(-1, 1, n)
+        y, z = np.empty((2, n * m))
+        compiled_chebyshev(c.ravel(), t, y)
+        maths.chebyshev(c.ravel(), t, z)
+        assert_same(y, z)
+        wanted = np.polynomial.chebyshev.chebval(t, c).T
+        np.testing.assert_allclose(y.reshape(n, m), wanted, atol=1e-13)
+
+
+def test_a_moderate_exp_is_exp():
+    x = np.concatenate([np.random.default_rng(1).uniform(-700, 700, 3000), [0.0, 700.0, -700.0]])
+    y = compiled_each("exp")(x)
+    assert_same(compiled_each("moderate_exp")(x), y)
+    assert_same(each(maths.moderate_exp, x), y)
 
 
 def test_long_sums_write_nothing_around_their_samples():

@@ -11,7 +11,7 @@ import pytest
 from laws import assert_same, cut_at, pair, run
 
 import stimlib
-from stimlib import Input, Scene
+from stimlib import Input, Scene, constant
 from stimlib.core import steps
 from stimlib.core.graph import Block, Map
 from stimlib.core.maths import as_float, flush, fma, settle, where
@@ -282,3 +282,32 @@ def test_two_blocks_abreast_have_the_same_bits(f):
     assert_same(run(ours, x, cut_at(100, 13)), wanted.process(x))
     assert_same(ours.state, wanted.state)
     assert len(set(filter(None, ours._engine.segments))) == 2  # with the guard
+
+
+def test_what_depends_on_constants_alone_is_computed_once_a_tile():
+    """With the bits of a signal of this value, for a block and for two in one loop."""
+
+    @dataclass(frozen=True, eq=False)
+    class Some(Block):
+        a: Block
+        level: Block
+
+        def design(self, fs):
+            return Gains(0.5, np.uint64(0)), Memory(0.0, 0.5, 1.0)
+
+        @staticmethod
+        def step(p, s, a, level):
+            y = settle(fma(p.k / level, a - s.y, s.y))
+            return y, Memory(y, level, s.cold)
+
+    x, level = motion(100), Input("level")
+    for given in ({"y": "a"}, {"y": "a", "z": "b"}):
+        fixed = Scene({k: Some(Input(v), constant(3.0)) for k, v in given.items()})
+        ours, wanted = pair(fixed, 1000)
+        same = stimlib.compile(Scene({k: Some(Input(v), level) for k, v in given.items()}), 1000)
+        rows = {"a": x[0], "b": x[1], "level": np.full(100, 3.0)}
+        y = run(ours, x[: len(given)], cut_at(100, 13))
+        assert_same(y, wanted.process(x[: len(given)]))
+        assert_same(y, same.process(np.array([rows[name] for name in same.inputs])))
+        assert_same(ours.state, wanted.state)
+        assert {*ours._engine.segments} != {*same._engine.segments}

@@ -16,7 +16,7 @@ import stimlib
 from stimlib.blocks import at, loop, oscillator, ring, rising, timeline, white_noise
 from stimlib.errors import BadValue, FaultError, SceneFileError, UnitError
 from stimlib.files import PatternDevice, read_pattern, write_pattern
-from stimlib.files.pattern_analysis import loss
+from stimlib.files.pattern_analysis import analysed, analytic, loss
 
 ROOT = Path(__file__).parents[1]
 FILES = ROOT / "tests" / "patterns"
@@ -460,6 +460,7 @@ def test_a_file_that_cannot_be_read_says_where_and_what_to_do(name, change, says
         ('{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": NaN}}]}', "not a finite"),
         ('{"Pattern": [{"Event": {"EventType": "HapticTransient", "Time": 1e999}}]}', "not a fin"),
         ('{"Pattern": ' + "[" * 100_000, "nested too deeply"),
+        ('{"Pattern": [{"Event": {"Time": 0, "Time": 1}}]}', "'Time' is there twice"),
         ("[]", "not a JSON object"),
         ("{", "Expecting"),
         ("{}", r"\$\.Pattern is missing; give it"),
@@ -528,6 +529,85 @@ def test_noise_is_written_with_its_loss_stated(tmp_path):
     assert report.lost["a"][0] > -1.0 and "read back, it differs by" in str(report)
 
 
+# What counts in an analysis: each number against a signal around it -------------------
+FINE, DEVICE = 8000, PatternDevice()
+
+
+def voice_of(y):
+    """The amplitude and frequency of samples without events: (n, 2) each."""
+    (voice,) = analysed(y, FINE, [], DEVICE).voices
+    return np.array(voice.amplitude), np.array(voice.frequency)
+
+
+def sines(*parts):
+    """Sines one after the other: seconds, amplitude, Hz each, in one phase."""
+    rows = [np.tile(p[1:], (round(p[0] * FINE), 1)) for p in parts]
+    a, f = np.concatenate(rows).T
+    return a * np.sin(2 * np.pi * np.cumsum(f) / FINE)
+
+
+def test_what_is_slower_than_20_hz_is_no_vibration():
+    for hertz, passes in ((16.0, False), (24.0, True)):
+        inside = np.abs(analytic(sines((1.0, 1.0, hertz)), FINE))[FINE // 4 : -FINE // 4]
+        assert abs(inside - passes).max() < 0.1
+
+
+def test_points_are_2_ms_apart_and_within_a_hundredth_of_the_peak():
+    t = np.arange(FINE) / FINE
+    shape = 0.6 + 0.4 * np.sin(2 * np.pi * 9.0 * t)
+    amplitude, _ = voice_of(shape * np.sin(2 * np.pi * 250.0 * t))
+    at, inside = amplitude[:-1, 0], (t > 0.05) & (t < 0.95)
+    assert np.allclose(at * 500, np.round(at * 500)) and np.diff(at).min() == pytest.approx(0.002)
+    error = np.abs(np.interp(t, *amplitude.T) - shape)[inside].max()
+    assert 0.002 < error < 0.02 and len(amplitude) < 150
+
+
+def test_the_frequency_is_a_mean_over_10_ms_where_it_is_loud():
+    _, frequency = voice_of(sines((0.5, 1.0, 100.0), (0.5, 1.0, 200.0)))
+    t = np.arange(0.4, 0.6, 1e-4)
+    f = np.interp(t, *frequency.T)
+    between = np.ptp(t[(f > 110) & (f < 190)])  # a mean of a step is a line, here 0.8 of it
+    assert 0.006 < between < 0.011 and abs(f - np.where(t < 0.5, 100, 200))[[0, -1]].max() < 0.5
+    for quiet, heard in ((0.05, False), (0.2, True)):
+        _, frequency = voice_of(sines((0.5, 1.0, 100.0), (0.5, quiet, 200.0)))
+        assert (frequency[-1, 1] > 190) == heard
+
+
+def test_a_frequency_keeps_a_tenth_of_a_hertz_at_the_peak():
+    t = np.arange(2 * FINE) / FINE
+    f = 150 + 2.0 * np.sin(2 * np.pi * 2.0 * t)
+    _, frequency = voice_of(np.sin(2 * np.pi * np.cumsum(f) / FINE))
+    inside = (t > 0.1) & (t < 1.9)
+    error = np.abs(np.interp(t, *frequency.T) - f)[inside].max()
+    assert 0.05 < error < 0.2 and len(frequency) < 150
+
+
+def test_a_voice_begins_at_a_hundredth_of_the_peak():
+    for before, begins in ((0.005, 0.5), (0.02, 0.0)):
+        amplitude, _ = voice_of(sines((0.5, before, 150.0), (0.5, 1.0, 150.0)))
+        assert amplitude[0, 0] == pytest.approx(begins, abs=0.1)
+
+
+def test_a_tap_is_a_thousandth_of_the_samples_or_it_is_none():
+    t = np.arange(FINE) / FINE
+    since = np.maximum(0.0, t - 0.25)
+    for height, taps in ((0.0007, 0), (0.0015, 1), (-0.5, 1)):
+        y = height * np.exp(-since / DEVICE.decay) * np.sin(2 * np.pi * 170.0 * since)
+        y[-1] = 1.0  # the largest sample
+        found = analysed(y, FINE, [(FINE // 4, 170.0)], DEVICE).taps
+        assert len(found) == taps
+        for when, tap, hertz in found:
+            assert (when, hertz) == (0.25, 170.0) and tap == pytest.approx(height, rel=1e-6)
+
+
+@pytest.mark.parametrize("hertz", [120.0, 200.0])
+def test_the_frequency_of_a_tap_that_is_not_known_is_that_of_its_peak(hertz):
+    t = np.arange(FINE // 2) / FINE
+    y = np.exp(-t / 0.05) * np.sin(2 * np.pi * hertz * t)
+    ((_, _, found),) = analysed(y, FINE, [(0, 0.0)], DEVICE).taps
+    assert found == pytest.approx(hertz, abs=10.0)  # of 22 ms
+
+
 # Command ------------------------------------------------------------------------------
 def test_convert_both_ways(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -553,8 +633,12 @@ def test_convert_both_ways(tmp_path, monkeypatch):
         (["nothing.ahap", "a.wav"], "error: cannot read nothing.ahap"),
         (["a.wav", "a.json"], "cannot read a.wav"),
         ([FILES / "pop.ahap", "a.mp3"], ".hjif for a pattern, .caf, .flac, .rf64, .w64, .wav for"),
-        (["tone", "a.json", "--set", "freq=100"], "--set sets parameters of a rendered scene"),
-        ([FILES / "pop.ahap", "a.wav", "--set", "k=1"], "--set sets parameters of a rendered"),
+        (["tone", "a.json", "--set", "freq=100"], "--set: no scene is rendered from"),
+        (["tone", "a.json", "--seconds", "2"], "--seconds: no scene is rendered from"),
+        (["wall", "a.json", "--motion", "minimum_jerk()", "--seed", "3"], "--motion, --seed: "),
+        ([FILES / "pop.ahap", "a.wav", "--set", "k=1"], "--set: no scene is rendered from"),
+        ([FILES / "pop.ahap", "a.hjif", "--seconds", "0"], "--seconds: no scene is rendered"),
+        ([FILES / "pop.ahap", "a.hjif", "--max-gap", "1"], "--max-gap: no scene is rendered"),
         ([FILES / "pop.ahap", "a.wav", "--f-lo", "500"], "--f-lo = 500 Hz is not below"),
     ],
 )

@@ -381,6 +381,15 @@ def test_json_as_deep_as_it_goes(tmp_path, depth):
     refused(SceneFileError, "taps must be numbers|not JSON", load, path)
 
 
+def test_a_key_that_is_there_twice_is_refused(tmp_path):
+    """JSON says nothing of it, and Python would take the last without a word."""
+    path = tmp_path / "s.json"
+    Scene({"y": 2 * Input("x")}).save(path)
+    assert load(path).outputs
+    path.write_text(path.read_text().replace('"class":', '"class": "Taps", "class":', 1))
+    refused(SceneFileError, "s.json.*'class' is there twice in one object; keep one", load, path)
+
+
 ODD = [
     None,
     True,

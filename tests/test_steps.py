@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from contract import TABLE as TABLE_OF_BLOCKS, ours
 from laws import assert_same, cut_at, pair, rows, run
+from refusals import refused
 
 import stimlib
 from stimlib import Input, Scene, constant
@@ -265,11 +266,6 @@ def test_mistakes_of_authors_name_class_file_line_and_remedy(mine, members, says
             "define its NamedTuples outside of the class",
         ),
         (
-            ARRAYS + body("return x, Memory(s.line, s.n + 1, s.y)"),
-            "@staticmethod",
-            "beside a np.uint64 write np.uint64(1), not 1",
-        ),
-        (
             (
                 "@staticmethod\ndef tile(p, s, x, y):\n    for i in range(y.size):\n        if x[i]"
                 " > 2.0:\n            y[i] = x[i] + s  # here\n    return s\n"
@@ -289,6 +285,42 @@ def test_what_only_the_compiler_sees_is_one_line_too(mine, members, mark, says):
         and says in message
         and "\n" not in message
     ), message
+
+
+WORDS = body("v = np.uint64({})  # here", "return maths.as_float(v), s")
+
+
+@pytest.mark.parametrize(
+    "text",
+    "s.n + 1|s.n - 1|3 * s.n|s.n % 3|s.n % np.int64(3)"
+    "|7 - where(x > 0.0, s.n, p.seed)|(s.n & p.seed) + 1"
+    "|np.uint64(x) % 3|maths.bits(x) + 1|np.uint64(2) * np.int64(x)|s.n << 64|np.int64(x) >> 70"
+    "|s.n >> np.uint64(64)".split("|"),
+)
+def test_whole_numbers_that_differ_between_targets_are_refused(mine, text):
+    """Compiled, a word and a whole number make a float, and a shift by 64 anything."""
+    cls, at = mine(ARRAYS + WORDS.format(text))
+    says = "a shift by " if "<<" in text or ">>" in text else "write np.uint64(1), not 1"
+    for target in ("python", "numba"):
+        error = refused(SceneError, None, stimlib.compile, Scene({"y": cls(x)}), 1000, target)
+        assert says in str(error) and at("# here") in str(error), error
+
+
+@pytest.mark.parametrize("target", ["python", "numba"])
+def test_whole_numbers_of_one_kind_have_the_bits_of_whole_numbers(mine, target):
+    n = (1 << 63) + 12345
+    texts = {
+        "s.n * p.seed + np.uint64(7)": n * n + 7,
+        "s.n % np.uint64(1000)": n % 1000,
+        "(s.n >> 3) ^ (s.n & 255) | (s.n << np.uint64(63))": (n >> 3) ^ (n & 255) | (n << 63),
+        "np.int64(-7) % 3 + 2 * 5": -7 % 3 + 10,
+    }
+    made = ARRAYS.replace("np.uint64(1)", f"np.uint64({n})")
+    for text, wanted in texts.items():
+        end = "return where(x > 0.0, maths.as_float(v >> 32), maths.as_float(v << 32)), s"
+        cls, _ = mine(made + body(f"v = np.uint64({text})", end))
+        y = stimlib.compile(Scene({"y": cls(x)}), 1000, target).process(np.array([[1.0, 0.0]]))
+        assert y[0].tolist() == [wanted % 2**64 >> 32, (wanted << 32) % 2**64], text
 
 
 def test_a_step_that_fails_while_it_runs_says_where(mine):

@@ -18,6 +18,7 @@ import numpy as np
 from ..core.graph import Add, Block, Const, Guard, Input, Mul, Param, Pick, signals
 from ..core.loop_code import Cycle
 from ..core.program import PARAMS, ROOT, Instance, Program
+from ..core.units import ONE
 from ..system.packages import package
 
 # inches and points
@@ -281,7 +282,7 @@ class Layout:
     def unit(self, i: int) -> str:
         """Return the unit of an instance as text."""
         b = self.program.instances[i].block
-        return "" if b.outputs or str(b.dim) == "1" else str(b.dim)
+        return "" if b.outputs or b.dim == ONE else f"{b.dim}"
 
     def text(self, i: int) -> list[str]:
         """Return the lines of text in a box: its name and its numbers."""
@@ -359,7 +360,7 @@ def _skyline(order: list[Box], wanted: dict[Box, float], way: float) -> dict[Box
 
 
 def _number(name: str, b: Any) -> str:
-    unit = "" if str(b.dim) == "1" else f" {b.dim}"
+    unit = "" if b.dim == ONE else f" {b.dim}"
     return f"{name} = {b.value:g}{unit}"
 
 

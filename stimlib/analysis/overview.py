@@ -70,7 +70,7 @@ class Signals(NamedTuple):
 
     def unit(self, output: str) -> str:
         """Return the unit of an output."""
-        return str(self.scene.outputs[output].dim)
+        return f"{self.scene.outputs[output].dim}"
 
     def position(self, output: str) -> str | None:
         """Return the first input in m on which an output depends, or None."""
@@ -263,7 +263,7 @@ def rows_of(s: Signals) -> list[Row]:
     """Return a row for each signal; identical inputs share one row."""
     groups: dict[tuple[str, bytes], list[str]] = {}
     for name, y in s.inputs.items():
-        groups.setdefault((str(s.scene.inputs[name].dim), y.tobytes()), []).append(name)
+        groups.setdefault((f"{s.scene.inputs[name].dim}", y.tobytes()), []).append(name)
     rows = [
         Row(" = ".join(names), unit, s.inputs[names[0]], "C0")
         for (unit, _), names in groups.items()

@@ -22,7 +22,7 @@ from ..core.graph import (
     positive,
     same_unit,
 )
-from ..core.maths import TINY, exp, floor, fma, log, where
+from ..core.maths import TINY, each, exp, floor, fma, log, where
 from ..core.response import backward
 from ..core.units import unit
 from ..errors import BadValue, UnitError, one_of, public
@@ -369,6 +369,13 @@ class Stribeck(StribeckCurve):
         return limit * (1.0 + p.rise * exp(-v * v)), PlaceState(x, 0.0)
 
 
+def lowered(p, v, limit):
+    """Return the limit at a speed, with any exponent."""
+    v = abs(v)
+    power = where(v > 0.0, exp(p.exponent * log(where(v > 0.0, v, 1.0))), 0.0)
+    return limit * (1.0 + p.rise * exp(-power))
+
+
 @dataclass(frozen=True, eq=False)
 class StribeckPower(StribeckCurve):
     """Stribeck curve with any exponent from 1 on."""
@@ -377,9 +384,21 @@ class StribeckPower(StribeckCurve):
 
     @staticmethod
     def step(p, s, x, limit):
-        v = where(s.cold > 0.0, 0.0, abs(p.per * (x - s.last)))
-        power = where(v > 0.0, exp(p.exponent * log(where(v > 0.0, v, 1.0))), 0.0)
-        return limit * (1.0 + p.rise * exp(-power)), PlaceState(x, 0.0)
+        v = where(s.cold > 0.0, 0.0, p.per * (x - s.last))
+        return lowered(p, v, limit), PlaceState(x, 0.0)
+
+    @staticmethod
+    def work(p):
+        return 64
+
+    @staticmethod
+    def tile(p, s, x, limit, y, w):
+        v = w[: y.size]
+        v[0] = where(s.cold > 0.0, 0.0, p.per * (x[0] - s.last))
+        for i in range(1, y.size):
+            v[i] = p.per * (x[i] - x[i - 1])
+        each(lowered, p, (v, limit), y)
+        return PlaceState(x[y.size - 1], 0.0)
 
 
 class StickSlipParams(NamedTuple):

@@ -301,9 +301,12 @@ class Crossing(Event):
         stays = NONE
         for i in range(y.size):
             stays = stays + where(x[i] > low, where(x[i] < high, ONE, NONE), NONE)
-        if stays < U(y.size):
-            stays = NONE
+        if stays < U(y.size):  # a position that rests is divided once
+            same = NONE
             for i in range(y.size):
+                same = same + where(x[i] == x[0], ONE, NONE)
+            stays = where(same == U(y.size), U(y.size) - ONE, NONE)
+            for i in range(np.int64(stays), y.size):
                 u = x[i] / p.spacing
                 stays = stays + where(
                     floor(u - p.half) <= s.cell, where(floor(u + p.half) >= s.cell, ONE, NONE), NONE
@@ -747,7 +750,8 @@ def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Blo
     It is an FIR filter with equal taps: no rounding accumulates over time, and after
     silence as long as the average it is exactly 0. From 64 samples on its cost does not
     depend on their number, and the last bit of a sample depends on how many samples
-    were before it.
+    were before it. An infinite or NaN sample leaves it after its own length; below 64
+    samples after the next multiple of eight samples, as in ``fir``.
 
     Parameters
     ----------
@@ -1352,14 +1356,14 @@ class Envelope(Block):
 
     @staticmethod
     def tile(p, s, gate, y):
-        stays, closed = NONE, where(s.stage > 0.0, NONE, ONE)
-        for i in range(y.size):
-            stays = stays + where(gate[i] > 0.0, ONE - closed, closed)
         level, after = followed(p, s, gate[0])
-        # at rest, or at the sustain level
-        if stays == U(y.size) and after.y == s.y and after.stage == s.stage:
-            y[:] = level
-            return s
+        if after.y == s.y and after.stage == s.stage:  # at rest, or at the sustain level
+            stays, closed = NONE, where(s.stage > 0.0, NONE, ONE)
+            for i in range(y.size):
+                stays = stays + where(gate[i] > 0.0, ONE - closed, closed)
+            if stays == U(y.size):
+                y[:] = level
+                return s
         for i in range(y.size):
             y[i], s = followed(p, s, gate[i])
         return s

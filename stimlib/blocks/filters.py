@@ -366,6 +366,12 @@ def fir(x: Block, taps, unit: str = "", onset: str = "step") -> Block:
     BadValue
         No taps, all zero, or not finite; an unknown onset.
 
+    Notes
+    -----
+    The taps are filled up with zeros to a multiple of eight, which vectors need, and 0
+    times infinity is NaN: an infinite or NaN sample leaves the filter after that many
+    samples, up to 7 later than after taps.size.
+
     Examples
     --------
     >>> import numpy as np, stimlib

@@ -12,8 +12,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import units as un
-from ..core.graph import Block, Const, Map, as_block, positive, unitless
-from ..core.maths import copy, exp, fir, floor, fma, log, memory, sin, where
+from ..core.graph import NONE, ONE, Block, Const, Map, as_block, positive, unitless
+from ..core.maths import (
+    chebyshev,
+    copy,
+    each,
+    exp,
+    fir,
+    floor,
+    fma,
+    log,
+    memory,
+    moderate_exp,
+    sin,
+    where,
+)
 from ..core.response import backward
 from ..core.units import unit
 from ..design import fractional as soe, responses
@@ -37,6 +50,9 @@ NAN, PI = math.nan, math.pi
 COEFFICIENTS = soe.DEGREE + 1
 # scratch: 73 positions, 72 differences, 64 sums, 512 for ``memory``
 DIFFERENCES, SUMS, WORK = 80, 160, 224
+# while an order moves, weights are made for so many samples at once; in the scratch are
+# taps and weights of modes
+RAMP, TAPS, ROWS = 16, 400, 736
 
 
 # Shared by all ------------------------------------------------------------------------
@@ -240,6 +256,8 @@ class LiveParams(NamedTuple):
     a: np.ndarray
     high: np.ndarray  # L in two words
     rest: np.ndarray
+    # Chebyshev coefficients beside each other: those of the taps v_7 .. v_0, then g of
+    # the slowest modes
     poly: np.ndarray
     nodes: float  # that many have a polynomial for g
     fs_high: float  # log(fs) in two words
@@ -265,40 +283,96 @@ class LiveState(NamedTuple):
 def power(alpha, high, rest):
     """Return exp(alpha (high + rest)), where high + rest is a logarithm."""
     t = alpha * high
-    e = exp(t)
+    e = moderate_exp(t)
     return fma(e, fma(alpha, high, -t) + alpha * rest, e)
 
 
-def chebyshev(c, start, n, t):
-    """Return a Chebyshev series sum_{k<n} c[start + k] T_k(t) by Clenshaw's method."""
-    a, b = 0.0, 0.0
-    for k in range(1, n):
-        now = fma(2.0 * t, a, c[start + n - k] - b)
-        b = a
-        a = now
-    return fma(t, a, c[start] - b)
+def limited(order):
+    """Return the nearest order from 0 to 1; 0 for NaN."""
+    return where(order >= 0.0, where(order <= 1.0, order, 1.0), 0.0)
 
 
-def reweigh(p, alpha, r, taps):
-    """Compute the weights of modes and taps for an order.
+def finish(order, y, step, way):
+    """Return the output for an order, where y is that between 0 and 1.
 
-    Return the weight of the mode that never decays.
+    An order outside is a fault.
     """
-    n = COEFFICIENTS
-    t = 2.0 * alpha - 1.0
-    left = 1.0 - alpha
-    gain = sin(PI * where(alpha > 0.5, left, alpha)) / PI
-    m = np.int64(p.nodes)
-    for k in range(1, m):
-        r[k - 1] = (
-            left * chebyshev(p.poly, k * n, n, t) * (p.a[k] * power(alpha, p.high[k], p.rest[k]))
-        )
-    for k in range(m, p.a.size):
-        r[k - 1] = gain * (p.a[k] * power(alpha, p.high[k], p.rest[k]))
-    for j in range(taps.size - 1):
-        taps[j] = left * chebyshev(p.poly, (m + taps.size - 1 - j) * n, n, t)
-    taps[taps.size - 1] = chebyshev(p.poly, m * n, n, t)
-    return left * chebyshev(p.poly, 0, n, t) * (p.a[0] * power(alpha, p.high[0], p.rest[0]))
+    alpha = limited(order)
+    ends = where(alpha > 0.5, step, way)
+    y = where(alpha == 0.0, ends, where(alpha == 1.0, ends, y))
+    return where(alpha == order, y, NAN)
+
+
+def near_sum(taps, d):
+    """Return maths.fir of eight taps for one output."""
+    a, e = fma(taps[0], d[0], 0.0), fma(taps[4], d[4], 0.0)
+    b, f = fma(taps[1], d[1], 0.0), fma(taps[5], d[5], 0.0)
+    c, g = fma(taps[2], d[2], 0.0), fma(taps[6], d[6], 0.0)
+    h, k = fma(taps[3], d[3], 0.0), fma(taps[7], d[7], 0.0)
+    return ((a + e) + (c + g)) + ((b + f) + (h + k))
+
+
+class Power(NamedTuple):
+    """The power of alpha that a weight has: factor exp(alpha (high + rest))."""
+
+    factor: float
+    high: float
+    rest: float
+
+
+class Order(NamedTuple):
+    """An order of a springpot."""
+
+    alpha: float
+
+
+def at_order(p, order):
+    """Return a factor that depends on the order."""
+    return p.factor * power(limited(order), p.high, p.rest)
+
+
+def gain_at(p, order):
+    """Return the factor of all weights on the grid."""
+    alpha = limited(order)
+    return sin(PI * where(alpha > 0.5, 1.0 - alpha, alpha)) / PI
+
+
+def weight(p, gain, a, high, rest):
+    """Return the weight of a mode for an order."""
+    return gain * (a * power(p.alpha, high, rest))
+
+
+def centred(p, order):
+    """Return where an order lies from -1 to 1."""
+    return 2.0 * limited(order) - 1.0
+
+
+def reweigh(p, orders, r, taps, w):
+    """Compute the weights of modes and taps for up to 16 orders, each in a row.
+
+    In w are weights of the mode that never decays from 0 on, and scales from 16 on; the
+    rest is scratch.
+    """
+    k, n, m = orders.size, p.e.size, np.int64(p.nodes)
+    many = 8 * np.int64(floor(0.125 * p.nodes + 1.875))
+    constants, gains, series = w[:k], w[32 : 32 + k], w[48 : 48 + many * k]
+    each(at_order, Power(1.0, p.fs_high, p.fs_rest), (orders,), w[16 : 16 + k])
+    each(at_order, Power(p.a[0], p.high[0], p.rest[0]), (orders,), constants)
+    each(centred, (), (orders,), gains)
+    chebyshev(p.poly, gains, series)
+    each(gain_at, (), (orders,), gains)
+    for i in range(k):
+        left, own, row = 1.0 - limited(orders[i]), series[many * i :], r[n * i : n * (i + 1)]
+        for j in range(7):
+            taps[8 * i + j] = left * own[j]
+        taps[8 * i + 7] = own[7]
+        constants[i] = left * own[8] * constants[i]
+        row[:] = gains[i]
+        for j in range(m - 1):
+            row[j] = left * own[9 + j]
+    for i in range(k):
+        row = r[n * i : n * (i + 1)]
+        each(weight, Order(limited(orders[i])), (row, p.a[1:], p.high[1:], p.rest[1:]), row)
 
 
 @cache  # every scene with a live order needs it, mostly with the same numbers
@@ -345,7 +419,10 @@ class SpringpotLive(Block):
         e, (high, rest) = leaks(rates), soe.two_words(fs)
         n = e.size + 1
         a, longs, shorts = (padded(v, n=n) for v in (live.a, live.high, live.low))
-        p = LiveParams(e, a, longs, shorts, live.poly, float(len(rates.x)), high, rest, fs)
+        m = len(rates.x)
+        rows = live.poly.reshape(-1, COEFFICIENTS)
+        series = np.concatenate([rows[: m - 1 : -1], rows[:m], np.zeros((-m % 8, COEFFICIENTS))])
+        p = LiveParams(e, a, longs, shorts, series.T.ravel().copy(), float(m), high, rest, fs)
         s = first_state(self.onset, rates.s.size, rates.fine)
         return p, LiveState(
             s.line, s.q, s.low, np.zeros(e.size), np.zeros(8), 0.0, 0.0, -1.0, s.first, s.cold
@@ -353,26 +430,43 @@ class SpringpotLive(Block):
 
     @staticmethod
     def work(p):
-        return WORK + 512
+        return ROWS + 48 + RAMP * (p.e.size + p.poly.size // COEFFICIENTS)
 
     @staticmethod
     def tile(p, s, x, order, y, w):
-        first, constant, scale, alpha, start = begin(s, x[0]), s.constant, s.scale, s.alpha, 0
-        for i in range(x.size):
-            if i + 1 == x.size or order[i] != order[i + 1]:
-                part, out = x[start : i + 1], y[start : i + 1]
-                a = where(order[i] >= 0.0, where(order[i] <= 1.0, order[i], 1.0), 0.0)
-                if a != alpha:
-                    alpha = a
-                    constant = reweigh(p, alpha, s.r, s.taps)
-                    scale = power(alpha, p.fs_high, p.fs_rest)
-                difference(s.line, part, w)
-                remember(p.e, s.r, s.taps, constant, scale, s.q, s.low, first, out, w)
-                if alpha == 0.0 or alpha == 1.0:
-                    plain(alpha, p.fs, first, out, w)
-                if a != order[i]:  # outside 0 .. 1, or nan
-                    for k in range(out.size):
-                        out[k] = NAN
+        first, n, size = begin(s, x[0]), x.size, p.e.size
+        constant, scale, alpha, start, stays = s.constant, s.scale, s.alpha, 0, NONE
+        difference(s.line, x, w)
+        for i in range(n):
+            stays = stays + where(order[i] == order[0], ONE, NONE)
+        for i in range(np.int64(where(stays == np.uint64(n), n - 1.0, 0.0)), n):
+            m, last = i + 1 - start, i + 1 == n
+            if start + 1 < n and order[start] != order[start + 1]:  # it moves
+                if last or m == RAMP or (i + 2 < n and order[i + 1] == order[i + 2]):
+                    rows, taps, made = w[ROWS : ROWS + m * size], w[TAPS:], w[ROWS + RAMP * size :]
+                    d, part = w[DIFFERENCES + start :], w[SUMS + start : SUMS + i + 1]
+                    reweigh(p, order[start : i + 1], rows, taps, made)
+                    memory(p.e, rows, s.q, s.low, d[:m], part, w[WORK:])
+                    for k in range(m):
+                        near = near_sum(taps[8 * k :], d[k + 1 :]) + part[k]
+                        one = made[RAMP + k] * fma(made[k], w[start + k + 1] - first, near)
+                        step, way = d[8 + k] * p.fs, w[start + k + 9] - first
+                        y[start + k] = finish(order[start + k], one, step, way)
+                    copy(rows[(m - 1) * size :], s.r)
+                    copy(taps[8 * m - 8 : 8 * m], s.taps)
+                    constant, scale, alpha = made[m - 1], made[RAMP + m - 1], limited(order[i])
+                    start = i + 1
+            elif last or order[i] != order[i + 1]:
+                if limited(order[i]) != alpha:
+                    alpha = limited(order[i])
+                    reweigh(p, order[i : i + 1], s.r, s.taps, w[ROWS:])
+                    constant, scale = w[ROWS], w[ROWS + RAMP]
+                out, here = y[start : i + 1], w[start:]
+                remember(p.e, s.r, s.taps, constant, scale, s.q, s.low, first, out, here)
+                if alpha == 0.0 or alpha == 1.0 or alpha != order[i]:
+                    for k in range(m):
+                        step, way = here[DIFFERENCES + 8 + k] * p.fs, here[9 + k] - first
+                        out[k] = finish(order[i], out[k], step, way)
                 start = i + 1
         return LiveState(s.line, s.q, s.low, s.r, s.taps, constant, scale, alpha, first, 0.0)
 
@@ -517,17 +611,21 @@ class Downsampled(Method):
         most = s.past.size * 1.0
         k = where(s.k > 0.0, where(s.k < most, s.k, most), 0.0)  # a state may come from anywhere
         first, cold = s.first, s.cold
+        stride, scale = 1.0, p.scale
         for i in range(x.size):
             if contact[i] > 0.0:
                 first, k, cold = origin(cold, first, x[i]), where(cold > 0.0, 0.0, k), 0.0
                 if k < most:
-                    now = np.int64(k)
+                    now = np.uint64(k)
                     s.past[now] = x[i] - first
                     m = where(k > 0.0, floor((k + (POINTS - 1)) / POINTS), 1.0)
+                    if m != stride:  # each of a hundred samples
+                        stride = m
+                        scale = p.scale * where(m > 1.0, exp(-p.alpha * log(m)), 1.0)
                     total = 0.0
                     for j in range(np.int64(floor(k / m)) + 1):
-                        total = fma(p.weights[j], s.past[now - j * np.int64(m)], total)
-                    y[i] = p.scale * where(m > 1.0, exp(-p.alpha * log(m)), 1.0) * total
+                        total = fma(p.weights[j], s.past[now - np.uint64(j) * np.uint64(m)], total)
+                    y[i] = scale * total
                     k = k + 1.0
                 else:
                     y[i] = NAN

@@ -437,6 +437,19 @@ class TrainState(NamedTuple):
     wait: np.uint64
 
 
+def passed(s, inc, later):
+    """Return how many events one sample has, and the new state.
+
+    inc is the step of the phase, later the mark of a period that begins now.
+    """
+    after = s.phase + where(s.wait > NONE, NONE, inc)
+    wraps = after < s.phase
+    mark = where(wraps, later, s.mark)
+    first = where(s.mark >= s.phase, where(wraps, 1.0, where(s.mark < after, 1.0, 0.0)), 0.0)
+    second = where(wraps, where(mark < after, 1.0, 0.0), 0.0)
+    return first + second, TrainState(after, mark, where(s.wait > NONE, s.wait - ONE, NONE))
+
+
 @dataclass(frozen=True, eq=False)
 class PulseTrain(Event):
     """A train of events, one per period, at the phase 1/2 + jitter.
@@ -468,13 +481,22 @@ class PulseTrain(Event):
 
     @staticmethod
     def step(p, s, rate, jitter):
-        inc = where(s.wait > NONE, NONE, increment(p, rate))
-        after = s.phase + inc
-        wraps = after < s.phase
-        mark = where(wraps, word(0.5 + jitter), s.mark)
-        first = where(s.mark >= s.phase, where(wraps, 1.0, where(s.mark < after, 1.0, 0.0)), 0.0)
-        second = where(wraps, where(mark < after, 1.0, 0.0), 0.0)
-        return first + second, TrainState(after, mark, where(s.wait > NONE, s.wait - ONE, NONE))
+        return passed(s, increment(p, rate), word(0.5 + jitter))
+
+    @staticmethod
+    def work(p):
+        return 128
+
+    @staticmethod
+    def tile(p, s, rate, jitter, y, w):
+        steps, marks = words(w[:64]), words(w[64:])
+        for i in range(y.size):
+            steps[i] = increment(p, rate[i])
+        for i in range(y.size):
+            marks[i] = word(0.5 + jitter[i])
+        for i in range(y.size):
+            y[i], s = passed(s, steps[i], marks[i])
+        return s
 
 
 @public

@@ -743,7 +743,7 @@ class StreamState(NamedTuple):
 
 def earlier(line, a, b, w):
     """Return a position interpolated between samples a and b, with weight w for b."""
-    return line[np.int64(a)] + w * (line[np.int64(b)] - line[np.int64(a)])
+    return line[np.uint64(a)] + w * (line[np.uint64(b)] - line[np.uint64(a)])
 
 
 def before(i, n, size):
@@ -798,8 +798,7 @@ class DelayAvatar(Block):
     def step(p, s, px, py, force, contact):
         size = np.uint64(s.xs.size)
         at = where(s.at + ONE < size, s.at + ONE, NONE)
-        i = np.int64(at)
-        s.xs[i], s.ys[i], s.forces[i] = px, py, force
+        s.xs[at], s.ys[at], s.forces[at] = px, py, force
         # as it did at the last sample
         runs = where(contact > 0.0, where(s.cold > 0.0, 0.0, 1.0), 0.0) > 0.0
         owed, lag = where(runs, s.owed, 0.0), where(runs, s.lag, 0.0)

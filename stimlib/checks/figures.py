@@ -109,7 +109,7 @@ def spectra_of(e: Evidence) -> dict[str, Against]:
             low, high = np.maximum(np.sqrt(model) - most, 0) ** 2, (np.sqrt(model) + most) ** 2
         if not np.isfinite([measured, high]).all():
             continue
-        unit = str(e.scene.outputs[name].dim)
+        unit = f"{e.scene.outputs[name].dim}"
         found[name] = Against(
             f"spectrum of {name}, and of its law",
             unit,

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..core.definitions import definitions
 from ..core.graph import reach
+from ..core.units import pretty
 from ..errors import BadValue, shown
 from ..files.sidecar import describe, sidecar_of
 from ..motion.text import parse_motion
@@ -315,7 +316,7 @@ def _displayed(e: Evidence) -> dict[str, str]:
         )
     if e.sidecar:
         scales = ", ".join(
-            f"{c['name']} {c['full_scale']:g} {c['unit']}" for c in e.sidecar["channels"]
+            f"{c['name']} {c['full_scale']:g} {pretty(c['unit'])}" for c in e.sidecar["channels"]
         )
         rows["stored as"] = f"{e.sidecar['format']} {e.sidecar['subtype']}, full scale: {scales}"
     return rows
@@ -330,7 +331,7 @@ def _certainty(found: list[Shows]) -> str:
     for same in alike(found, lambda s: (s.check.rpartition(": ")[2], s.kind, s.unit)):
         s = max(same, key=lambda s: (s.size != s.size, s.size))
         none = "none, up to all of it" if s.unit == OF_IT else "none, however large"
-        size = f"{s.size:.3g} {s.unit}" if s.size == s.size else none
+        size = f"{s.size:.3g} {pretty(s.unit)}" if s.size == s.size else none
         of, _, kind = s.check.rpartition(": ")
         check = f"{kind}, {len(same)} times; worst of {of}" if same[1:] else s.check
         rows.append(

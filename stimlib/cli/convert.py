@@ -94,10 +94,18 @@ def convert_(
             f"{target}: the suffix is not known; use one of {', '.join(FORMATS)} for a pattern,"
             f" {', '.join(sorted(sounds))} for a sound file, or .json for a scene"
         )
-    if set_ and (wanted == ".json" or kind in {*FORMATS, *sounds}):
+    # options that differ from their defaults, where nothing reads them
+    idle: dict[str, Any] = {}
+    if wanted == ".json" or kind in {*FORMATS, *sounds}:
+        usual = motions.func.__kwdefaults__
+        idle = {n: v for n, v in motions.keywords.items() if v != usual[n]}
+        idle |= {"set": set_, "seed": seed}
+    if wanted == ".json" or kind in FORMATS and wanted in FORMATS:
+        idle["seconds"] = seconds is not None
+    if unused := [f"--{n.strip('_').replace('_', '-')}" for n, v in idle.items() if v]:
         raise BadValue(
-            "--set sets parameters of a rendered scene only, and a .json file keeps the scene's"
-            " own values; leave it out, and change the arguments of the scene"
+            f"{', '.join(unused)}: no scene is rendered from {source} to {target}; leave it out,"
+            " or change the arguments of the scene"
         )
     motion: dict[str, Any] = {}
     recorded: float | None = None

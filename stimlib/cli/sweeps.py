@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ..core.units import pretty
 from ..errors import BadValue, shown
 from . import options as opt
 from .app import command, note, print_json, print_wide
@@ -221,5 +222,5 @@ def _shown(facts: dict[str, Any]) -> Any:
         shape.add_column(which, justify="right")
     for name, figure in facts["figures"].items():
         numbers = ["" if figure[k] is None else f"{figure[k]:.4g}" for k in OF_EACH]
-        shape.add_row(Text(shown(name)), figure["unit"], *numbers)
+        shape.add_row(Text(shown(name)), pretty(figure["unit"]), *numbers)
     return shape

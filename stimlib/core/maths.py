@@ -220,11 +220,12 @@ def memory(e, r, q, low, x, y, w):
 
     The leak e = 1 - p is given directly, q += (x + TINY) - e q, and the first low.size
     states have a second word, so nothing that they accumulate is rounded away. e.size
-    and low.size must be multiples of 8; w has 8 y.size elements.
+    and low.size must be multiples of 8; w has 8 y.size elements. r has e.size weights,
+    or so many for each sample.
     """
-    leak, r, state, second = e.tolist(), r.tolist(), q.tolist(), low.tolist()
+    leak, weights, state, second = e.tolist(), r.tolist(), q.tolist(), low.tolist()
     for i in range(y.size):
-        s = [0.0] * 8
+        s, r = [0.0] * 8, weights[i * e.size :] if len(weights) > e.size else weights
         v = float(x[i]) + TINY
         for k in range(len(second)):
             t = _fma(-leak[k], state[k], v) + second[k]
@@ -237,6 +238,19 @@ def memory(e, r, q, low, x, y, w):
             s[k % 8] = _fma(r[k], state[k], s[k % 8])
         y[i] = flush(tree(s))
     q[:], low[:] = state, second
+
+
+def chebyshev(c, t, y):
+    """Compute m Chebyshev series, y[m i + j] = sum_k c[m k + j] T_k(t[i]).
+
+    Clenshaw's method is used. m is y.size/t.size and must be a multiple of 8.
+    """
+    m, t = y.size // t.size, t.tolist()
+    for k in range(y.size):
+        x, a, b = t[k // m], 0.0, 0.0
+        for v in c[m + k % m :: m][::-1].tolist():
+            a, b = _fma(2.0 * x, a, v - b), a
+        y[k] = _fma(x, a, c[k % m] - b)
 
 
 # exp, log, sin, cos and tanh, the same bits everywhere --------------------------------
@@ -311,6 +325,13 @@ def exp(x):
     half = floor(0.5 * k)
     y = (1.0 + h) * _power_of_two(half) * _power_of_two(k - half)
     return where(x > MOST_EXP, INF, y)
+
+
+def moderate_exp(x):
+    """Return e^x for x from -700 to 700, like ``exp`` but without its checks."""
+    k, r, low = _less_log_two(x)
+    h, _ = _exp_less_one(r, low)
+    return (1.0 + h) * _power_of_two(k)
 
 
 def log(x):
@@ -410,7 +431,7 @@ ELEMENTARY = {
     f.__name__: f
     for f in (
         *(_polynomial, _power_of_two, _less_log_two, _exp_less_one, _less_half_pi, _wave),
-        *(exp, log, sin, cos, tanh),
+        *(exp, moderate_exp, log, sin, cos, tanh),
     )
 }
 """Functions of fma, floor, where and bits alone, from which a target makes its own."""
@@ -426,4 +447,4 @@ _FLOATS |= {
     "floor": _floor_of,
 }
 _FLOATS |= {name: types.FunctionType(f.__code__, _FLOATS) for name, f in ELEMENTARY.items()}
-exp, log, sin, cos, tanh = map(_interpreted, (exp, log, sin, cos, tanh))
+exp, moderate_exp, log, sin, cos, tanh = map(_interpreted, (exp, moderate_exp, log, sin, cos, tanh))

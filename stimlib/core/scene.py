@@ -14,6 +14,7 @@ import numpy as np
 from ..above import above
 from ..errors import SceneError, SceneFileError, StimlibError, UnknownName, public
 from ..system import safe_files
+from ..system.fields import strict
 from ..system.limits import limits
 from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
 from .parts import Part, parts_of
@@ -413,8 +414,8 @@ def load(path: str | os.PathLike) -> Scene:
     # reading them would take long
     limits.check("scene_blocks", text.count(b'"class"'), f"{path}: blocks", SceneFileError)
     try:
-        data = json.loads(text.decode(), parse_constant=_no_constant)
-    except (ValueError, RecursionError) as e:
+        data = strict(text.decode())
+    except ValueError as e:
         raise SceneFileError(f"{path}: not JSON ({e})") from e
     return Scene.from_dict(data, str(path))
 
@@ -482,7 +483,3 @@ def _remedy(module: str) -> str:
         )
     file = f"{module}.py" if module.isidentifier() else f"a file of yours that imports {module}"
     return f"import {module} first; on the command line, add --import {file}"
-
-
-def _no_constant(text: str) -> Any:
-    raise ValueError(f"{text} is not a finite number")

@@ -43,6 +43,11 @@ _WORDS = {
     ast.While: "`while` has no fixed length: use for i in range(n)",
     ast.Not: "`not` on a number differs between targets: use where(c, 0.0, 1.0)",
 }
+_MIXED = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Mod: "mod"}
+_MIXED_SAYS = (
+    "arithmetic with a np.uint64 and a whole number differs between targets: beside a np.uint64"
+    " write np.uint64(1), not 1, or make both np.int64(..)"
+)
 _ALLOWED = frozenset(
     "Module FunctionDef arguments arg Return Assign AugAssign Expr For Tuple Name Load Store"
     " Constant Attribute Subscript Slice Call Compare Eq NotEq Lt LtE Gt GtE Is IsNot In NotIn"
@@ -305,6 +310,28 @@ def _of_sum(node: Any, known: dict[str, Any]) -> Faults:
     compared = isinstance(node.left, ast.Compare) and isinstance(node.right, ast.Compare)
     if compared and isinstance(node.op, ast.Add | ast.Sub):
         yield node, "a sum of two comparisons differs between targets: use where(c, 1.0, 0.0)"
+    left, right = (_number(n, known) for n in (node.left, node.right))
+    if isinstance(node.op, ast.LShift | ast.RShift):
+        if isinstance(right, int | np.integer) and not 0 <= right < 64:
+            yield node, f"a shift by {right} differs between targets: write 0 to 63"
+    elif type(node.op) in _MIXED and {type(left), type(right)} >= {int, np.uint64}:
+        yield node, _MIXED_SAYS
+
+
+def _number(node: ast.expr, known: dict[str, Any]) -> Any:
+    """Return the number that an expression stands for, such as 3, N, np.uint64(3).
+
+    Of an unknown number, np.uint64 and np.int64 give 0; what is no number gives None.
+    """
+    if isinstance(node, ast.Constant):
+        return node.value
+    if isinstance(node, ast.Call) and len(node.args) == 1:
+        n = _number(node.args[0], known)
+        made = {np.uint64: np.uint64, maths.bits: np.uint64, np.int64: int}
+        f = made.get(_target(node.func, known))
+        return f and f(n if isinstance(n, int) and n >= 0 else 0)
+    found = _target(node, known)
+    return int(found) if isinstance(found, np.signedinteger) else found
 
 
 def _of_call(node: Any, known: dict[str, Any]) -> Faults:
@@ -432,8 +459,8 @@ def designed(block: Block, fs: float) -> tuple[Any, Any]:
     return pair
 
 
-def ours(cls: type) -> bool:
-    """Return whether a class belongs to the library."""
+def ours(cls: Any) -> bool:
+    """Return whether a class or a function belongs to the library."""
     return cls.__module__.partition(".")[0] == "stimlib"
 
 
@@ -583,6 +610,32 @@ def _what(cls: Any) -> tuple[str, Any]:
     return ("tile", cls.tile) if cls.step is None else ("step", cls.step)
 
 
+class _Word(np.uint64):
+    """A np.uint64 of a rehearsal, which takes no whole number in arithmetic."""
+
+
+def _of_words(name: str, strict: bool) -> Callable[[Any, Any], Any]:
+    plain = getattr(np.uint64, name)
+
+    def op(a, b):
+        if strict and isinstance(b, int | np.signedinteger):
+            raise TypeError(_MIXED_SAYS)
+        y = plain(a, b)
+        return _Word(y) if isinstance(y, np.uint64) else y
+
+    return op
+
+
+for _op in (*_MIXED.values(), "and", "or", "xor", "lshift", "rshift"):
+    for _side in ("", "r"):
+        setattr(_Word, f"__{_side}{_op}__", _of_words(f"__{_side}{_op}__", _op in _MIXED.values()))
+
+
+def _with_words(t: Any) -> Any:
+    """Return parameters or state, each np.uint64 as a `_Word`."""
+    return t and type(t)(*(_Word(v) if isinstance(v, np.uint64) else v for v in t))
+
+
 def rehearse(block: Block, p: Any, s: Any) -> None:
     """Run one sample of a block on zeros, before anything is compiled.
 
@@ -601,9 +654,10 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
     """
     cls = type(block)
     p, s = unpack(p, pack(p)), unpack(s, pack(s))
+    words = _with_words(p), _with_words(s)
     x = [np.float64(0.0)] * (len(signals(cls)) - cls.resettable)
     with np.errstate(all="ignore"):
-        y, new = sample(block, p, s, x, (np.zeros(block.work(p)),) if block.work else ())
+        y, new = sample(block, *words, x, (np.zeros(block.work(p)),) if block.work else ())
     name, f = _what(cls)
 
     def refuse(why: str) -> None:

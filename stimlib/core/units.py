@@ -33,6 +33,8 @@ _SHOWN = (
     "s/m",
 )
 _BASE = ("kilogram", "meter", "second", "ampere")
+_SHORT = dict(zip(_BASE, ("kg", "m", "s", "A"), strict=True))
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # powers of these: products of these names need no pint, which takes longer to load than
 # the rest of a start
 _POWERS = """
@@ -59,14 +61,16 @@ class Unit:
 
     Compare units with ``==``; multiply, divide and raise them to powers with the usual
     operators. ``str`` gives the common name where there is one (``"N"``) and base units
-    otherwise. The unit N m, of a torque or an energy, is ``"N*m"``, which is right for
-    both.
+    otherwise; an f-string prints it for readers (``N·s/m``). The unit N m, of a torque
+    or an energy, is ``"N*m"``, which is right for both.
 
     Examples
     --------
     >>> from stimlib.core.units import unit
     >>> str(unit("N/m") * unit("m"))
     'N'
+    >>> str(unit("m/s") / unit("s")), f"{unit('m/s') / unit('s')}"
+    ('m/s**2', 'm/s²')
     """
 
     __slots__ = ("powers",)
@@ -96,8 +100,30 @@ class Unit:
             u if p == 1 else f"{u}**{p:g}" for u, p in self.powers
         )
 
+    def __format__(self, spec: str) -> str:
+        """Return the unit for readers; ``str`` is for files."""
+        text = (
+            str(self)
+            if self in _names()
+            else "*".join(_SHORT.get(u, u) + (f"**{p:g}" if p != 1 else "") for u, p in self.powers)
+        )
+        return format(pretty(text), spec)
+
     def __repr__(self) -> str:
         return f"unit({str(self)!r})"
+
+
+def pretty(text: str) -> str:
+    """Return the name of a unit as it is printed for readers.
+
+    Examples
+    --------
+    >>> from stimlib.core.units import pretty
+    >>> pretty("N*s/m**2")
+    'N·s/m²'
+    """
+    text = re.sub(r"(?:\*\*|\^)(-?\d+)(?![\d.])", lambda m: m[1].translate(_RAISED), text)
+    return text.replace("**", "^").replace("*", "·")
 
 
 def _is_unit(v: object) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from ..core.units import in_base_units, unit as unit_of
+from ..core.units import in_base_units, pretty, unit as unit_of
 from ..errors import BadValue, UnitError, public
 
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
@@ -65,12 +65,14 @@ def amplitude(level: str, unit: str, threshold: float | None = None) -> float:
         if threshold is None or not threshold > 0 or said["unit"] or said["kind"]:
             raise BadValue(
                 f"amplitude: {level[:60]!r} is above a threshold: give threshold=, its peak"
-                f" amplitude in {unit}, above 0, and write nothing after SL"
+                f" amplitude in {pretty(unit)}, above 0, and write nothing after SL"
             )
         return threshold * 10.0 ** (value / 20)
     factor, powers = in_base_units((said["unit"] or "1").replace("^", "**"))
     if powers != unit_of(unit).powers:
-        raise UnitError(f"amplitude: {level[:60]!r} is not in {unit or '1'}, nor a multiple of it")
+        raise UnitError(
+            f"amplitude: {level[:60]!r} is not in {pretty(unit) or '1'}, nor a multiple of it"
+        )
     if said["db"]:
         value = float(said["reference"]) * 10.0 ** (value / 20)
     kind = said["kind"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses as dc
 import os
+from html import escape
 from typing import Any
 from xml.parsers import expat
-from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -666,7 +666,7 @@ def save_texture(model: TextureModel, path: str | os.PathLike[str]) -> None:
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',
         "<modelSet>",
-        f"<material>{escape(shown(model.name))}</material>",
+        f"<material>{escape(shown(model.name), quote=False)}</material>",
     ]
     lines += [number("SampleRate", model.rate), number("mu", model.mu)]
     lines += [number("maxSpeed", 1e3 * model.speed.max()), number("maxForce", model.force.max())]

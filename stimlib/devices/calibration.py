@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_toeplitz
 
 from ..core.scene import Scene
-from ..core.units import ONE, unit as unit_of
+from ..core.units import ONE, pretty, unit as unit_of
 from ..errors import BadValue, RecordingError, SinkError, UnitError, public
 from ..plate.identify import Sweep
 from ..run.safety import Safety, inverted
@@ -102,7 +102,8 @@ class Calibration:
 
     def __repr__(self):
         low, high = self.freq[[0, -1]]
-        return f"Calibration({self.unit} from {low:g} to {high:g} Hz, {self.date or 'no date'})"
+        unit, date = pretty(self.unit), self.date or "no date"
+        return f"Calibration({unit} from {low:g} to {high:g} Hz, {date})"
 
     def full_scale(self, freq: float) -> float:
         """Return the output amplitude, in ``unit``, for a sample amplitude of 1.0.
@@ -203,7 +204,8 @@ class Calibration:
         if wrong or all(dim == ONE for dim in dims.values()):
             name = (wrong or list(dims))[0]
             raise UnitError(
-                f"Calibration: {name} is in {dims[name]}, and what is calibrated in {self.unit}"
+                f"Calibration: {name} is in {dims[name]}, and what is calibrated in"
+                f" {pretty(self.unit)}"
             )
 
     def limits(self, scene: Scene) -> Safety:
@@ -314,7 +316,7 @@ def load_calibration(path: str | os.PathLike[str]) -> Calibration:
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     made.save(f"{folder}/actuator.json")
     ...     load_calibration(f"{folder}/actuator.json")
-    Calibration(m/s^2 from 50 to 500 Hz, 2026-11-25)
+    Calibration(m/s² from 50 to 500 Hz, 2026-11-25)
     """
     try:
         data = fields.parse(safe_files.read(path, "sidecar_bytes"))
@@ -500,7 +502,7 @@ def check_level(
     >>> check_level(actuator, response=0.891 * sensor, **device)
     Traceback (most recent call last):
     ...
-    stimlib.errors.RecordingError: check_level: 2.67 m/s^2 at 180 Hz instead of 3 m/s^2
+    stimlib.errors.RecordingError: check_level: 2.67 m/s² at 180 Hz instead of 3 m/s²
     is a difference of -1.00 dB, more than 0.17 dB; check the sensor, the amplifier's
     setting and how the actuator is held, or calibrate again
     """
@@ -520,13 +522,12 @@ def check_level(
     measured, noise = math.hypot(*fit[:2]), 1.96 * math.sqrt(2 * rest.sum()) / y.size / level
     stated = 20 * math.log10(1 + calibration.error(freq) + min(noise, 0.05))
     allowed = stated if tolerance is None else tolerance
-    change = 20 * math.log10(measured / level)
+    change, unit = 20 * math.log10(measured / level), pretty(calibration.unit)
     if not abs(change) <= allowed:
         raise RecordingError(
-            f"check_level: {measured:.3g} {calibration.unit} at {freq:g} Hz instead of {level:g}"
-            f" {calibration.unit} is a difference of {change:.2f} dB, more than {allowed:.2f} dB;"
-            " check the sensor, the amplifier's setting and how the actuator is held, or"
-            " calibrate again"
+            f"check_level: {measured:.3g} {unit} at {freq:g} Hz instead of {level:g} {unit} is a"
+            f" difference of {change:.2f} dB, more than {allowed:.2f} dB; check the sensor, the"
+            " amplifier's setting and how the actuator is held, or calibrate again"
         )
     return change
 

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ..core.units import ONE, Unit, in_base_units, unit as unit_of
+from ..core.units import ONE, Unit, in_base_units, pretty, unit as unit_of
 from ..errors import BadValue, UnitError, public
 from ..motion.reports import column_of, numbers_of
 from ..motion.table import read_table
@@ -79,8 +79,8 @@ class MotorCalibration:
         low, high = self.position[[0, -1]]
         wide = 100 * np.max((self.high - self.low) / 2 / self.table)
         return (
-            f"MotorCalibration({self.motor_constant:.4g} {self.unit} +-{wide:.1g} % from {low:.3g}"
-            f" to {high:.3g} m, residual {self.residual:.2g} N)"
+            f"MotorCalibration({self.motor_constant:.4g} {pretty(self.unit)} +-{wide:.1g} % from"
+            f" {low:.3g} to {high:.3g} m, residual {self.residual:.2g} N)"
         )
 
 
@@ -172,7 +172,7 @@ def calibrate_motor(
                 f"calibrate_motor: {what} in {units[what]!r}; give a unit of {SI[what]}"
             )
         rows[k] = (rows[k] * c.scale + c.offset) * factor
-    return _fitted(table, rows, knots, "N" if dims[0] == ONE else f"N/{dims[0]}")
+    return _fitted(table, rows, knots, "N" if dims[0] == ONE else f"N/{dims[0]!s}")
 
 
 def _fitted(table: Any, rows: Array, knots: int, unit: str) -> MotorCalibration:
@@ -212,7 +212,8 @@ def _fitted(table: Any, rows: Array, knots: int, unit: str) -> MotorCalibration:
     values, error = weights @ f, residual * np.linalg.norm(weights, axis=1)
     if not values.min() > 0:
         raise table.error(
-            f"the force per current at {fine[values.argmin()]:g} m is {values.min():.4g} {unit}",
+            f"the force per current at {fine[values.argmin()]:g} m is {values.min():.4g}"
+            f" {pretty(unit)}",
             "count the force in the direction in which a current above 0 acts",
         )
     wide = error * scipy.stats.t.ppf((1 + CONFIDENCE) / 2, free)

@@ -864,6 +864,7 @@ class Sink:
             self._recorder.writer = None
             while not self._over.wait(0.01):
                 self._recorder.drain()
+            self._recorder.end(self.report)  # without a log, but markers are sent
 
     # What a device fills in -----------------------------------------------------------
     def _open(self) -> None:

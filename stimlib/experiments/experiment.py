@@ -17,7 +17,7 @@ import numpy as np
 
 from ..core.graph import Block, constant
 from ..core.scene import Scene
-from ..core.units import Unit
+from ..core.units import Unit, pretty
 from ..errors import BadValue, UnitError, UnknownName, public
 from ..run.safety import Safety
 from ..system import fields
@@ -487,7 +487,7 @@ class Experiment:
         scale = getattr(self.safety, "full_scale", self.safety)
         units = {n: str(b.dim) for s in self.scenes.values() for n, b in s.outputs.items()}
         if not isinstance(scale, Mapping) and len(set(units.values())) > 1:
-            each = ", ".join(f"{n} [{u}]" for n, u in units.items())
+            each = ", ".join(f"{n} [{pretty(u)}]" for n, u in units.items())
             raise UnitError(
                 f"experiment {self.name!r}: safety is one full scale for outputs in different units"
                 f" ({each}); give Safety(full_scale={{{', '.join(f'{n!r}: ..' for n in units)}}})"

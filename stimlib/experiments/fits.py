@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from ..core.units import pretty
 from ..errors import BadValue, need, public, shortened
 from ..system.packages import package
 from .goodness import allowed, best_possible, dispersion, goodness, parameters
@@ -165,7 +166,7 @@ class Fit:
 
     def __str__(self) -> str:
         low, high = self.pse_interval
-        unit = f" {self.unit}" if self.unit else ""
+        unit = f" {pretty(self.unit)}" if self.unit else ""
         jnd = f"{self.jnd:.0%} of it" if self.log else f"{self.jnd:.4g}{unit}"
         text = f"{self.name} {self.pse:.4g}{unit} [{low:.4g}, {high:.4g}], JND {jnd}"
         if math.isfinite(self.p):
@@ -296,7 +297,7 @@ class Fit:
         ax = figure.subplots()
         self.draw(ax)
         ax.set(
-            xlabel=f"level / {self.unit}" if self.unit else "level",
+            xlabel=f"level / {pretty(self.unit)}" if self.unit else "level",
             ylabel=f"proportion {'of yes' if self.comparison or not self.guess else 'correct'}",
         )
         return figure

@@ -9,6 +9,7 @@ set is a row of levels, so a bootstrap or 2000 simulated people are one call.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -116,6 +117,7 @@ class Curve(NamedTuple):
     bend: Callable[[Any], Any]
 
 
+@cache
 def curve(link: str) -> Curve:
     """Return the functions of a link, whose F is one half at 0.
 
@@ -314,15 +316,19 @@ def _climb(sets: Sets, model: Model, start: Found, free: tuple[bool, ...], steps
     loglik, step = _score(at, z, yes, n, model, free)
     active = np.arange(len(at))
     for _ in range(steps):
-        trial = at[active] + step[active]
-        trial[:, 2:] = np.clip(trial[:, 2:], 0.0, highest[active])
-        new, newer = _score(trial, z[active], yes[active], n[active], model, free)
-        better = new >= loglik[active] - 1e-12 * np.abs(loglik[active])
+        before, by = loglik[active], step[active]
+        trial = at[active] + by
+        if any(free[2:]):
+            trial[:, 2:] = np.clip(trial[:, 2:], 0.0, highest[active])
+        new, newer = _score(trial, z, yes, n, model, free)
+        better = new >= before - 1e-12 * np.abs(before)
         at[active[better]], loglik[active[better]] = trial[better], new[better]
-        step[active] = np.where(better[:, None], newer, step[active] / 2)
-        active = active[(np.abs(step[active]) > 1e-11 * (1 + np.abs(at[active]))).any(axis=1)]
-        if not active.size:
-            break
+        step[active] = now = np.where(better[:, None], newer, by / 2)
+        moves = (np.abs(now) > 1e-11 * (1 + np.abs(at[active]))).any(axis=1)
+        if not moves.all():
+            active, z, yes, n = (v[moves] for v in (active, z, yes, n))
+            if not active.size:
+                break
     return Found(*(v.reshape(shape) for v in (*at.T, loglik)))
 
 
@@ -337,18 +343,25 @@ def _score(
     of, eta, lapse = curve(model.link), at[:, :1] + at[:, 1:2] * z, at[:, 2:3]
     guess = lapse if model.guess is None else at[:, 3:]
     p, q = probability(eta, model.link, guess, lapse)
-    slope = (1 - guess - lapse) * of.density(eta)
-    loglik = total(yes * np.log(p) + (n - yes) * np.log(q))
+    slope, no = (1 - guess - lapse) * of.density(eta), n - yes
+    fit = yes * np.log(p) + no * np.log(q)
     if any(free[2:]):
-        return loglik, _joint_step(at, z, yes, n, model, free, eta, p, q, slope)
-    g, w = slope * (yes / p - (n - yes) / q), n * slope * slope / (p * q)
-    g0, g1, w0, w1, w2 = (total(v) for v in (g, g * z, w, w * z, w * z * z))
+        return total(fit), _joint_step(at, z, yes, n, model, free, eta, p, q, slope)
+    r = yes / p - no / q
+    g = slope * r
+    if model.guess or model.lapse:
+        w = n * slope * slope / (p * q)
+    else:  # concave
+        w = slope * slope * (yes / (p * p) + no / (q * q)) - g * of.bend(eta)
+    gz, wz = g * z, w * z
+    loglik, g0, g1, w0, w1, w2 = total(np.stack([fit, g, gz, w, wz, wz * z]))
+    step = np.zeros_like(at)
     if free[:2] == (True, True):
         det = w0 * w2 - w1 * w1 + FLOOR
-        step = (w2 * g0 - w1 * g1) / det, (w0 * g1 - w1 * g0) / det
+        step[:, 0], step[:, 1] = (w2 * g0 - w1 * g1) / det, (w0 * g1 - w1 * g0) / det
     else:
-        step = free[0] * g0 / (w0 + FLOOR), free[1] * g1 / (w2 + FLOOR)
-    return loglik, np.stack([*step, 0 * g0, 0 * g0], axis=1)
+        step[:, 0], step[:, 1] = free[0] * g0 / (w0 + FLOOR), free[1] * g1 / (w2 + FLOOR)
+    return loglik, step
 
 
 def directions(z: Array, eta: Array, slope: Array, model: Model, free: Sequence[bool]) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..checks.figures import svg
 from ..checks.page import document, facts, items, picture
+from ..core.units import pretty
 from ..errors import UnknownName, need, public, shown
 from ..system import safe_files
 from .fits import Fit, logarithmic
@@ -136,7 +137,7 @@ def write_report(
                 f"report: a fit of {alien[0]!r}, of which there are no answers; by ="
                 f" {', '.join(by)}"
             )
-        label = f"level / {unit}" if unit else "level"
+        label = f"level / {pretty(unit)}" if unit else "level"
         size = 3.0 * min(ACROSS, len(fits)), 2.5 * -(-len(fits) // ACROSS)
         curves = svg(lambda figure: _curves(figure, fits, label), size)
         residuals = svg(lambda figure: _residuals(figure, fits, answers), size)
@@ -191,7 +192,7 @@ def _fits(
     On a logarithmic axis, the JND is a fraction of the PSE and has no unit.
     """
     what = " or ".join(dict.fromkeys(fit.name for fit in fits.values()))
-    in_unit = f" / {unit}" if unit else ""
+    in_unit = f" / {pretty(unit)}" if unit else ""
     logs = any(fit.log for fit in fits.values())
     heads = {name: HEADS.get(name, name.replace("_", " ")).format(what=what) for name in SHOWN}
     for name in set(HEADS) - {"p"}:
@@ -275,4 +276,4 @@ def _tracks(figure: Any, tracks: Mapping[tuple, Columns], unit: str) -> None:
         ax.set_title(_label(" ".join(map(str, key))))
         ax.grid(alpha=0.3)
     figure.supxlabel("trial")
-    figure.supylabel(_label(f"level / {unit}" if unit else "level"))
+    figure.supylabel(_label(f"level / {pretty(unit)}" if unit else "level"))

@@ -16,7 +16,8 @@ from ..core.graph import Block, at_rest, kind, pack
 from ..core.program import PARAMS, ROOT, Instance
 from ..errors import SceneError
 from ..run.processor import Change, Processor
-from .translate import FLOATS, KINDS, WORD, Kind, Record, Unit, in_single, literal, local
+from .translate import Unit
+from .values import FLOATS, KINDS, WORD, Kind, Record, in_single, literal, local
 
 OF_EXPORT = "NUMBER_OF_EXPORT"  # stands for it until all texts are there
 OF_DOUBLES = "/* Of doubles, in single precision too. */"
@@ -136,7 +137,10 @@ class Writer:
             ends = f"m->v[{inner}], m->v[{self.slot(i)}], m->place[{q.child}]"
             self.body.append(f"st_close({ends}, n{q.child}, n{q.clock});")
         elif q.kind == "block":
-            self.block(i, q)
+            try:
+                self.block(i, q)
+            except SceneError as e:
+                raise SceneError(f"{repr(q.block)[:80]}: {e}") from e
 
     # One block ------------------------------------------------------------------------
     def block(self, i: int, q: Instance) -> None:
@@ -184,10 +188,7 @@ class Writer:
         head = f"static void b{i}({self.name}_state *m, int a, int n)"
         self.blocks.append("\n".join([f"/* {said(q.block)} */", head, "{", *lines, "}", ""]))
         if self.single:
-            try:
-                in_single("\n".join([*self.unit.functions[known:], self.blocks[-1]]))
-            except SceneError as e:
-                raise SceneError(f"{repr(q.block)[:80]}: {e}") from e
+            in_single("\n".join([*self.unit.functions[known:], self.blocks[-1]]))
         if contact is None:
             call = f"b{i}(m, 0, n{q.clock});"
         else:

@@ -208,15 +208,15 @@ ST_INLINE void st_memory(st_floats e, st_floats r, st_floats q, st_floats low, s
     int k;
     st_clear(w, y.n);
     for (j = 0; j < e.n; j += 8) {
-        double a[8], b[8], c[8], f[8];
+        double a[8], c[8], f[8];
         for (k = 0; k < 8; k++) {
             a[k] = -e.p[j + k];
-            b[k] = r.p[j + k];
             c[k] = q.p[j + k];
             f[k] = j < low.n ? low.p[j + k] : 0.0;
         }
         for (i = 0; i < y.n; i++) {
             const double v = x.p[i] + 1e-200;
+            const double *b = r.p + j + (r.n > e.n ? e.n * i : 0);
             double *s = w.p + 8 * i;
             if (j < low.n)
                 for (k = 0; k < 8; k++) {
@@ -235,6 +235,23 @@ ST_INLINE void st_memory(st_floats e, st_floats r, st_floats q, st_floats low, s
         for (k = 0; k < 8 && j < low.n; k++) low.p[j + k] = f[k];
     }
     for (i = 0; i < y.n; i++) y.p[i] = st_flush(st_total(w.p + 8 * i));
+}
+
+/* m series of Chebyshev at each t, beside each other in c and in y; Clenshaw's method. */
+ST_INLINE void st_chebyshev(st_floats c, st_floats t, st_floats y)
+{
+    const int64_t m = y.n / t.n;
+    int64_t i, j, k;
+    for (i = 0; i < t.n; i++)
+        for (j = 0; j < m; j++) {
+            double a = 0.0, b = 0.0;
+            for (k = c.n - m + j; k > j; k -= m) {
+                const double next = fma(2.0 * t.p[i], a, c.p[k] - b);
+                b = a;
+                a = next;
+            }
+            y.p[m * i + j] = fma(t.p[i], a, c.p[j] - b);
+        }
 }
 
 /* Of doubles, in single precision too. */

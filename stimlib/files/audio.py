@@ -26,9 +26,9 @@ from ..core import definitions
 from ..core.graph import Input
 from ..core.program import warn_beyond
 from ..core.scene import Scene
+from ..core.units import pretty
 from ..errors import BadValue, FaultError, SinkError, outside, public, shown
-from ..motion.source import Motion, frames_of, sources_of, warn_fast
-from ..run.driver import rows_of, walk
+from ..motion.source import Motion, frames_of, positions, sources_of, warn_fast
 from ..run.processor import Processor
 from ..run.rendering import Rendering, fault_text
 from ..system import safe_files
@@ -86,8 +86,8 @@ def write(
     outright leaves ``path`` + ".part", from which `recover` makes a file; at most the
     last three seconds of signal are lost.
 
-    Motion and processor run in the calling thread; hashing, encoding and writing run in
-    other threads.
+    The motion is computed in the calling thread; the processor, hashing, and encoding
+    with writing run in threads of their own.
 
     Parameters
     ----------
@@ -178,8 +178,9 @@ def write(
 
     def blocks(sources: dict[str, Any], most: int) -> Iterator[Array]:
         warn_fast(sources, proc.scene, frames / proc.fs, proc.fs)
+        step = min(int(block), most)
         return (
-            y for _, y in walk(proc, rows_of(sources, proc.fs), frames, block=min(int(block), most))
+            positions(sources, at, min(at + step, frames), proc.fs) for at in range(0, frames, step)
         )
 
     return _write(
@@ -188,6 +189,7 @@ def write(
         motion,
         frames,
         blocks,
+        proc.process,
         format,
         subtype,
         full_scale,
@@ -260,6 +262,7 @@ def save(
         rendering.motion,
         frames,
         blocks,
+        np.asarray,
         format,
         subtype,
         full_scale,
@@ -275,6 +278,7 @@ def _write(
     motion: Mapping[str, Any] | None,
     frames: int,
     blocks: Callable[[dict[str, Any], int], Iterator[Array]],
+    render: Callable[[Array], Array],
     format: str | None,
     subtype: str | None,
     full_scale: float | str | Mapping[str, float] | None,
@@ -282,7 +286,7 @@ def _write(
     progress: bool | str,
     overwrite: bool,
 ) -> FileReport:
-    """Check the arguments, then write the samples that ``blocks`` yields."""
+    """Check the arguments, then write what ``render`` makes of each of ``blocks``."""
     format, subtype = format_of(path, format, subtype)
     check_format(format, subtype, proc.fs, len(proc.outputs), frames)
     sources = sources_of(motion, proc.inputs, frames)
@@ -326,7 +330,7 @@ def _write(
     parts = blocks(sources, max(1, int(STEP * proc.fs)))
 
     def run(put: Put) -> tuple[NDArray[np.int64], Array, str]:
-        return _run(put, path, proc, parts, info, scales, progress)
+        return _run(put, path, proc, parts, render, info, scales, progress)
 
     report = publish(path, info, run, overwrite)
     beyond = _beyond(report, info)
@@ -340,6 +344,7 @@ def _run(
     path: Path,
     proc: Processor,
     blocks: Iterable[Array],
+    render: Callable[[Array], Array],
     info: dict[str, Any],
     scales: Array,
     progress: bool | str,
@@ -373,13 +378,21 @@ def _run(
         clips[:] += clipped
         put(samples)
 
-    with bar("writing", info["frames"], progress) as advance, beside(hashed, stored) as give:
-        for y in blocks:
-            if proc.fault is not None:
-                name, index = proc.fault
-                raise FaultError(fault_text(name, index - first, fs, f"{path} was not written"))
-            give(y.copy())
-            advance(y.shape[1])
+    def rendered(x: Array) -> None:
+        y = render(x)
+        if proc.fault is not None:
+            name, index = proc.fault
+            raise FaultError(fault_text(name, index - first, fs, f"{path} was not written"))
+        give(y)
+
+    with (
+        bar("writing", info["frames"], progress) as advance,
+        beside(hashed, stored) as give,
+        beside(rendered, room=1, finish=True) as run,
+    ):
+        for x in blocks:
+            run(x)
+            advance(x.shape[1])
     return clips, peak, digest.hexdigest()
 
 
@@ -393,7 +406,7 @@ def _beyond(report: FileReport, info: dict[str, Any]) -> str:
     if not passed:
         return ""
     told = ", ".join(
-        f"{c['name']} reaches {peaks[c['name']]:.4g} {c['unit']} of {c['full_scale']:g}"
+        f"{c['name']} reaches {peaks[c['name']]:.4g} {pretty(c['unit'])} of {c['full_scale']:g}"
         for c in passed
     )
     if len({c["unit"] for c in info["channels"]}) == 1:

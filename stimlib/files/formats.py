@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.units import pretty
 from ..errors import BadValue, SinkError, UnitError
 from ..motion.source import check_names
 from ..run.processor import Processor
@@ -73,7 +74,7 @@ def full_scales(full_scale: Any, proc: Processor, subtype: str) -> Array:
     outputs = proc.outputs
     units = {proc.units[name] for name in outputs}
     if full_scale is None and subtype in BITS:
-        unit = next(iter(units)) if len(units) == 1 else "each output's unit, by name"
+        unit = pretty(*units) if len(units) == 1 else "each output's unit, by name"
         raise BadValue(
             f"{subtype} has no samples above full scale: give full_scale, in {unit}, or"
             " --full-scale"
@@ -83,7 +84,7 @@ def full_scales(full_scale: Any, proc: Processor, subtype: str) -> Array:
         values = [full_scale[name] for name in outputs]
     else:
         if full_scale is not None and len(units) > 1:
-            has = ", ".join(f"{name} ({proc.units[name]})" for name in outputs)
+            has = ", ".join(f"{name} ({pretty(proc.units[name])})" for name in outputs)
             option = ",".join(f"{name}=.." for name in outputs)
             raise UnitError(
                 f"outputs have different units: {has}; give full_scale as a mapping by output name,"

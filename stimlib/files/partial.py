@@ -69,7 +69,7 @@ class Draft(AbstractContextManager["Draft"]):
         comment: str = "",
     ):
         self.path, self.at, self.frames, self.type = path, at, 0, TYPES[subtype]
-        self._put = hashlib.blake2b()
+        self._put = hashlib.sha256()
         self._busy = Lock()  # an interrupt may close it while another thread puts
         sf = soundfile()
         self.raw = open(safe_files.create(at), "r+b", buffering=0)
@@ -120,7 +120,7 @@ class Draft(AbstractContextManager["Draft"]):
             self._sound.close()
             _undate(self.raw)
             os.fsync(self.raw.fileno())
-            digest, got, frames, hashed = hashlib.sha256(), hashlib.blake2b(), 0, 0
+            digest, got, frames, hashed = hashlib.sha256(), hashlib.sha256(), 0, 0
             with beside(digest.update) as give:
 
                 def hash_to(end: float) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ..core.scene import Scene
+from ..core.units import pretty
 from ..errors import BadValue, FaultError, SceneFileError, UnitError, public, shown
 from ..run.processor import Processor
 from ..run.rendering import Rendering, fault_text, render
@@ -66,7 +67,7 @@ class PatternReport:
     lost: dict[str, tuple[float, float, list[Band]]]
 
     def __str__(self) -> str:
-        one = f"{self.full_scale:.4g} {self.unit}".strip()
+        one = f"{self.full_scale:.4g} {pretty(self.unit)}".strip()
         lines = [f"{self.path}: {self.points} points, {self.taps} transients; 1 stands for {one}"]
         for name, (error, shape, bands) in self.lost.items():
             least = max(level for _, level, _ in bands) - 40
@@ -74,7 +75,7 @@ class PatternReport:
             lines.append(
                 f"{name}: read back, it differs by {error:.1f} dB in samples, {shape:.1f} dB in its"
                 " envelope (of the original's RMS: -20 dB is a tenth); octaves, original -> file,"
-                f" in dB re 1 {self.unit or 'unit'}: {', '.join(heard)}"
+                f" in dB re 1 {pretty(self.unit) or 'unit'}: {', '.join(heard)}"
             )
         return shown("\n".join(lines))
 
@@ -213,7 +214,9 @@ def write_pattern(
     device, names, fs = device or PatternDevice(), rendering.outputs, rendering.fs
     units = {str(Processor(rendering.scene, fs).units[n]) for n in names}
     if len(units) > 1:
-        raise UnitError(f"the outputs are in {', '.join(sorted(units))}; write one at a time")
+        raise UnitError(
+            f"the outputs are in {pretty(', '.join(sorted(units)))}; write one at a time"
+        )
     if patterns is None:
         patterns = [analysed(rendering[n], fs, events_of(rendering, n), device) for n in names]
     peak, unit = max(p.peak for p in patterns), "".join(units - {"1"})
@@ -222,8 +225,8 @@ def write_pattern(
     scale = device.full_scale or max(scale, peak)
     if peak > scale * (1 + 1e-9):
         raise BadValue(
-            f"full_scale = {scale:g} {unit} is below the amplitude, {peak:.4g} {unit}; give a"
-            " larger one (--full-scale), or none"
+            f"full_scale = {scale:g} {pretty(unit)} is below the amplitude, {peak:.4g}"
+            f" {pretty(unit)}; give a larger one (--full-scale), or none"
         )
     device = replace(device, full_scale=scale, unit=unit)
     tree = write([p.scaled(1 / scale) for p in patterns], device)

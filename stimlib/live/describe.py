@@ -12,6 +12,7 @@ import numpy as np
 from ..blocks.soft import Cursor, CursorFrames
 from ..blocks.tables import CubicGrid
 from ..core.graph import reach
+from ..core.program import rate
 from ..core.scene import Scene
 from ..errors import BadValue, UnknownName
 from ..motion.generators import sinusoid
@@ -21,6 +22,7 @@ from ..scenes import ROWS
 Range = tuple[float, float]
 UNITS: dict[str, Range] = {"m": (0.0, 0.1), "N": (0.0, 2.0), "m/s": (-0.5, 0.5)}
 """Ranges of inputs by unit; 0 to 1 for other units."""
+FASTEST = 768000.0  # Hz, of a page: the highest rate for which Chromium makes an AudioContext
 MAP = 128
 """Largest number of columns and rows of a surface sent to a page."""
 
@@ -88,6 +90,26 @@ def _around(value: float, unit: str) -> Range:
     return (0.0, 2.5 * value) if value > 0 else (2.5 * value, 0.0)
 
 
+def page_rate(fs: float) -> float:
+    """Return a sample rate; raise BadValue if it is above that of any AudioContext.
+
+    A page presents nothing faster, and the second of samples that sets the full scales
+    would fill the memory.
+
+    Examples
+    --------
+    >>> from stimlib.live.describe import page_rate
+    >>> page_rate(8000)
+    8000.0
+    """
+    if rate(fs) > FASTEST:
+        raise BadValue(
+            f"fs = {fs:g} Hz is faster than a page can present; give at most {FASTEST:g} Hz, the"
+            " highest sample rate of a browser's audio"
+        )
+    return float(fs)
+
+
 def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[str, float]:
     """Return default full scales for the outputs of a scene.
 
@@ -108,6 +130,11 @@ def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[st
         Rounded up to 1, 2 or 5 times a power of ten; 1 for an output that is 0 or not
         finite.
 
+    Raises
+    ------
+    BadValue
+        A sample rate of more than 768 kHz; see ``page_rate``.
+
     Examples
     --------
     >>> import stimlib
@@ -118,6 +145,7 @@ def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[st
     >>> full_scales(scene, 8000.0, {"x": (0.0, 0.01)})
     {'force': 50.0}
     """
+    fs = page_rate(fs)
     motion: dict[str, Any] = {}
     for name in scene.inputs:
         low, high = ranges[name]

@@ -35,7 +35,8 @@ record                                   as start, with a log; ``stop`` ends it.
 control                                  take control; a page that has it watches from
                                          then on
 seen        at                           answer to each report, with its at; a page that
-                                         is silent for 2 s counts as gone
+                                         says nothing for 2 s counts as gone; after a
+                                         longer pause, for twice that, at most 5 s
 =========== ============================ ===============================================
 
 =========== ============================ ===============================================
@@ -119,13 +120,17 @@ HEAD = 6
 
 MESSAGE = 1024
 """Largest size of a page's message in bytes."""
-RATE, BURST = 1200.0, 300.0
-"""Largest number of messages of a page per second, and at once."""
+RATE, BURST = 1200.0, 1200.0
+"""Largest number of messages of a page per second, and at once: a server that was late
+receives those of a second.
+"""
 WRONG = 20
 """Number of invalid messages that a page may send."""
 PAGES = 2
-SILENT = 2.0
-"""Seconds without an answer after which a page counts as gone."""
+SILENT, PATIENCE = 2.0, 5.0
+"""Seconds without a message after which a page counts as gone, and the most: twice the
+longest silence that it has come back from.
+"""
 GRACE = 2.0
 """Seconds for which control is kept for a page that is loaded again."""
 REPORTS = 0.2

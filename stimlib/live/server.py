@@ -304,7 +304,9 @@ class Server:
             first = await asyncio.wait_for(ws.receive(), HELLO)
             hello = self.stream.message(first.get("text") or first.get("bytes") or b"")
             token = str(hello.get("token", "")).encode(errors="replace")
-        except (TimeoutError, BadValue):
+        except TimeoutError:
+            return 4408, f"no token within {HELLO:g} s"
+        except BadValue:
             token = b""
         if not hmac.compare_digest(token, self.token.encode()):
             return 4401, "the token is missing or wrong: open the address that the terminal shows"

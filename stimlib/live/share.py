@@ -20,15 +20,15 @@ from typing import Any
 
 import numpy as np
 
-from ..core.program import rate
 from ..core.scene import Scene
 from ..errors import MissingPackage, public
 from ..export.c99 import export_c
 from ..motion.source import frames_of, positions, sources_of
 from ..run.rendering import render
 from ..system.limits import limits
+from ..system.pool import terminable
 from ..system.safe_files import publish
-from .describe import Range, description, full_scales, ranges_of
+from .describe import Range, description, full_scales, page_rate, ranges_of
 from .inputs import first_sources, following
 
 WEB, PAGE = Path(__file__).with_name("web"), Path(__file__).with_name("page")
@@ -97,7 +97,7 @@ def share(
     ----------
     scene : Scene
     fs : float
-        Sample rate in Hz.
+        Sample rate in Hz, at most 768000: that of the fastest AudioContext.
     path : path, optional
         The file to write; one that is there is replaced.
     motion : mapping of str to array or callable, optional
@@ -138,7 +138,7 @@ def share(
     >>> page.samples  # doctest: +SKIP
     40000
     """
-    fs, given = rate(fs), ranges_of(scene, ranges)
+    fs, given = page_rate(fs), ranges_of(scene, ranges)
     data: dict[str, Any] = {
         "motion": None,
         "samples": 0,
@@ -157,7 +157,7 @@ def share(
         data["sha256"] = facts["SHA-256 of the samples"] = hashlib.sha256(
             np.ascontiguousarray(made.y, "<f8").tobytes()
         ).hexdigest()
-    with tempfile.TemporaryDirectory(prefix="stimlib-") as folder:
+    with terminable(), tempfile.TemporaryDirectory(prefix="stimlib-") as folder:
         still = {name: np.zeros(3) for name in scene.inputs}
         export_c(scene, fs, folder, still, "scene", 3 / fs, params, seed)
         if scene.inputs:

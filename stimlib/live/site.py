@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
-import time
 from collections import deque
 from collections.abc import Mapping
 from typing import Any, Protocol
+
+from .protocol import PATIENCE, SILENT
 
 WAITING = 64
 """Largest number of messages queued for a page: a quarter of a second of samples;
@@ -24,7 +25,7 @@ class Page:
         self.blocks: deque[bytes] = deque(maxlen=WAITING)
         self.wake = asyncio.Event()
         self.skipped = 0
-        self.seen = time.monotonic()
+        self.silent = self.longest = 0.0  # s since its last message, and the longest so far
         self.ended = asyncio.Event()
         self.end = 1000, ""  # the code and the reason with which it is closed
 
@@ -39,6 +40,19 @@ class Page:
         self.wake.set()
         if len(self.texts) > WAITING:
             self.close(4408, "this page reads nothing")
+
+    def hear(self) -> None:
+        """Note that the page has said something."""
+        self.longest, self.silent = max(self.longest, self.silent), 0.0
+
+    def wait(self, seconds: float) -> None:
+        """Add to the time without a message; close the page when it is too long.
+
+        A machine that was late before, and whose page came back, may be so again.
+        """
+        self.silent += seconds
+        if self.silent > min(max(SILENT, 2 * self.longest), PATIENCE):
+            self.close(4408, "no answer from this page")
 
     def close(self, code: int, why: str) -> None:
         """End the connection of the page."""

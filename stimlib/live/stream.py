@@ -19,7 +19,7 @@ from ..errors import BadValue, StimlibError, UnknownName
 from ..run.safety import Safety
 from .describe import Range, description, full_scales, ranges_of
 from .inputs import SMOOTH, Inputs
-from .protocol import GRACE, HEAD, MESSAGE, PAGES, REPORTS, SILENT, VERSION, message, samples
+from .protocol import GRACE, HEAD, MESSAGE, PAGES, REPORTS, VERSION, message, samples
 from .sink import PageSink
 from .site import Page
 
@@ -179,10 +179,11 @@ class Stream:
     def do(self, page: Page, message: dict[str, Any]) -> None:
         """Carry out a message of a page, and report a rejection to it."""
         about = message.pop("do")
+        page.hear()
         try:
             if about == "seen":
-                page.seen = time.monotonic()
-            elif about == "control":
+                return
+            if about == "control":
                 self._give(page)
                 self._tell_state()
             elif page is not self.control and about != "move":
@@ -301,8 +302,6 @@ class Stream:
         self.session += 1
         sink.start()
         self._sink = sink
-        for page in self.pages:
-            page.seen = time.monotonic()
 
     def _end(self) -> None:
         sink, self._sink = self._sink, None
@@ -363,21 +362,19 @@ class Stream:
         while True:
             then = time.monotonic()
             await asyncio.sleep(REPORTS)
-            now = time.monotonic()
-            if now - then > REPORTS + SILENT / 2:  # it was the server that stood still
-                for page in self.pages:
-                    page.seen = now
+            # a page that waits for a late server is not silent
+            passed = min(time.monotonic() - then, 2 * REPORTS)
             sink = self._sink
             if sink is None:
                 for page in self.pages:
+                    page.silent = 0.0
                     page.tell({"is": "alive"})
                 continue
             self._send_report(sink)
             if sink.error is not None and self._asked is None and self.phase == "running":
                 self._ask("stop", str(sink.error))
             for page in self.pages:
-                if now - page.seen > SILENT:
-                    page.close(4408, "no answer from this page")
+                page.wait(passed)
 
     def _send_report(self, sink: PageSink) -> None:
         r = sink.report()

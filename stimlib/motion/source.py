@@ -163,7 +163,7 @@ def sources_of(
             if hint := _hint(source):
                 raise BadValue(f"motion of {name} is a {type(source).__name__}{hint}")
             try:
-                masked = np.ma.isMaskedArray(source)
+                masked = type(source) is not np.ndarray and np.ma.isMaskedArray(source)
                 source = unmasked(source) if masked else np.asarray(source)
             except (TypeError, ValueError):  # rows of several lengths
                 source = np.array("")
@@ -221,7 +221,8 @@ def _shaped(given: Array) -> str:
 def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Array:
     """Return the motion of samples start .. stop - 1, (n_inputs, stop - start)."""
     x = np.empty((len(sources), stop - start))
-    t = np.arange(start, stop) / fs
+    t = np.arange(start, stop, dtype=np.float64)
+    t /= fs
     first: dict[int, Array] = {}  # what several inputs share is asked for once
     done = _together(sources, t, x)
     for k, (row, (name, source)) in enumerate(zip(x, sources.items(), strict=True)):
@@ -234,7 +235,9 @@ def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Arra
         first[id(source)] = row
         if callable(source):
             try:
-                values = np.ma.filled(source(t.copy()), np.nan)  # a mask would be lost
+                values = source(t.copy())
+                if type(values) is not np.ndarray:
+                    values = np.ma.filled(values, np.nan)  # a mask would be lost
             except (TypeError, ValueError) as e:
                 if isinstance(e, BadValue):
                     raise

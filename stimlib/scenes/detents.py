@@ -61,7 +61,7 @@ def detents(
     --------
     >>> from stimlib.scenes import detents
     >>> detents(count=12)
-    Scene(angle [1], depth [N*m], friction [N*m] -> torque [N*m])
+    Scene(angle [1], depth [N·m], friction [N·m] -> torque [N·m])
     """
     above_zero("detents", count=count, friction=friction, presliding=presliding)
     angle, touching = Input("angle", "rad"), Input("contact") if contact else 1.0

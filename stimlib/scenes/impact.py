@@ -62,7 +62,7 @@ def impact(
     --------
     >>> from stimlib.scenes import impact
     >>> impact(freq=300.0)
-    Scene(x [m], k [N/m], A [N*s/m] -> force [N])
+    Scene(x [m], k [N/m], A [N·s/m] -> force [N])
     """
     x, touching = Input("x", "m"), Input("contact") if contact else 1.0
     wall = blocks.wall(x, Param("k", k, "N/m"), b, contact=touching)

@@ -50,7 +50,7 @@ class shipped(NamedTuple):
     --------
     >>> from stimlib.scenes import ROWS, SHIPPED
     >>> SHIPPED["wall"](k=500.0)
-    Scene(x [m], k [N/m], b [N*s/m] -> force [N])
+    Scene(x [m], k [N/m], b [N·s/m] -> force [N])
     >>> ROWS["wall"].drive, ROWS["wall"].ranges
     ({'x': 'sinusoid(2e-3, 5.0)'}, {'x': (-0.01, 0.01)})
     """

@@ -63,7 +63,7 @@ def texture(
     --------
     >>> from stimlib.scenes import texture
     >>> texture()
-    Scene(x [m], force [N], level [1] -> acceleration [m/s**2])
+    Scene(x [m], force [N], level [1] -> acceleration [m/s²])
     """
     if not isinstance(model, TextureModel):
         model = made_up() if model is None else load_texture(model)

@@ -97,7 +97,7 @@ def tone(
     >>> import stimlib
     >>> from stimlib.scenes import tone
     >>> tone(freq=80.0, amplitude=2.0, unit="m/s^2")
-    Scene(amplitude [m/s**2], freq [1/s] -> signal [m/s**2])
+    Scene(amplitude [m/s²], freq [1/s] -> signal [m/s²])
     >>> y = stimlib.render(
     ...     tone(duration=0.1, repeats=2, period=0.2), fs=8000, seconds=0.5
     ... )

@@ -49,7 +49,7 @@ def wall(k: float = 1000.0, b: float = 2.0, at: float = 0.0, contact: bool = Fal
     --------
     >>> from stimlib.scenes import wall
     >>> wall(k=500.0)
-    Scene(x [m], k [N/m], b [N*s/m] -> force [N])
+    Scene(x [m], k [N/m], b [N·s/m] -> force [N])
     """
     touching = Input("contact") if contact else 1.0
     force = blocks.wall(

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 
@@ -31,13 +32,36 @@ class Test:
         return self.good(value)
 
 
+def strict(data: bytes | str) -> Any:
+    """Parse JSON.
+
+    Raises
+    ------
+    ValueError
+        Not JSON, a number that is not finite, or a key that is there twice.
+
+    Examples
+    --------
+    >>> from stimlib.system import fields
+    >>> fields.strict('{"fs": 8000, "fs": 44100}')
+    Traceback (most recent call last):
+    ValueError: 'fs' is there twice in one object; keep one of the two
+    """
+    try:
+        return json.loads(
+            data, parse_constant=_finite, parse_float=_finite, object_pairs_hook=_object
+        )
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
 def parse(data: bytes) -> dict[str, Any]:
     """Parse a JSON object.
 
     Raises
     ------
     ValueError
-        Not JSON, not an object, or a number that is not finite.
+        As `strict`, and what is not an object.
 
     Examples
     --------
@@ -46,10 +70,7 @@ def parse(data: bytes) -> dict[str, Any]:
     Traceback (most recent call last):
     ValueError: 1e400 is not a finite number
     """
-    try:
-        found = json.loads(data, parse_constant=_finite, parse_float=_finite)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None
+    found = strict(data)
     if not isinstance(found, dict):
         raise ValueError("not a JSON object")
     return found
@@ -60,6 +81,14 @@ def _finite(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text[:40]} is not a finite number")
     return value
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice = next(a for a, b in pairwise(sorted(key for key, _ in pairs)) if a == b)
+        raise ValueError(f"{twice[:40]!r} is there twice in one object; keep one of the two")
+    return found
 
 
 def require(data: Mapping[str, Any], tests: Mapping[str, Test]) -> None:

@@ -13,7 +13,9 @@ END: Any = object()
 
 
 @contextmanager
-def beside(*stages: Callable[[T], Any], room: int = 2) -> Iterator[Callable[[T], None]]:
+def beside(
+    *stages: Callable[[T], Any], room: int = 2, finish: bool = False
+) -> Iterator[Callable[[T], None]]:
     """Call functions with one item after another, each in a thread of its own.
 
     The caller makes the next item meanwhile.
@@ -28,6 +30,8 @@ def beside(*stages: Callable[[T], Any], room: int = 2) -> Iterator[Callable[[T],
         Each gets every item, in order.
     room : int
         Items given that are not done by all stages yet; with so many, the caller waits.
+    finish : bool
+        Whether waiting items are done even after an interrupt.
 
     Yields
     ------
@@ -65,7 +69,7 @@ def beside(*stages: Callable[[T], Any], room: int = 2) -> Iterator[Callable[[T],
         while (item := todo.get()) is not END:
             error = None
             try:
-                if not left:
+                if finish or not left:
                     stage(item)
             except BaseException as e:
                 error = e

@@ -1,5 +1,6 @@
 """Events and what they make, against what they are said to be."""
 
+import math
 import tracemalloc
 
 import numpy as np
@@ -425,6 +426,19 @@ def test_a_mean_keeps_nothing_of_what_has_left_it():
     assert np.all(y[999:1098] != 0.0) and not np.any(y[1098:])
 
 
+@pytest.mark.parametrize("n", [1, 5, 8, 40, 63, 64, 100])
+@pytest.mark.parametrize("target", ["python", "numba"])
+def test_a_sample_that_is_not_finite_leaves_an_average_after_its_length(n, target):
+    """Rounded up to eight samples where taps are filled up with zeros: 0 times inf."""
+    x, taps = np.ones(300), np.full(n, 1 / n)
+    x[10] = np.nan
+    for made, first in ((b.moving_average(X, n / 1000), 64), (b.fir(X, taps), math.inf)):
+        length = n if n >= first else 8 * math.ceil(n / 8)
+        proc = stimlib.compile(Scene({"y": made > -1.0}), 1000, target)  # NaN is not above
+        y = np.concatenate([proc.process(part[None])[0] for part in (x[:37], x[37:])])
+        assert np.flatnonzero(y == 0.0).tolist() == list(range(10, 10 + length))
+
+
 @pytest.mark.parametrize("attack, release", [(0.01, 0.1), (0.0, 0.01), (1.0, 300.0)])
 def test_a_level_is_as_near_as_by_the_formula_of_its_docstring(attack, release):
     gains = [1.0 if t == 0 else -np.expm1(-1 / (t * 8000)) for t in (attack, release)]
@@ -468,3 +482,14 @@ def test_crossing_beside_a_line_is_that_of_one_sample(spacing, hysteresis):
     y = made["numba"].process(beside[None])
     one = np.concatenate([made["python"].process(v[None, None]) for v in beside], axis=1)
     assert np.array_equal(y, one) and np.count_nonzero(y) > 50
+
+
+def test_a_position_that_rests_on_a_line_crosses_once():
+    """Tiles in which all samples are the same, at a line, beyond it, or no numbers."""
+    levels = [0.0, 0.01, 0.01, np.nan, 0.01, -0.0, 0.03, 0.03]
+    x = np.repeat(levels, 64)[None]
+    scene = Scene({"y": b.crossing(X, 0.01)})
+    for target in ("numba", "python"):
+        y = stimlib.compile(scene, 1000, target).process(x)[0]
+        at = np.flatnonzero(y)
+        assert at.tolist() == [64, 320, 384] and y[at].tolist() == [1, -1, 3]

@@ -44,3 +44,13 @@ def test_a_place_beyond_the_line_is_its_first(at):
     line = np.array([5.0, 6.0, 7.0])
     y, s = Delay.step(None, DelayState(line, np.uint64(at)), 1.0)
     assert (y, line.tolist(), s.at) == (5.0, [1.0, 6.0, 7.0], 1)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 8])
+@pytest.mark.parametrize("at", [0, 1, 2, 3, 4, 2**64 - 1])
+def test_a_tile_is_a_shift_from_wherever_its_state_is(at, n):
+    line, u, y = np.array([5.0, 6.0, 7.0]), np.arange(10.0, 10.0 + n), np.empty(n)
+    wanted = np.concatenate([np.roll(line, -at) if at < 3 else line.copy(), u])
+    s = Delay.tile(None, DelayState(line, np.uint64(at)), u, y)
+    assert y.tolist() == wanted[:n].tolist()
+    assert np.roll(line, -int(s.at)).tolist() == wanted[n:].tolist() and s.at < 3

@@ -318,19 +318,19 @@ def test_a_live_order_is_the_full_sum_with_the_new_order(scheme, tol):
 
 @pytest.mark.parametrize("scheme", ["gl", "l1"])
 def test_live_weights_are_right_to_a_few_roundings(scheme):
-    from stimlib.blocks.fractional import SpringpotLive, power, reweigh
+    from stimlib.blocks.fractional import SpringpotLive, reweigh
     from stimlib.design import fractional as soe
 
     p, s = SpringpotLive(Y, A, constant(1.0), scheme, 1e-14, 86400.0, "steady").design(8000.0)
-    rates = soe.rates(1e-14, 86400.0 * 8000)
+    rates, w = soe.rates(1e-14, 86400.0 * 8000), np.zeros(100)
     for alpha in ALPHAS[1:-1]:
         wanted = soe.weights(rates, scheme, alpha)
-        reweigh(p, alpha, s.r, s.taps)
+        reweigh(p, np.array([alpha]), s.r, s.taps, w)
         low = len(rates.x) - 1
         np.testing.assert_allclose(s.r[low : wanted.modes.size], wanted.modes[low:], rtol=1.2e-15)
         np.testing.assert_allclose(s.taps[::-1], wanted.taps, rtol=2e-15)
         assert not s.r[wanted.modes.size :].any()
-        assert power(alpha, p.fs_high, p.fs_rest) == pytest.approx(8000.0**alpha, rel=4e-16)
+        assert w[16] == pytest.approx(8000.0**alpha, rel=4e-16)
 
 
 @pytest.mark.parametrize("target", ["numba", "python"])
@@ -557,6 +557,28 @@ def test_the_second_words_are_needed(alpha, monkeypatch):
         errors.append(np.max(np.abs(forces(proc, x)[0][at] / wanted - 1)))
     assert errors[0] < 1e-15 and errors[1] > 2e-14
     _full.cache_clear()
+
+
+def test_a_ramp_of_the_order_is_the_same_in_any_pieces():
+    """Weights are made for 16 samples at once; orders that stay, that move, 0, 1 and a
+    jump within one tile.
+    """
+    n, fs = 300, 1000.0
+    x, rng = moved("smooth", n, fs), np.random.default_rng(3)
+    alpha = np.concatenate(
+        [np.linspace(0, 1, 90), np.full(50, 1.0), rng.random(90), np.full(70, 0.4)]
+    )
+    scene = Scene({"f": springpot(Y, 1.0, A, tol=1e-14)})
+    made = []
+    for target, cut in (("numba", 1), ("numba", 7), ("numba", 37), ("numba", n), ("python", n)):
+        proc = stimlib.compile(scene, fs, target)
+        both = np.array([{"y": x, "a": alpha}[name] for name in proc.inputs])
+        pieces = [both[:, i : i + cut].copy() for i in range(0, n, cut)]
+        made.append(np.concatenate([proc.process(p)[0] for p in pieces]))
+    for f in made[1:]:
+        assert_same(f, made[0])
+    fixed = stimlib.compile(Scene({"f": springpot(Y, 1.0, 0.4, tol=1e-14)}), fs).process(x[None])
+    np.testing.assert_allclose(made[0][230:], fixed[0][230:], rtol=1e-12)
 
 
 def test_response_with_a_live_order_is_that_of_the_order_it_has():

@@ -111,7 +111,7 @@ def test_a_kelvin_voigt_element_needs_its_own_damping(k, b):
 
 def test_show_warns(tmp_path):
     for block, text in (
-        (wall(X, 1000.0), "F over x is passive only in a device with damping of 0.125 N*s/m"),
+        (wall(X, 1000.0), "F over x is passive only in a device with damping of 0.125 N·s/m"),
         (X, None),
     ):
         Scene(

@@ -98,7 +98,7 @@ def test_it_comes_of_sweeps_through_a_sink():
     )
     found = calibrate(sweep, "m/s^2", BAND, on="2026-11-25", parts={"actuator": "BM3C 0042"})
     assert found.full_scale(180.0) == pytest.approx(abs(response(180.0)), rel=0.01)
-    assert repr(found) == "Calibration(m/s^2 from 80 to 400 Hz, 2026-11-25)"
+    assert repr(found) == "Calibration(m/s² from 80 to 400 Hz, 2026-11-25)"
 
 
 def felt(scene, fs=FS, seconds=1.5):
@@ -199,7 +199,7 @@ def test_a_level_says_what_it_is_and_what_it_should_be():
     assert checked(low, tolerance=1.1) == pytest.approx(-1.0, abs=1e-3)
     with pytest.raises(
         RecordingError,
-        match=r"1\.78 m/s\^2 at 180 Hz instead of 2 m/s\^2 is a difference of -1\.00 dB, more than"
+        match=r"1\.78 m/s² at 180 Hz instead of 2 m/s² is a difference of -1\.00 dB, more than"
         r" 0\.17 dB; check the sensor, .* or calibrate again",
     ):
         checked(low)

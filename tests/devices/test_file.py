@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import tracemalloc
 from contextlib import contextmanager, suppress
@@ -345,6 +346,25 @@ def test_a_motion_sees_exact_times_once_and_cannot_spoil_them(tmp_path):
     assert np.array_equal(np.concatenate(seen[::2]), t) and np.array_equal(
         np.concatenate(seen[1::2]), t
     )
+
+
+def test_the_processor_runs_while_the_next_motion_is_computed(tmp_path, monkeypatch):
+    """It waits for that motion here; afterwards no thread is left."""
+    begun, waited, real = threading.Event(), [], stimlib.Processor.process
+
+    def process(self, x):
+        waited.append(begun.wait(10))
+        return real(self, x)
+
+    def motion(t):
+        if t[0] > 0:
+            begun.set()
+        return 0.01 * t
+
+    monkeypatch.setattr(stimlib.Processor, "process", process)
+    before = len(sys._current_frames())
+    file.write(tmp_path / "a.wav", forces(1), {"x": motion}, 0.4, block=1000, full_scale=50)
+    assert waited == [True] * 4 and len(sys._current_frames()) == before
 
 
 def test_full_scale_per_output(tmp_path):

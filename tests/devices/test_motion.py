@@ -4,6 +4,7 @@ back.
 
 import dataclasses
 import time
+from fractions import Fraction
 
 import mpmath
 import numpy as np
@@ -110,6 +111,18 @@ def test_sinusoid_is_right_to_the_last_bits_after_hours():
     np.testing.assert_allclose(
         shifted(t[:997]), 2 + np.sin(2 * np.pi * 3 * t[:997] + 0.7), rtol=0, atol=3e-14
     )
+
+
+@pytest.mark.parametrize("period", [1.2, 0.1, 1.999999999999999, 2.0**-30, 1e-310, 1.7e308])
+def test_the_time_within_a_period_is_exact(period):
+    """Before, at and after whole periods, compared with fractions."""
+    with np.errstate(over="ignore"):
+        whole = np.floor(2.0 ** np.linspace(0.0, 30.0, 700)) * period
+        x = np.concatenate([np.nextafter(whole, 0.0), whole, np.nextafter(whole, np.inf)])
+    x = np.append(x[np.isfinite(x)], np.linspace(0.0, 1.0, 1024) * period)
+    for some in (x[x < 2.0**24 * period], x):  # few periods, and too many for the fast way
+        exact = [float(Fraction(v) % Fraction(period)) for v in some.tolist()]
+        assert some.size >= 1024 and m._fmod(some, period).tolist() == exact
 
 
 def test_ramp_and_triangle_have_their_speed():

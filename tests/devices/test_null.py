@@ -535,7 +535,8 @@ def test_a_device_with_a_clock_that_never_calls_is_lost(monkeypatch):
     assert 0 < Sink.silent_for < 10
     monkeypatch.setattr(Sink, "silent_for", 0.2)
     with pytest.raises(SinkError, match=r"dead: the device has taken no samples for 0\.2 s"):
-        begun(Dead(steady(), 1.0, realtime=False)).wait(5)
+        with begun(Dead(steady(), 1.0, realtime=False)) as sink:
+            sink.wait(5)
 
 
 @pytest.mark.longer

@@ -12,6 +12,7 @@ from refusals import refused
 import stimlib
 from stimlib.blocks import oscillator
 from stimlib.errors import BadValue, UnknownName
+from stimlib.experiments import likelihood
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Experiment
 from stimlib.experiments.fits import (
@@ -246,6 +247,21 @@ def staircases(rng, people, pse, sigma, k0=2.0):
             reversals = reversals + (live & (last == -way))
             last, k = way, k * 10 ** (way * np.where(reversals < 5, 12, 3) / 20)
     return Sets(*(np.array(c).T.astype(float) for c in zip(*columns, strict=True)))
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_where_there_is_one_peak_steps_are_newtons(link, monkeypatch):
+    """The error of each is the square of the one before, and few are needed."""
+    asked, score = [], likelihood._score
+
+    def counted(at, *given):
+        asked.append(len(at))
+        return score(at, *given)
+
+    monkeypatch.setattr(likelihood, "_score", counted)
+    people = np.random.default_rng(1).binomial(ASKED, ndtr(LEVELS - 2.2), (50, 6))
+    found = maximum(Sets(LEVELS, people, ASKED), 2.2, Model(link))
+    assert len(asked) <= 10 and np.isfinite(found.loglik).all()
 
 
 def test_2000_observers_of_the_staircases():

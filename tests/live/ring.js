@@ -1,6 +1,7 @@
 // The audio thread of the page without a browser: node ring.js WORKLET '{"pace": 1, "steer": true, "seconds": 60, ...}'
 // A server whose clock runs `pace` times as fast sends blocks of a sine, `jitter` s late at most; a sound card takes 480
-// frames at once. Prints what was heard in the last 5 s, the largest step in all, the counters, and how much is no sine of the
+// frames at once. Nothing comes for `lasts` s from `stall` on, or for `hiccup` s every 3 s, `more` each time; then what was `late`,
+// in two `halves`, or it is lost; `frozen`: it was not made before. Prints what was heard in the last 5 s, the largest step in all, the counters, and how much is no sine of the
 // server's frequency, in dB of the sine: with steer, of the frequency that the step makes of it.
 "use strict";
 const fs = require("fs"), o = JSON.parse(process.argv[3]);
@@ -11,7 +12,7 @@ globalThis.AudioWorkletProcessor = class { constructor() { this.port = {}; } };
 globalThis.registerProcessor = (_, kind) => { Player = kind; };
 (0, eval)(fs.readFileSync(process.argv[2], "utf8"));
 
-const player = new Player({ processorOptions: { base: TAKE / RATE, steer: o.steer, depth: o.depth } }), link = { postMessage: m => { if (m.audio) counters = m.audio; } };
+const player = new Player({ processorOptions: { base: TAKE / RATE, steer: o.steer, first: o.first } }), link = { postMessage: m => { if (m.audio) counters = m.audio; } };
 let counters, seed = 1, due = 0, k = 0, t = 0, last = 0, step = 0, square = 0, sum = 0, n = 0, peak = 0, phase = 0, c = 0, d = 0, low = 2, high = 0;
 const heard = [];
 player.port.onmessage({ data: { port: link } });
@@ -20,9 +21,10 @@ const random = () => (seed = (seed * 1103515245 + 12345) % 2147483648) / 2147483
 const out = new Float32Array(128);
 for (const end = o.seconds; t < end; t += TAKE / RATE) {
   while (due <= t) {
-    if (!(o.stall && t > o.stall && t < o.stall + 0.1) && !(o.hiccup && t > 3 && t % 3 < o.hiccup)) {
+    const stalled = t > o.stall && t < o.stall + (o.lasts ?? 0.1), halved = o.halves && t < o.stall + o.lasts + 0.04 && k * BLOCK > FS * (o.stall + o.lasts / 2);
+    if (!stalled && !halved && !(o.hiccup && t > 3 && t % 3 < o.hiccup + (o.more ?? 0) * Math.floor(t / 3))) {
       const y = Float32Array.from({ length: BLOCK }, (_, i) => 0.25 * Math.sin(2 * Math.PI * F * (k * BLOCK + i) / FS));
-      link.onmessage({ data: { y, at: k * BLOCK, session: 1, t: 0 } });
+      link.onmessage({ data: { y, at: k * BLOCK, session: 1, t: 0, made: o.frozen ? t : k * BLOCK / (FS * o.pace) } });
       k++;
     } else if (!o.late) k++; // lost; else they all come when the stall is over
     else break;

@@ -546,6 +546,15 @@ def test_the_full_scale_of_the_sound_follows_noise_and_no_single_step(first):
     assert "full scale of the sound is 0.800 N" in out[4]
 
 
+def test_gaps_of_the_sound_are_counted_once_with_their_causes(first):
+    out = first.js("""import('./sound.js').then(m => {
+        const sound = new m.Sound({ postMessage() {} });
+        for (const [under, late, skips] of [[1, 1, 0], [1, 1, 0], [3, 2, 1]])
+          sound.told({ audio: { under, late, skips } });
+        return [sound.gaps, sound.causes]; })""")
+    assert out == [4, {"server late": 2, "browser late": 2}]
+
+
 def test_curves_have_gaps_where_samples_are_missing_and_a_new_session_is_empty(first):
     out = first.js("""import('./plots.js').then(m => {
         const h = new m.History(8, [1, 10]);

@@ -441,6 +441,19 @@ def test_the_first_block_is_shown_although_the_start_comes_just_before_it(tmp_pa
     assert missed and [at for at, _ in heard][:10] == list(range(0, 200, 20))
 
 
+@pytest.mark.parametrize("silences, most", [([], 2.0), ([1.5], 3.0), ([1.5, 2.9], 5.0)])
+def test_a_page_that_was_late_is_waited_for_longer(silences, most):
+    """For twice its longest silence, in s, and 5 s at most."""
+    page = Page()
+    for seconds in silences:
+        page.wait(seconds)
+        page.hear()
+    page.wait(most)
+    assert not page.ended.is_set()
+    page.wait(0.1)
+    assert page.ended.is_set() and page.end == (4408, "no answer from this page")
+
+
 def test_nothing_heaps_up_for_a_page_that_reads_nothing():
     async def long_session():
         stream = Stream(SPRING, FS, 50.0, block=20, ranges={"x": (0, 0.01)})

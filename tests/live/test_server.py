@@ -270,7 +270,7 @@ def test_a_page_that_disappears_lets_the_stimulus_fade(server, source, k):
 
 
 def test_a_page_that_does_not_answer_is_gone(server, monkeypatch):
-    monkeypatch.setattr("stimlib.live.stream.SILENT", 0.3)
+    monkeypatch.setattr("stimlib.live.site.SILENT", 0.3)
     with ExitStack() as stack:
         client, _ = named(stack, server, "a")
         client.answers = False
@@ -282,6 +282,35 @@ def test_a_page_that_does_not_answer_is_gone(server, monkeypatch):
     while server.stream.pages:
         time.sleep(0.01)
     assert not server.stream._kept  # nobody waits for it: the session ends at once
+
+
+def test_a_page_that_moves_is_there(server, monkeypatch):
+    """Its answers to reports may be late."""
+    monkeypatch.setattr("stimlib.live.site.SILENT", 0.5)
+    with greeted(server) as client:
+        client.answers = False
+        client.say("start")
+        for _ in range(12):
+            client.ws.send(MOVE)
+            client.hear(5)  # 0.1 s
+        client.say("stop")
+        client.until(phase="idle")
+
+
+def test_a_page_whose_hello_is_late_may_try_again(server, monkeypatch):
+    monkeypatch.setattr("stimlib.live.server.HELLO", 0.1)
+    with page(server) as client, pytest.raises(ConnectionClosed) as closed:
+        client.next()
+    assert closed.value.rcvd.code == 4408  # 4401 ended it for good
+
+
+def test_moves_that_a_late_server_finds_together_are_no_flood(server):
+    """Of two fingers, 500 times a second each: a pause of 1 s."""
+    with greeted(server) as client:
+        for _ in range(1000):
+            client.ws.send(MOVE)
+        client.say("set", name="none", value=0)
+        client.until(about="set")
 
 
 def test_one_page_controls_another_watches_and_may_take_over(server):

@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import time
 import zlib
 from base64 import b64decode
@@ -23,6 +24,7 @@ from refusals import refused
 import stimlib
 from stimlib import BadValue, Input, MissingPackage, Param, Scene, SinkError, UnknownName
 from stimlib.live import notebook
+from stimlib.live.describe import full_scales
 from stimlib.live.share import WEB, compiled, packed, page_of, share
 from stimlib.motion import sinusoid
 from stimlib.scenes import squeeze
@@ -103,11 +105,33 @@ def test_a_compiler_that_does_not_start_or_end_is_named(monkeypatch, tmp_path, t
     refused(MissingPackage, f"{tmp_path}/clang.*{says}", compiled, tmp_path)
 
 
+@pytest.mark.skipif(os.name == "nt", reason="the stand-in for a compiler is a shell script")
+def test_a_page_that_is_stopped_leaves_the_old_file_and_nothing_else(tmp_path):
+    folder, path = tmp_path / "temporary", tmp_path / "a.html"
+    folder.mkdir()
+    path.write_text("old")
+    (tmp_path / "clang").write_text("#!/bin/sh\ntouch begun\nexec /bin/sleep 60\n")
+    (tmp_path / "clang").chmod(0o755)
+    words = [sys.executable, "-m", "stimlib", "share", "tone", "--out", path]
+    env = os.environ | {"PATH": f"{tmp_path}:/usr/bin:/bin", "TMPDIR": str(folder)}
+    job = subprocess.Popen(words, env=env, stderr=subprocess.PIPE)
+    until = time.monotonic() + 60
+    while not list(folder.glob("*/begun")) and time.monotonic() < until:
+        time.sleep(0.02)
+    job.terminate()
+    assert job.communicate(timeout=20) == (None, b"") and job.returncode == 143
+    assert path.read_text() == "old" and not list(folder.iterdir())
+
+
 def test_what_is_refused(tmp_path):
     scene = Scene({"y": 2 * Input("x")})
     refused(UnknownName, "x is missing", share, scene, motion={})
     refused(BadValue, "motion of x", share, scene, motion={"x": 3})
     refused(BadValue, "fs = 0", share, scene, 0)
+    # before a second of samples is made: at 1e9 Hz, 8 GB
+    fast = "fs = 1e\\+06 Hz is faster than a page can present; give at most 768000 Hz"
+    refused(BadValue, fast, share, scene, 1e6)
+    refused(BadValue, fast, full_scales, scene, 1e6, {"x": (0.0, 1.0)})
     refused(UnknownName, "range of z", share, scene, ranges={"z": (0, 1)})
     refused(BadValue, "finite", share, scene, motion={"x": np.full(9, np.nan)})
 

@@ -2,15 +2,15 @@
 // From the page: {open, token, page}, {audio: MessagePort}, {listen: number of the output}, and whatever the protocol has ({do: ..}).
 // To the page: {state: "open" | "lost" | "silent" | "heard" | "refused", code, why, seconds}, {text: what the server said},
 // {samples: ArrayBuffer, at: ms}: as they came, and after them what vibrates in each output,
-// {played: t of the move that has just been heard, at: ms}, {audio: figures of the audio thread, late: where samples were}.
+// {played: t of the move that has just been heard, at: ms}, {audio: figures of the audio thread}.
 
 import { Vibration } from "./vibration.js";
 
-const HEAD = 6, VERSION = 1, SILENT = 1500, STALE = 4000; // ms without a message: it is said; another connection is tried
+const HEAD = 6, VERSION = 1, SILENT = 1500, STALE = 4000, TICK = 250; // ms without a message: it is said; another connection is tried
 const REFUSED = [4400, 4401, 4409, 4410, 4429]; // where trying again does not help
 let ws = null, audio, url, token, page, tries = 0, up = false, quiet = false, hello = null, output = 0, seen = 0;
-let heard = 0, opened = 0, retry = 0; // ms: last message, last try; its timer
-let vibration = null, next = -1, session = -1, made = 0, came = 0, late = { made: 0, came: 0 }; // ms: longest from one block to the next
+let heard = 0, opened = 0, ticked = 0, retry = 0; // ms: last message, last try, last look at both; timer of the next try
+let vibration = null, next = -1;
 const now = () => performance.timeOrigin + performance.now();
 
 function open() {
@@ -41,13 +41,17 @@ function open() {
 
 /** Whoever waits in vain for a message is told, and tries another connection: a network may have forgotten this one. */
 setInterval(() => {
-  const silent = performance.now() - heard, tried = performance.now() - opened;
+  const late = Math.max(0, performance.now() - ticked - 2 * TICK); // what this thread was late is no silence
+  ticked = performance.now();
+  heard += late;
+  opened += late;
+  const silent = ticked - heard, tried = ticked - opened;
   if (hello?.fs && silent > SILENT) {
     quiet = true;
     postMessage({ state: "silent", seconds: Math.round(silent / 1000) });
   }
   if (ws && tried > STALE && (!up || (hello.fs && silent > STALE))) open();
-}, 250);
+}, TICK);
 
 function text(m) {
   if (m.is === "hello") {
@@ -62,15 +66,14 @@ function text(m) {
 
 function samples(data) {
   const head = new Float64Array(data, 0, HEAD), n = head[5], { inputs: { length: of }, outputs: { length: all } } = hello;
-  const more = new ArrayBuffer(data.byteLength + 4 * all * n), size = 8 * HEAD, at = performance.now();
+  const more = new ArrayBuffer(data.byteLength + 4 * all * n), size = 8 * HEAD;
   new Uint8Array(more).set(new Uint8Array(data));
   new Float32Array(more, data.byteLength).set(new Float32Array(data, size + 4 * of * n));
   for (let k = 0; k < all; k++) vibration.take(new Float32Array(more, data.byteLength + 4 * k * n, n), k, head[0] !== next);
-  if (head[4] === session) late = { made: Math.max(late.made, 1e3 * head[3] - made), came: Math.max(late.came, at - came) };
-  [next, session, made, came] = [head[0] + n, head[4], 1e3 * head[3], at];
+  next = head[0] + n;
   if (audio) {
     const y = new Float32Array(more, data.byteLength + 4 * output * n, n).slice();
-    audio.postMessage({ y, at: head[0], session: head[4], t: head[1] === seen ? 0 : head[1] }, [y.buffer]);
+    audio.postMessage({ y, at: head[0], session: head[4], made: head[3], t: head[1] === seen ? 0 : head[1] }, [y.buffer]);
   }
   seen = head[1];
   postMessage({ samples: more, at: now() }, [more]);
@@ -84,15 +87,10 @@ onmessage = ({ data: m }) => {
     open();
   } else if (m.audio) {
     audio = m.audio;
-    audio.onmessage = ({ data: d }) => {
-      if (d.played) return postMessage({ played: d.played, at: now() });
-      late.made = Math.max(late.made, performance.now() - came); // nothing has come, though this thread runs
-      postMessage({ ...d, late });
-      late = { made: 0, came: 0 };
-    };
+    audio.onmessage = ({ data: d }) => postMessage(d.played ? { ...d, at: now() } : d);
     audio.postMessage({ fs: hello ? hello.fs : 8000 });
   } else if (m.silent) audio = null;
   else if ("listen" in m) output = m.listen;
   else if (m.ask) audio?.postMessage(m);
-  else if (up && ws.bufferedAmount < 65536) ws.send(JSON.stringify(m));
+  else if (up && (m.do !== "move" || ws.bufferedAmount < 65536)) ws.send(JSON.stringify(m)); // a newer move will do
 };

@@ -250,7 +250,8 @@ function gaps() {
 const median = all => all.slice().sort((a, b) => a - b)[all.length >> 1];
 function lag() {
   if (!live.drawn.length) return "";
-  const heardToo = sound.played.length ? `, to the sound card ${median(sound.played).toFixed(0)} ms` : "";
+  const queue = sound.figures ? ` (${(1e3 * sound.figures.fill).toFixed(0)} of them in its queue)` : "";
+  const heardToo = sound.played.length ? `, to the sound card ${median(sound.played).toFixed(0)} ms${queue}` : "";
   return `From the pointer to the picture ${median(live.drawn).toFixed(0)} ms${heardToo} (medians), without the smoothing of the pointer.`;
 }
 

@@ -3,7 +3,7 @@
 import { roundUp, scaled, short } from "./scales.js";
 
 export const LEAST = 2e-5; // of full scale: what is less does not vibrate, half a step of 16 bits
-const KEPT = 1000, LATE = 20; // latencies; ms, more than the queue bridges
+const KEPT = 1000; // latencies
 const PARTS = 40, SETTLED = 20, CREST = 8; // windows of 50 ms that count, so many settle it; full scale of the sound in their rms
 
 /** What full scale of the sound is, in the output's unit: it follows the loudest fifth of two seconds, then only rises. */
@@ -104,16 +104,14 @@ export class Sound {
   /** Asks the audio thread for its figures, which come to `told`. */
   ask() { if (this.node) this.link.postMessage({ ask: true }); }
 
-  told({ played, at, audio, late }) {
+  told({ played, at, audio }) {
     if (played && this.played.push(at - played) > KEPT) this.played.shift();
     if (!audio) return;
-    const { hidden } = this, more = audio.under + audio.skips - (this.figures?.under ?? 0) - (this.figures?.skips ?? 0);
+    const before = this.figures ?? { under: 0, late: 0, skips: 0 }, late = audio.late - before.late, all = audio.under + audio.skips - before.under - before.skips;
+    const near = ["127.0.0.1", "localhost", "[::1]"].includes(location.hostname), other = this.hidden ? "tab hidden" : near ? "browser late" : "network late";
     Object.assign(this, { figures: audio, hidden: false });
-    if (!more) return;
-    const near = ["127.0.0.1", "localhost", "[::1]"].includes(location.hostname);
-    const cause = late.made > LATE ? "server late" : late.came > LATE && !near ? "network late" : hidden ? "tab hidden" : "browser late";
-    this.gaps += more;
-    this.causes[cause] = (this.causes[cause] ?? 0) + more;
+    this.gaps += all;
+    for (const [cause, n] of [["server late", late], [other, all - late]]) if (n) this.causes[cause] = (this.causes[cause] ?? 0) + n;
   }
 
   /** Gaps in what was heard, and why. */

@@ -1,12 +1,13 @@
 // The audio thread: a ring of samples at the scene's rate, read at a fractional step by a windowed sinc. The step is
 // steered by a PI control so that the ring's mean fill stays at its goal: two clocks never agree, so something must give, and
-// here it is at most 0.5 % of pitch.
+// here it is at most 0.5 % of pitch. The goal follows how late blocks come, before one is too late.
 "use strict";
-const SIZE = 1 << 16, MASK = SIZE - 1, FADE = 0.005;
+const SIZE = 1 << 17, MASK = SIZE - 1, FADE = 0.005;
 const HALF = 8, PHASES = 256, KERNEL = kernel(7); // taps on either side of a place between samples
-const MOST = 0.2, STALL = 0.15; // s: the longest queue; what comes later still is no jitter
-const CALM = 30, CALMEST = 960; // s without a gap before the queue shrinks: twice as long after each gap
-const QUICK = 0.5, LEARNT = QUICK * QUICK / 4; // 1/s, 1/s²: a control that is critically damped; 2000 ppm move the fill by 3 ms
+const LEAST = 0.04, FIRST = 0.1, MOST = 0.4; // s of queue: the shortest, the first while lateness is unknown, the longest
+const KNOWN = 10, MARGIN = 1.5, KEPT = 120, LONGEST = 960; // s until it is known; times the largest lateness; s it is kept, twice as long after each gap
+const WINDOW = 1, EXCESS = 0.25; // s in which some block is not late; s of queue too much that are left out
+const QUICK = 0.5, LEARNT = QUICK * QUICK / 4, STEEP = 0.005; // 1/s, 1/s²: a control that is critically damped; 2000 ppm move the fill by 3 ms
 
 /** Taps of a sinc under a Kaiser window, for each phase and the one after the last: images below -70 dB up to a third of the rate. */
 function kernel(beta) {
@@ -21,13 +22,14 @@ class Player extends AudioWorkletProcessor {
   constructor({ processorOptions: o }) {
     super();
     this.ring = new Float32Array(SIZE);
-    this.fs = 8000; this.head = 0; this.at = 0; this.block = 32; this.session = 0; this.next = -1;
+    this.fs = 8000; this.head = 0; this.at = 0; this.session = 0; this.next = -1;
     this.base = Math.max(o.base, 128 / sampleRate); // s: the device takes so much at once
-    this.min = o.depth ?? 2; // blocks in the ring besides
-    this.depth = o.depth ?? 8; this.wait = CALM; // at first, as nobody knows how late they come
+    this.first = o.first ?? FIRST; this.depth = this.first; this.need = 0; this.keep = KEPT; // s of queue besides; largest lateness, and for how long
     this.steer = o.steer ?? true;
-    this.on = this.dry = false; this.gain = 0; this.mean = 0; this.sum = 0; this.ratio = 1; this.ended = false;
-    this.lost = this.under = this.skips = this.missing = 0; this.least = this.since = Infinity; this.calm = 0; this.n = 0; // since: s of silence since an underrun
+    this.on = this.dry = this.stood = this.ended = false; this.gain = 0; this.mean = 0; this.sum = 0; this.ratio = 1;
+    this.under = this.late = this.skips = this.missing = 0; this.n = 0; // late: gaps of the server
+    this.time = 0; this.best = this.before = -Infinity; this.until = 0; // s of the card's clock, and by how much blocks were ahead of it
+    this.begun = this.came = this.made = 0; this.heard = Infinity; // s, when the sound began, the newest block came, and the first; s of the server's clock when it was made
     this.marks = [];
     this.port.onmessage = ({ data }) => { this.link = data.port; this.link.onmessage = ({ data: d }) => this.take(d); };
   }
@@ -36,53 +38,66 @@ class Player extends AudioWorkletProcessor {
     if (d.fs) { this.fs = d.fs; return; }
     if ("end" in d) { this.ended = d.end; return; } // a session's end is no gap
     if (d.ask) {
-      const { lost, under, skips, missing, mean, ratio, depth, n } = this;
-      this.link.postMessage({ audio: { lost, under, skips, missing, fill: mean / this.fs, ratio, depth, n } });
+      const { under, late, skips, missing, mean, ratio, depth, n } = this;
+      this.link.postMessage({ audio: { under, late, skips, missing, fill: mean, ratio, depth, n } });
       return;
     }
-    if (d.session !== this.session) { this.session = d.session; this.next = d.at; }
-    if (d.at !== this.next && this.next >= 0) this.missing += d.at - this.next; // lost by the server: joined, it is told
+    if (d.session !== this.session) Object.assign(this, { session: d.session, next: d.at, best: -Infinity, before: -Infinity, dry: false });
+    if (d.at !== this.next && this.next >= 0) this.join(d);
     this.next = d.at + d.y.length;
+    this.learn(d);
     if (d.t && this.marks.length < 64) this.marks.push([this.head, d.t]);
-    this.block = Math.max(this.block, d.y.length);
     for (const v of d.y) this.ring[this.head++ & MASK] = v;
-    if (this.head - this.at > this.goal() + 8 * this.block + 256 * this.fs / 8000) { // a stall was caught up: begin again near the newest
-      if (this.on) { this.skips++; this.since = Infinity; }
+    const same = this.time - this.begun < 1; // the gap before is not over yet
+    if (this.on && this.fill() > this.goal() + (same ? EXCESS / 5 : EXCESS)) { // a stall was caught up: begin again near the newest
+      this.skips += !same;
       this.on = false;
     }
   }
 
-  goal() { return this.depth * this.block + this.base * this.fs; }
-
-  // Begin only from silence and with so much in the ring that its mean is the goal, as the device begins with the first of what it
-  // takes at once; jitter asks for more depth, as much as was missing, a stall does not.
-  begin(fill, dt) {
-    const swing = (this.base - dt) / 2 * this.fs;
-    if (fill > HALF + 2 && this.dry) { // what was late has come
-      this.wait = Math.min(2 * this.wait, CALMEST);
-      if (this.since < STALL) this.depth = Math.min(this.depth + Math.ceil(this.since * this.fs / this.block) + 1, Math.floor(MOST * this.fs / this.block));
-      this.dry = false;
-    }
-    if (fill < this.goal() + swing + HALF || this.gain > 0) {
-      if (this.head) this.lost++;
-    } else {
-      this.on = true; this.at = this.head - this.goal() - swing;
-      this.mean = this.goal();
-    }
-    this.since += dt;
+  /** Samples were lost by the server, which counts them: what is before them fades out, what comes after them fades in. */
+  join({ at, y }) {
+    this.missing += at - this.next;
+    const n = Math.min(Math.floor(FADE * this.fs), y.length), left = Math.min(n, Math.floor(this.head - this.at) - 2 * HALF);
+    for (let k = 0; k < left; k++) this.ring[(this.head - 1 - k) & MASK] *= k / left;
+    for (let k = 0; k < n; k++) y[k] *= k / n;
   }
 
-  control(fill, dt) {
-    this.mean += (fill - this.mean) * dt / 0.5;
-    this.least = Math.min(this.least, fill);
-    if ((this.calm += dt) > this.wait) { // what grew in a bad moment shrinks again, by half of what nobody needed
-      const spare = Math.ceil((this.least - 2.5 * this.block - 24 - HALF) / (2 * this.block));
-      if (spare > 0) this.depth = Math.max(this.min, this.depth - spare);
-      this.calm = 0; this.least = Infinity;
+  /** How late a block is, against the earliest of the last one or two seconds; and whose gap it ends. */
+  learn({ at, made = 0 }) {
+    const ahead = at / this.fs - this.time;
+    this.heard = Math.min(this.heard, this.time);
+    if (this.time > this.until) Object.assign(this, { before: this.time < this.until + WINDOW ? this.best : -Infinity, best: -Infinity, until: this.time + WINDOW });
+    this.best = Math.max(this.best, ahead);
+    const late = Math.max(this.before, this.best) - ahead - this.base;
+    this.stood = late > MOST || this.stood && late > 0; // no queue bridges that, nor has to hold what is caught up
+    if (!this.stood) this.need = Math.max(this.need, late);
+    if (this.dry) {
+      this.dry = false;
+      this.under++;
+      this.late += made - this.made > (this.time - this.came) / 2;
+      this.keep = Math.min(2 * this.keep, LONGEST);
     }
-    const e = (this.mean - this.goal()) / this.fs; // s too much in the ring
-    this.sum = Math.max(-0.004, Math.min(0.004, this.sum + e * dt * LEARNT));
-    this.ratio = this.steer ? 1 + Math.max(-0.005, Math.min(0.005, QUICK * e + this.sum)) : 1;
+    [this.came, this.made] = [this.time, made];
+  }
+
+  fill() { return (this.head - this.at) / this.fs; }
+
+  goal() { return this.depth + this.base; }
+
+  // Begin only from silence and with so much in the ring that its mean is the goal, as the device begins with the first of what it
+  // takes at once.
+  begin(dt) {
+    const wanted = this.goal() + (this.base - dt) / 2;
+    if (this.gain > 0 || this.dry || !this.head || this.fill() < wanted + HALF / this.fs) return;
+    Object.assign(this, { on: true, at: this.head - wanted * this.fs, mean: this.goal(), begun: this.time });
+  }
+
+  control(dt) {
+    this.mean += (this.fill() - this.mean) * dt / 0.5;
+    const e = this.mean - this.goal(), wanted = QUICK * e + this.sum; // s too much in the ring
+    if (Math.abs(wanted) < STEEP) this.sum = Math.max(-0.004, Math.min(0.004, this.sum + e * dt * LEARNT));
+    this.ratio = this.steer ? 1 + Math.max(-STEEP, Math.min(STEEP, wanted)) : 1;
   }
 
   read() {
@@ -95,13 +110,16 @@ class Player extends AudioWorkletProcessor {
   }
 
   process(_, [[out]]) {
-    const n = out.length, dt = n / sampleRate, fill = this.head - this.at, up = 1 / (FADE * sampleRate);
+    const n = out.length, dt = n / sampleRate, up = 1 / (FADE * sampleRate);
     this.n += n;
-    if (!this.on) this.begin(fill, dt);
-    if (this.on) this.control(fill, dt);
+    this.time += dt;
+    this.need *= 1 - dt / this.keep;
+    this.depth = Math.min(MOST, Math.max(this.time - this.heard < KNOWN ? this.first : LEAST, MARGIN * this.need));
+    if (!this.on) this.begin(dt);
+    if (this.on) this.control(dt);
     const step = this.fs / sampleRate * this.ratio;
     for (let i = 0; i < n; i++) {
-      if (this.on && this.head - this.at < HALF + 1) { this.on = false; this.dry = !this.ended; this.under += !this.ended; this.since = this.ended ? Infinity : 0; this.calm = 0; this.least = Infinity; }
+      if (this.on && this.head - this.at < HALF + 1) { this.on = false; this.dry = !this.ended; }
       this.gain = this.on ? Math.min(1, this.gain + up) : Math.max(0, this.gain - up);
       out[i] = this.read() * this.gain;
       if (this.on) this.at += step;

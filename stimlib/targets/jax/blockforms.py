@@ -424,17 +424,15 @@ def springpot_live(b, p, s, x, run):
 
 def weights(p: pot.LiveParams, alpha: Any) -> HistoryWeights:
     """Compute the weights of ``fractional.reweigh`` for all modes at once."""
-    n, m = pot.COEFFICIENTS, int(p.nodes)
-    t, left = 2.0 * alpha - 1.0, 1.0 - alpha
-    chebyshev, power, poly = traced.bind(pot.chebyshev), traced.bind(pot.power), jnp.asarray(p.poly)
+    m, power, poly = int(p.nodes), traced.bind(pot.power), p.poly.reshape(pot.COEFFICIENTS, -1)
+    t, left, a, b = 2.0 * alpha - 1.0, 1.0 - alpha, 0.0, 0.0
+    for row in poly[:0:-1]:
+        a, b = 2.0 * t * a + (row - b), a
+    series = t * a + (poly[0] - b)
     gain = jnp.sin(math.pi * jnp.where(alpha > 0.5, left, alpha)) / math.pi
-    g = jnp.concatenate(
-        [left * chebyshev(poly, n * np.arange(m), n, t), jnp.broadcast_to(gain, (p.a.size - m,))]
-    )
+    g = jnp.concatenate([left * series[8 : 8 + m], jnp.broadcast_to(gain, (p.a.size - m,))])
     r = g * p.a * power(alpha, p.high, p.rest)
-    taps = chebyshev(poly, n * (m + np.arange(7, -1, -1)), n, t) * jnp.concatenate(
-        [jnp.broadcast_to(left, (7,)), jnp.ones(1)]
-    )
+    taps = series[:8] * jnp.concatenate([jnp.broadcast_to(left, (7,)), jnp.ones(1)])
     return HistoryWeights(r[1:], taps, r[0], power(alpha, p.fs_high, p.fs_rest))
 
 

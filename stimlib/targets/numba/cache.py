@@ -36,6 +36,7 @@ import llvmlite.binding
 import numba
 import platformdirs
 from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import cpu_target
 from numba.core.runtime import rtsys
@@ -289,17 +290,38 @@ def _compiled(place: Path, text: str, name: str) -> types.ModuleType:
     collects = gc.isenabled()
     gc.disable()
     try:
-        with suppress(Exception), global_compiler_lock:
+        with suppress(Exception), _choices():
             context.load_additional_registries = partial(_few, context)
             made._library_class = _Library
+            compiler: Any = Compiler
+            whole, compiler.define_pipelines = Compiler.define_pipelines, _few_passes
             try:
                 return _execute(place, text, name)
             finally:
+                compiler.define_pipelines = whole
                 del context.load_additional_registries, made._library_class
-        return _execute(place, text, name)  # a step of a user may need all
+        with _choices():
+            return _execute(place, text, name)  # a step of a user may need all
     finally:
         if collects:
             gc.enable()
+
+
+@contextmanager
+def _choices() -> Iterator[None]:
+    """Compile with our options of LLVM in this context, while nobody else compiles."""
+    with global_compiler_lock:
+        try:
+            _choose(0)
+            yield
+        finally:
+            _choose(1)
+
+
+def _choose(turn: int) -> None:
+    """Set the options of LLVM for our code (0), or for others (1)."""
+    for name, values in kernels.CHOICES.items():
+        llvmlite.binding.set_option("", f"-{name}={values[turn]}")
 
 
 class _Library(JITCodeLibrary):
@@ -314,6 +336,25 @@ class _Library(JITCodeLibrary):
     def _optimize_final_module(self) -> None:
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
+
+
+UNUSED = {
+    "inline_closure_likes",
+    "rewrite_semantic_constants",
+    "dead_branch_prune",
+    "inline_overloads",
+    "nopython_rewrites",
+}
+"""Passes of numba for what steps have not: closures, comprehensions, branches on None,
+expressions of whole arrays.
+"""
+
+
+def _few_passes(compiler: Any) -> list[Any]:
+    """Return the passes over a function that stimlib's own steps need."""
+    passes = DefaultPassBuilder.define_nopython_pipeline(compiler.state)
+    passes.passes = [one for one in passes.passes if one[0]._name not in UNUSED]
+    return [passes]
 
 
 def _few(context: Any) -> None:

@@ -158,7 +158,7 @@ class _Table:
         q, cls = instances[i], instances[i].block.definition
         form = self.form(group)
         if "memory" in written(form)[0]:
-            _part(SLOW_MODES, "memory")
+            _part(SLOW_MODES, "memory", "moving_memory", "chebyshev")
         compiled = segment(form)
         resets = cls.resettable and not _always(instances[q.args[-1]])
         rest = pack(at_rest(self.design[i][1])) if resets else np.zeros(0, np.uint64)
@@ -178,7 +178,8 @@ class _Table:
         for k, start in zip(group[1:], starts[1:], strict=True):
             words += [start - starts[0], self.state[k] - self.state[i]]
         if noise_behind(form):
-            words += [self.place(("ahead", i)), self.place(("mark", i))]
+            noise = segment(self.form(group[:1]))._sl_segment.address
+            words += [self.place(("ahead", i)), self.place(("mark", i)), noise, words[0]]
         if resets:
             outs, at = self.places(i), self.p_at - starts[0] - rest.size
             contact = self.arg(q.args[-1], q.clock)
@@ -197,13 +198,16 @@ class _Table:
         outputs = range(len(cls.outputs))
         read = tuple((group[0], j) in self.listened for j in outputs) or (True,)
         types = type(p), kinds(p), type(s), kinds(s)
+        inputs = q.args[: len(q.args) - cls.resettable]
+        constants = tuple(self.program.instances[a].kind == "const" for a in inputs)
         return Form(
             cls,
             (f.__code__, meaning),
             *types,
-            inputs=len(q.args) - cls.resettable,
+            inputs=len(inputs),
             beside=tuple(self.form((k,)) for k in group[1:]),
             read=read,
+            fixed=() if cls.tile else constants,
         )
 
 

@@ -14,7 +14,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 from stimlib.core import maths
-from stimlib.targets.numba import kernels as _features  # noqa: F401  # set before njit builds
+from stimlib.targets.numba import kernels  # before njit: it says for which features to build
 
 F8, I8, U8 = (
     types.CPointer(types.float64),
@@ -76,10 +76,10 @@ def as_float(ctx, u):
 sqrt, floor = np.sqrt, np.floor
 
 
-@plain
-def flush(x):
+@intrinsic
+def flush(ctx, x):
     """Return x, or 0 where it is too small to matter."""
-    return where(abs(x) <= SILENT, 0.0, x)
+    return f8(f8), lambda c, b, s, v: kernels.flush(b, v[0])
 
 
 @intrinsic
@@ -200,10 +200,24 @@ def words(a):
     return array(as_u8(data(a)), a.size)
 
 
-@plain
-def copy(a, b):
+def parts(c, b, t, v):
+    """Return an array's first word as a pointer, and its size; anything else alone."""
+    if not isinstance(t, types.Array):
+        return (v,)
+    a = c.make_array(t)(c, b, v)
+    return a.data, b.extract_value(a.shape, 0)
+
+
+@intrinsic
+def copy(ctx, a, b):
     """Copy a into the start of b."""
-    move(data(b), data(a), a.size)
+
+    def code(c, b, s, v):
+        (source, n), (to, _) = (parts(c, b, *one) for one in zip(s.args, v, strict=True))
+        kernels.copy(b, to, source, n)
+        return c.get_dummy_value()
+
+    return types.void(a, b), code
 
 
 @plain
@@ -224,27 +238,67 @@ FIR = types.void(F8, i8, F8, F8, i8)  # taps, size, w, y, n
 MODES = types.void(F8, F8, F8, i8, f8, F8, F8, F8, i8)  # p, r, q, size, d, x, w, y, n
 # e, r, q, low, size, size of low, x, w, y, n
 MEMORY = types.void(F8, F8, F8, F8, i8, i8, F8, F8, F8, i8)
-_fir, _modes, _memory = (
-    types.ExternalFunction(f"stimlib_{name}", t)
-    for name, t in (("fir", FIR), ("modes", MODES), ("memory", MEMORY))
-)
+CHEBYSHEV = types.void(F8, i8, F8, F8, i8, i8)  # c, terms, t, y, series, size of t
 
 
-@plain
-def fir(taps, w, y):
+def _kernel(name, *order):
+    """Return code that calls a kernel with (argument, 0 word or 1 size) in an order."""
+
+    def code(c, b, s, v):
+        pairs = [parts(c, b, *one) for one in zip(s.args, v, strict=True)]
+        given = [pairs[k][part] for k, part in order]
+        t = ir.FunctionType(ir.VoidType(), [x.type for x in given])
+        b.call(cgutils.get_or_insert_function(b.module, t, f"stimlib_{name}"), given)
+        return c.get_dummy_value()
+
+    return code
+
+
+_fir = _kernel("fir", (0, 0), (0, 1), (1, 0), (2, 0), (2, 1))
+_modes = _kernel("modes", (0, 0), (1, 0), (2, 0), (0, 1), (3, 0), (4, 0), (6, 0), (5, 0), (5, 1))
+_bank = (0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (3, 1), (4, 0), (6, 0), (5, 0), (5, 1)
+_memory, _moving_memory = _kernel("memory", *_bank), _kernel("moving_memory", *_bank)
+_chebyshev = _kernel("chebyshev", (0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (2, 1))
+
+
+@intrinsic
+def fir(ctx, taps, w, y):
     """Compute an FIR filter with the runtime's kernel."""
-    _fir(data(taps), taps.size, data(w), data(y), y.size)
+    return types.void(taps, w, y), _fir
 
 
-@plain
-def modes(p, r, q, d, x, y, w):
+@intrinsic
+def modes(ctx, p, r, q, d, x, y, w):
     """Compute a bank of modes with the runtime's kernel."""
-    _modes(data(p), data(r), data(q), p.size, d, data(x), data(w), data(y), y.size)
+    return types.void(p, r, q, f8, x, y, w), _modes
+
+
+@intrinsic
+def _steady(ctx, e, r, q, low, x, y, w):
+    return types.void(e, r, q, low, x, y, w), _memory
+
+
+@intrinsic
+def _moving(ctx, e, r, q, low, x, y, w):
+    return types.void(e, r, q, low, x, y, w), _moving_memory
 
 
 @plain
 def memory(e, r, q, low, x, y, w):
     """Compute a bank of slow modes, whose states have second words."""
-    _memory(
-        data(e), data(r), data(q), data(low), e.size, low.size, data(x), data(w), data(y), y.size
-    )
+    if r.size == e.size:
+        _steady(e, r, q, low, x, y, w)
+    else:
+        _moving(e, r, q, low, x, y, w)
+
+
+@intrinsic
+def _series_at(ctx, c, terms, t, y, m):
+    return types.void(c, i8, t, y, i8), _chebyshev
+
+
+@plain
+def chebyshev(c, t, y):
+    """Compute Chebyshev series with the runtime's kernel."""
+    m = y.size // t.size
+    _series_at(c, c.size // m, t, y, m)

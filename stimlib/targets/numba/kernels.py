@@ -62,6 +62,19 @@ if os.environ.get("STIMLIB_VECTOR_BITS"):
     numba.config.CPU_FEATURES = ",".join(FEATURES)  # type: ignore[attr-defined]  # before numba builds anything
 
 
+CHOICES = {
+    "disable-select-optimize": ("false", "true"),
+    "mispredict-default-rate": (20, 25),
+    "unswitch-threshold": (400, 50),
+}
+"""LLVM's options while we compile, and its own.
+
+A condition that a recursion waits for becomes a branch: processors predict it, because
+it mostly holds as it did a sample before.  A condition on parameters alone is decided
+before the loop, even if the loop is long.
+"""
+
+
 # Eight numbers ------------------------------------------------------------------------
 def zeros(t):
     """Return a vector of zeros."""
@@ -171,8 +184,37 @@ def cases(b, number, cases):
 
 
 @intrinsic
-def whole_tile(ctx, to, source):
-    """Copy 64 numbers, and return whether all are finite, which costs only who asks."""
+def move_tile(ctx, to, source, n):
+    """Copy up to 64 numbers."""
+
+    def code(c, b, sig, v):
+        to, source, n = v
+        with b.if_else(b.icmp_signed("==", n, I64(64))) as (whole, part):
+            with whole:
+                for k in range(0, 64, 8):
+                    store(b, load(b, source, k), to, k)
+            with part:
+                cgutils.raw_memcpy(b, to, source, n, 8)
+        return c.get_dummy_value()
+
+    return types.void(F8, F8, i8), code
+
+
+def copy(b, to, source, n):
+    """Emit a copy of n numbers; for some hundred, this is faster than memcpy."""
+    last = b.sub(n, I64(8))
+    with b.if_else(b.icmp_signed("<", n, I64(8))) as (few, many):
+        with few, loop(b, I64(0), n, 1) as (i, _):
+            b.store(b.load(b.gep(source, [i])), b.gep(to, [i]))
+        with many:  # the last eight may overlap those before
+            with loop(b, I64(0), last, 8) as (i, _):
+                store(b, load(b, source, i), to, i)
+            store(b, load(b, source, last), to, last)
+
+
+@intrinsic
+def sound_tile(ctx, to, source):
+    """Copy 64 numbers, and return whether all are finite."""
 
     def code(c, b, sig, v):
         sound = None
@@ -200,17 +242,21 @@ def _fir_at(b, R, taps, size, w, y, sums):
     m. So for each j the samples slide through the registers, and one load serves R
     products.
     """
+    pairs = b.and_(size, I64(-16))
     with loop(b, I64(0), I64(8), 1) as (j, _):
         base, tap_0, out = b.gep(w, [j]), b.gep(taps, [j]), b.gep(sums, [b.mul(j, I64(8 * R))])
         window = [variable(b, load(b, base, 8 * r)) for r in range(R - 1)]
         acc = [variable(b, zeros(V8)) for _ in range(R)]
-        with loop(b, I64(0), size, 8) as (m, _):
-            tap = splat(b, b.load(b.gep(tap_0, [m])))
-            x = [*map(b.load, window), load(b, base, b.add(m, I64(8 * (R - 1))))]
-            for r in range(R):
-                b.store(known(b, "fma", tap, x[r], b.load(acc[r])), acc[r])
-            for p, v in zip(window, x[1:], strict=True):
-                b.store(v, p)
+        # two taps a turn: between tests, the units have work for twice as long
+        for turn, start, stop in ((16, I64(0), pairs), (8, pairs, size)):
+            with loop(b, start, stop, turn) as (m, _):
+                x, s = list(map(b.load, window)), list(map(b.load, acc))
+                for k in range(0, turn, 8):
+                    tap = splat(b, b.load(b.gep(tap_0, [b.add(m, I64(k))])))
+                    x.append(load(b, base, b.add(m, I64(k + 8 * (R - 1)))))
+                    s = [known(b, "fma", tap, v, old) for v, old in zip(x[-R:], s, strict=True)]
+                for p, v in zip(window + acc, x[-R + 1 :] * (R > 1) + s, strict=True):
+                    b.store(v, p)
         for r in range(R):
             store(b, b.load(acc[r]), out, 8 * r)
     for r in range(R):
@@ -224,6 +270,7 @@ def fir(ctx, taps, size, w, y, n):
     def code(c, b, sig, v):
         taps, size, w, y, n = v
         sums = cgutils.alloca_once(b, DOUBLE, 64 * VECTORS[0])
+        sums.align = 64  # else each vector lies across two lines of the cache
         done = variable(b, I64(0))
         for R in VECTORS:
             start = b.load(done)
@@ -242,30 +289,32 @@ def fir(ctx, taps, size, w, y, n):
 
 
 # Modes --------------------------------------------------------------------------------
-def _pass(b, x, w, n, first, update, groups, r, states, last=None):
+def _pass(b, x, w, n, first, update, groups, r, states, last=None, stride=None):
     """Run groups of eight modes for n samples: s += sum r q, in eight lanes.
 
     Their states stay in registers; the groups are independent, so that each runs during
     the latency of the others. The sums begin with 0 in the first pass, else with w.
-    They go to w, or eight of them at a time to ``last``.
+    They go to w, or eight of them at a time to ``last``. With a stride, each sample has
+    weights of its own, so many numbers further on.
     """
     held = [[variable(b, load(b, p, 8 * g)) for p in states(g)] for g in range(groups)]
-    weights = [load(b, r, 8 * g) for g in range(groups)]
+    weights = [load(b, r, 8 * g) for g in range(groups)] if stride is None else []
     nothing = variable(b, zeros(V8))
     source = b.select(first, b.bitcast(nothing, w.type), w)
-    stride = b.select(first, I64(0), I64(8))
+    turn_w = b.select(first, I64(0), I64(8))
     drives = cgutils.alloca_once(b, DOUBLE, 64)  # in memory, from where a splat costs nothing
     with loop(b, I64(0), n, 8) as (i, _):
         store(b, b.fadd(load(b, x, i), splat(b, ir.Constant(DOUBLE, TINY))), drives, i)
 
     def sample(i):
         drive = splat(b, b.load(b.gep(drives, [i])))
-        sums = load(b, source, b.mul(i, stride))
+        sums = load(b, source, b.mul(i, turn_w))
         for g in range(groups):
             new = update(g, drive, *map(b.load, held[g]))
             for p, v in zip(held[g], new, strict=True):
                 b.store(v, p)
-            sums = known(b, "fma", weights[g], new[0], sums)
+            at = weights[g] if weights else load(b, r, b.add(b.mul(i, stride), I64(8 * g)))
+            sums = known(b, "fma", at, new[0], sums)
         if last is None:
             store(b, sums, w, b.mul(i, I64(8)))
         return sums
@@ -343,35 +392,50 @@ def eight_modes(b, p, r, q, d, x, y):
     store(b, state, q)
 
 
-@intrinsic
-def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first):
-    """Run groups of slow modes, q += (x + TINY) - e q.
+def _leaks(moving):
+    every = [(f, k) for f in range(MOST + 1) for k in range(MOST + 1) if f + k]
+    kinds = [(f, k) for f, k in every if not moving or f == 0 or k == 0]
 
-    Up to MOST groups have a second word, and up to MOST have none.
-    """
+    @intrinsic
+    def leaks(ctx, e, r, q, low, x, w, n, fine, coarse, first, stride):
+        """Run groups of slow modes, q += (x + TINY) - e q.
 
-    def code(c, b, sig, v):
-        e, r, q, low, x, w, n, fine, coarse, first = v
+        Up to MOST groups have a second word, and up to MOST have none; with moving
+        weights, all are of one kind.
+        """
 
-        def body(with_low, groups):
-            es = [b.fneg(load(b, e, 8 * g)) for g in range(groups)]
+        def code(c, b, sig, v):
+            e, r, q, low, x, w, n, fine, coarse, first, stride = v
 
-            def update(g, drive, old, rest=None):
-                step = known(b, "fma", es[g], old, drive)
-                if rest is None:
-                    return [b.fadd(old, step)]
-                t = b.fadd(step, rest)
-                new = b.fadd(old, t)
-                return [new, b.fsub(t, b.fsub(new, old))]
+            def body(with_low, groups):
+                es = [b.fneg(load(b, e, 8 * g)) for g in range(groups)]
 
-            _pass(b, x, w, n, first, update, groups, r, lambda g: [q, low] if g < with_low else [q])
+                def update(g, drive, old, rest=None):
+                    step = known(b, "fma", es[g], old, drive)
+                    if rest is None:
+                        return [b.fadd(old, step)]
+                    t = b.fadd(step, rest)
+                    new = b.fadd(old, t)
+                    return [new, b.fsub(t, b.fsub(new, old))]
 
-        every = [(f, k) for f in range(MOST + 1) for k in range(MOST + 1) if f + k]
-        number = b.add(b.mul(fine, I64(MOST + 1)), coarse)
-        cases(b, number, {(MOST + 1) * f + k: lambda f=f, k=k: body(f, f + k) for f, k in every})
-        return c.get_dummy_value()
+                def states(g):
+                    return [q, low] if g < with_low else [q]
 
-    return types.void(F8, F8, F8, F8, F8, F8, i8, i8, i8, types.boolean), code
+                own = stride if moving else None
+                _pass(b, x, w, n, first, update, groups, r, states, stride=own)
+
+            number = b.add(b.mul(fine, I64(MOST + 1)), coarse)
+            cases(
+                b, number, {(MOST + 1) * f + k: lambda f=f, k=k: body(f, f + k) for f, k in kinds}
+            )
+            return c.get_dummy_value()
+
+        return types.void(F8, F8, F8, F8, F8, F8, i8, i8, i8, types.boolean, i8), code
+
+    return leaks
+
+
+leaks, moving_leaks = _leaks(moving=False), _leaks(moving=True)
 
 
 @intrinsic
@@ -388,3 +452,42 @@ def total(ctx, w, y, n):
         return c.get_dummy_value()
 
     return types.void(F8, F8, i8), code
+
+
+@intrinsic
+def chebyshev(ctx, c, terms, t, y, m, n):
+    """Compute maths.chebyshev: m series for each of n numbers.
+
+    Four numbers take turns while each waits for its last term.
+    """
+
+    def code(ctx, b, sig, v):
+        c, terms, t, y, m, n = v
+        whole = b.and_(n, I64(-4))
+
+        def turns(count, start, stop):
+            with loop(b, start, stop, count) as (i, _), loop(b, I64(0), m, 8) as (j, _):
+                factors = [splat(b, b.load(b.gep(t, [b.add(i, I64(k))]))) for k in range(count)]
+                twice = [b.fadd(f, f) for f in factors]
+                last, before = ([variable(b, zeros(V8)) for _ in factors] for _ in range(2))
+                place = variable(b, b.add(j, b.mul(m, terms)))
+
+                def term(factors):
+                    b.store(b.sub(b.load(place), m), place)
+                    row = load(b, c, b.load(place))
+                    for f, s, r in zip(factors, last, before, strict=True):
+                        now = known(b, "fma", f, b.load(s), b.fsub(row, b.load(r)))
+                        b.store(b.load(s), r)
+                        b.store(now, s)
+
+                with loop(b, I64(1), terms, 1):
+                    term(twice)
+                term(factors)
+                for k, s in enumerate(last):
+                    store(b, b.load(s), y, b.add(j, b.mul(m, b.add(i, I64(k)))))
+
+        turns(4, I64(0), whole)
+        turns(1, whole, n)
+        return ctx.get_dummy_value()
+
+    return types.void(F8, i8, F8, F8, i8, i8), code

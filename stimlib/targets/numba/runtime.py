@@ -30,7 +30,8 @@ from stimlib.targets.numba.intrinsics import (
 OPEN, CLOSE, GATHER, OPERATION, SEGMENT = 1, 2, 3, 16, 4096
 
 
-_whole_tile, _operation = kernels.whole_tile, vectors.operation
+move_tile, _sound_tile = kernels.move_tile, kernels.sound_tile
+_operation = vectors.operation
 _fir, _poles, _last_poles = kernels.fir, kernels.poles, kernels.last_poles
 
 
@@ -72,15 +73,6 @@ def open_clock(W, w, every, up, down, N, k):  # w = (slot of by, child)
 
 
 @njit(error_model="numpy", inline="always")
-def move_tile(to, source, n):
-    """Copy a tile."""
-    if n == 64:
-        _whole_tile(to, source)
-    else:
-        move(to, source, n)
-
-
-@njit(error_model="numpy", inline="always")
 def standing(S, pending, params):
     """Return whether no parameter is being ramped."""
     for j in range(params):
@@ -98,7 +90,7 @@ def guard(q, P, S, W, A, to, n):
     """
     w, s = at(A, q[3]), at(S, q[2])
     # see graph.GuardState
-    if n == 64 and q[7] == 0 and s[1] < 0.0 and _whole_tile(to, at(W, w[0])):
+    if n == 64 and q[7] == 0 and s[1] < 0.0 and _sound_tile(to, at(W, w[0])):
         s[0], as_i8(s)[2] = at(W, w[0])[63], as_i8(s)[2] + 64
     else:
         if q[7] == 0:

@@ -121,6 +121,10 @@ class Form(NamedTuple):
     """Of each output, whether anybody listens; a step's others are neither stored nor,
     for that, computed.
     """
+    fixed: tuple[bool, ...] = ()
+    """Of each input of a step, whether it is a constant; what depends on constants only
+    is computed once a tile.
+    """
 
     @property
     def parts(self) -> tuple[Form, ...]:
@@ -252,7 +256,7 @@ def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
 def _scratch(form: Form) -> int:
     """Return the place of the scratch's slot in A, the last of a segment's words."""
     signals = sum(len(one.signals) for one in form.parts)
-    return signals + (4 if noise_behind(form) else 2 * len(form.beside))
+    return signals + (6 if noise_behind(form) else 2 * len(form.beside))
 
 
 NOISE_BEHIND = """
@@ -260,7 +264,7 @@ ahead, mark = _sl.array(_sl.at(W, A[{0}]), 64), _sl.as_u8(_sl.at(W, A[{1}]))
 later = s.n + _sl_np.uint64(64)
 if n == 64 and p1.p.size == 8 and mark[0] == s.n and mark[1] == s.key and mark[2] > 0:
     if mark[2] == 1:
-        _sl_vectors.pairs(deviates, s.key, s.n >> _sl_np.uint64(1), y)
+        _sl.call(A[{2}], P, S, W, _sl.at(A, {3}), n)
     else:
         _sl.copy(ahead, y)
     _sl_vectors.pairs_beside_modes(
@@ -270,7 +274,8 @@ if n == 64 and p1.p.size == 8 and mark[0] == s.n and mark[1] == s.key and mark[2
     mark[2] = 2
 else:
     mark[2] = n == 64 and s.n & _sl_np.uint64(1) == 0
-    s = _sl_block(p, s, y, w)
+    _sl.call(A[{2}], P, S, W, _sl.at(A, {3}), n)
+    s = _sl_S(s.key, s.n + _sl_np.uint64(n))
     s1 = _sl_other(p1, s1, y, y1, w1)
 mark[0], mark[1] = s.n, s.key
 """
@@ -279,7 +284,8 @@ deviates of the next tile are drawn.
 
 They are pure functions of the key and the index of a sample, which are noted with them:
 ``mark`` has that index, the key, and a number: 2 if the deviates are there, 1 if the
-tile before was whole, after which drawing ahead pays.
+tile before was whole, after which drawing ahead pays.  Other tiles of noise come from
+the segment of white noise alone, whose address and words are in A.
 """
 
 
@@ -291,7 +297,7 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
     inputs, numbers = form.inputs, (form.p_type, form.p_kinds)
     slots = codegen.each("_sl.at(W, A[%d])", range(len(form.parts) * len(form.signals)))
     if noise_behind(form):
-        return NOISE_BEHIND.format(_scratch(form) - 2, _scratch(form) - 1).strip().splitlines()
+        return NOISE_BEHIND.format(*range(_scratch(form) - 4, _scratch(form))).strip().splitlines()
     if form.cls.tile:
         given = ["p", "s", *form.signals, *(["w"] if form.cls.work else [])]
         return [f"s = {codegen.call('_sl_block', *given)}", *form.warm("s")]
@@ -312,16 +318,20 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
         x, x1 = (f"({', '.join(slots[k : k + inputs])},)" for k in (0, inputs + 1))
         pairs = f"(p, p1), (s, s1), ({x}, {x1}), ({slots[inputs]}, {slots[-1]})"
         return [f"s, s1 = _sl_vectors.abreast(_sl_one, {pairs.replace('(,)', '()')}, n)"]
-    lines = []
-    for b in ["", "1"][: len(form.parts)]:
+    before, lines = [], []
+    for b, part in zip(["", "1"], form.parts, strict=False):
         samples = codegen.each(f"%s{b}[i]", form.signals)
+        for j, constant in enumerate(part.fixed):
+            if constant:
+                before.append(f"c{j}{b} = x{j}{b}[0]")
+                samples[j] = f"c{j}{b}"
         for j, listened in enumerate(form.read, inputs):
             if not listened:
                 samples[j] = "_sl_unread"
         made = codegen.several(samples[inputs:], bool(form.cls.outputs))
         run = codegen.call("_sl_block", f"p{b}", f"s{b}", *samples[:inputs])
         lines += [f"{made}, s{b} = {run}", *form.warm(f"s{b}")]
-    return ["for i in range(n):", *codegen.indented(lines)]
+    return [*before, "for i in range(n):", *codegen.indented(lines)]
 
 
 def _said(e: Exception) -> str:

@@ -6,10 +6,11 @@ Its text is compiled from the cache, as ``runtime``, when a segment needs it.
 from numba import cfunc
 
 from stimlib.targets.numba import kernels
-from stimlib.targets.numba.intrinsics import MEMORY, at
+from stimlib.targets.numba.intrinsics import CHEBYSHEV, MEMORY, at
 
 MOST = kernels.MOST
-_leaks, _total = kernels.leaks, kernels.total
+_leaks, _moving_leaks, _total = kernels.leaks, kernels.moving_leaks, kernels.total
+_chebyshev = kernels.chebyshev
 
 
 @cfunc(MEMORY, cache=True, error_model="numpy")
@@ -26,6 +27,24 @@ def memory(e, r, q, low, size, lows, x, w, y, n):
         else:
             fine = max(fine, 0)
             coarse = min(MOST, ((size - k) >> 3) - fine)
-        _leaks(at(e, k), at(r, k), at(q, k), at(low, k), x, w, n, fine, coarse, k == 0)
+        _leaks(at(e, k), at(r, k), at(q, k), at(low, k), x, w, n, fine, coarse, k == 0, size)
         k += 8 * (fine + coarse)
     _total(w, y, n)
+
+
+@cfunc(MEMORY, cache=True, error_model="numpy")
+def moving_memory(e, r, q, low, size, lows, x, w, y, n):
+    """Compute a bank of slow modes, with weights for each sample."""
+    k = 0
+    while k < size:
+        fine = min(MOST, max(0, (lows - k) >> 3))
+        coarse = 0 if fine > 0 else min(MOST, (size - k) >> 3)
+        _moving_leaks(at(e, k), at(r, k), at(q, k), at(low, k), x, w, n, fine, coarse, k == 0, size)
+        k += 8 * (fine + coarse)
+    _total(w, y, n)
+
+
+@cfunc(CHEBYSHEV, cache=True, error_model="numpy")
+def chebyshev(c, terms, t, y, m, n):
+    """Compute m Chebyshev series at n numbers."""
+    _chebyshev(c, terms, t, y, m, n)

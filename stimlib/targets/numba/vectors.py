@@ -388,7 +388,8 @@ def _helper(f: Any, p_type: Any, p_kinds: str, kinds: str, s_type: Any = None) -
 
 
 @intrinsic
-def _each(ctx, f, p, x, y):
+def each(ctx, f, p, x, y):
+    """Compute maths.each."""
     tuples = isinstance(p, types.BaseTuple) and isinstance(x, types.BaseTuple)
     known_kinds: dict[Any, str] = {types.float64: "f", types.uint64: "u"}
     kinds = "".join(known_kinds.get(t, "?") for t in getattr(p, "types", "?"))
@@ -427,12 +428,6 @@ def _each(ctx, f, p, x, y):
         return c.get_dummy_value()
 
     return types.void(f, p, x, y), code
-
-
-@intrinsics.plain
-def each(f, p, x, y):
-    """Compute maths.each."""
-    _each(f, p, x, y)  # type: ignore[call-arg]
 
 
 def _masked(b, q, there, v=None):
@@ -501,7 +496,8 @@ def _is_floats(t: Any) -> bool:
 
 
 @intrinsic
-def _series(ctx, f, p, s, first, count, x, y):
+def series(ctx, f, p, s, x, y):
+    """Compute maths.series."""
     tuples = all(isinstance(t, types.BaseNamedTuple) for t in (p, s))
     if not (tuples and all(_is_floats(t) or t == types.float64 for t in p)) or not all(
         map(_is_floats, (*s, x, y))
@@ -514,33 +510,29 @@ def _series(ctx, f, p, s, first, count, x, y):
     helper = _helper(f, both[0], "f" * len(p), "f" * (len(s) + 1), both[1])
 
     def code(c, b, sig, v):
-        def data(t, a, first=v[3]):
-            return b.gep(c.make_array(t)(c, b, a).data, [first]) if _is_floats(t) else a
-
-        at = [
-            [data(t, b.extract_value(v[k], j)) for j, t in enumerate(sig.args[k])] for k in (1, 2)
+        (x, _), (y, n) = (intrinsics.parts(c, b, sig.args[k], v[k]) for k in (3, 4))
+        fields = [
+            [intrinsics.parts(c, b, t, b.extract_value(v[k], j)) for j, t in enumerate(sig.args[k])]
+            for k in (1, 2)
         ]
-        x, y = (data(sig.args[k], v[k], I64(0)) for k in (5, 6))
-        n = b.extract_value(c.make_array(sig.args[6])(c, b, v[6]).shape, 0)
-        cases(
-            b,
-            b.sub(I64(64), b.ctlz(b.sub(v[4], I64(1)), TRUTH(0))),
-            {
-                k: lambda k=k: _stages(b, 1 << k, helper, both, at, v[4], x, y, n)
-                for k in range(STAGES)
-            },
-        )
+        size, most = fields[1][0][1], 1 << (STAGES - 1)
+        stop = b.select(b.icmp_signed(">", n, I64(0)), size, I64(0))
+        with loop(b, I64(0), stop, most) as (first, _):
+            left = b.sub(size, first)
+            count = b.select(b.icmp_signed("<", left, I64(most)), left, I64(most))
+            source = b.select(b.icmp_signed("==", first, I64(0)), x, y)
+            at = [[b.gep(a, [first]) if rest else a for a, *rest in one] for one in fields]
+            cases(
+                b,
+                b.sub(I64(64), b.ctlz(b.sub(count, I64(1)), TRUTH(0))),
+                {
+                    k: lambda k=k: _stages(b, 1 << k, helper, both, at, count, source, y, n)
+                    for k in range(STAGES)
+                },
+            )
         return c.get_dummy_value()
 
-    return types.void(f, p, s, types.int64, types.int64, x, y), code
-
-
-@intrinsics.plain
-def series(f, p, s, x, y):
-    """Compute maths.series."""
-    size, most = s[0].size, 1 << (STAGES - 1)
-    for k in range(0, size if y.size > 0 else 0, most):
-        _series(f, p, s, k, min(most, size - k), x if k == 0 else y, y)  # type: ignore[call-arg]
+    return types.void(f, p, s, x, y), code
 
 
 OPERATIONS: tuple[type[Block], ...] = (
@@ -594,11 +586,11 @@ def _draw(b, helper, key, first, z, W):
 
 
 @intrinsic
-def _pairs(ctx, f, key, first, z, n):
+def pairs(ctx, f, key, first, z):
+    """Compute maths.pairs."""
     helper = _helper(f, (), "", "uu")
 
-    def code(c, b, sig, v):
-        key, first, z, n = v[1:]
+    def body(b, key, first, z, n):
         with b.if_else(b.icmp_signed("==", n, I64(64))) as (tile, part):
             with tile:  # no loop, for two turns of which keys and constants would be prepared
                 _draw(b, helper, key, first, z, 32)
@@ -608,23 +600,33 @@ def _pairs(ctx, f, key, first, z, n):
                     with loop(b, start, stop, 2 * W) as (i, _):
                         m = b.add(first, b.lshr(i, I64(1)))
                         _draw(b, helper, key, m, b.gep(z, [i]), W)
+        b.ret_void()
+
+    def code(c, b, sig, v):
+        name = f"pairs.{f.dispatcher.py_func.__name__}"
+        if name not in b.module.globals:  # one function, however often it is called
+            of = ir.FunctionType(ir.VoidType(), [I64, I64, DOUBLE.as_pointer(), I64])
+            once = ir.Function(b.module, of, name)
+            once.linkage = "internal"
+            once.attributes.add("noinline")
+            body(ir.IRBuilder(once.append_basic_block()), *once.args)
+        b.call(b.module.globals[name], [*v[1:3], *intrinsics.parts(c, b, sig.args[3], v[3])])
         return c.get_dummy_value()
 
-    return types.void(f, types.uint64, types.uint64, F8, types.int64), code
-
-
-@intrinsics.plain
-def pairs(f, key, first, z):
-    """Compute maths.pairs."""
-    _pairs(f, key, first, intrinsics.data(z), z.size)  # type: ignore[call-arg]
+    return types.void(f, types.uint64, types.uint64, z), code
 
 
 @intrinsic
-def _pairs_beside_modes(ctx, f, key, first, z, p, r, q, d, x, y):
+def pairs_beside_modes(ctx, f, key, first, z, p, r, q, d, x, y):
+    """Compute maths.pairs into z, and maths.modes of 8 from x to y, for a tile each.
+
+    Each sample of the modes waits for the one before; the pairs are drawn meanwhile.
+    """
     helper = _helper(f, (), "", "uu")
 
     def code(c, b, sig, v):
-        key, first, z, p, r, q, d, x, y = v[1:]
+        given = zip(sig.args[1:], v[1:], strict=True)
+        key, first, z, p, r, q, d, x, y = (intrinsics.parts(c, b, *one)[0] for one in given)
         done = b.block.instructions
         before = len(done)
         kernels.eight_modes(b, p, r, q, d, x, y)
@@ -633,23 +635,13 @@ def _pairs_beside_modes(ctx, f, key, first, z, p, r, q, d, x, y):
         done[before:] = _merged(done[before:between], done[between:])
         return c.get_dummy_value()
 
-    return types.void(f, types.uint64, types.uint64, F8, F8, F8, F8, f8, F8, F8), code
+    return types.void(f, types.uint64, types.uint64, z, p, r, q, f8, x, y), code
 
 
 def _merged(one: list, other: list) -> list:
     """Return two lists of independent instructions as one, evenly mixed."""
     places = [((k + 0.5) / len(v), v is other, k) for v in (one, other) for k in range(len(v))]
     return [(other if second else one)[k] for _, second, k in sorted(places)]
-
-
-@intrinsics.plain
-def pairs_beside_modes(f, key, first, z, p, r, q, d, x, y):
-    """Compute maths.pairs into z, and maths.modes of 8 from x to y, for a tile each.
-
-    Each sample of the modes waits for the one before; the pairs are drawn meanwhile.
-    """
-    at: Any = intrinsics.data
-    _pairs_beside_modes(f, key, first, at(z), at(p), at(r), at(q), d, at(x), at(y))  # type: ignore[call-arg]
 
 
 # a tile may say maths.each

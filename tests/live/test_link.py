@@ -1,0 +1,70 @@
+"""The worker that owns the page's connection, in node: what counts as silence, and what
+is not sent when the connection is slow.
+"""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+PAGE = Path(__file__).parents[2] / "stimlib" / "live" / "page"
+pytestmark = pytest.mark.skipif(
+    shutil.which("node") is None, reason="needs node, which runs the worker without a browser"
+)
+WORKER = """
+let t = 0, tick, ws;
+const said = [], silent = () => said.filter(m => m.state === "silent").length;
+Object.defineProperty(globalThis, "performance", { value: { timeOrigin: 0, now: () => t } });
+Object.assign(globalThis, {
+  onmessage: null, setInterval: f => { tick = f; }, postMessage: m => said.push(m),
+  WebSocket: class {
+    constructor() { ws = this; this.sent = []; this.bufferedAmount = 0; }
+    send(m) { this.sent.push(JSON.parse(m).do); }
+    close() {}
+  },
+});
+await import("./link.js");
+const ticks = n => { for (; n; n--) { t += 250; tick(); } };
+const told = m => ws.onmessage({ data: JSON.stringify(m) });
+onmessage({ data: { open: "ws://page", token: "T", page: "p" } });
+ws.onopen();
+told({ is: "hello", fs: 8000, inputs: [], outputs: [] });
+told({ is: "report", at: 0 });
+"""
+
+
+def run(tmp_path, script):
+    """What a script of the worker's page gives back."""
+    for name in ("link.js", "vibration.js"):
+        shutil.copy(PAGE / name, tmp_path)
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    (tmp_path / "test.js").write_text(f"{WORKER}\n{script}")
+    made = subprocess.run(["node", tmp_path / "test.js"], capture_output=True, text=True)
+    assert made.returncode == 0, made.stderr
+    return json.loads(made.stdout)
+
+
+def test_what_the_worker_itself_was_late_is_no_silence(tmp_path):
+    out = run(
+        tmp_path,
+        """ticks(4); // 1 s
+        told({ is: "report", at: 8 });
+        t += 3000; // it stands still
+        tick();
+        const late = silent();
+        ticks(8);
+        console.log(JSON.stringify([late, silent() > 0]));""",
+    )
+    assert out == [0, True]
+
+
+def test_only_moves_are_left_out_when_the_connection_is_slow(tmp_path):
+    out = run(
+        tmp_path,
+        """ws.bufferedAmount = 1e5;
+        for (const m of ["move", "stop"]) onmessage({ data: { do: m } });
+        console.log(JSON.stringify(ws.sent));""",
+    )
+    assert out == ["hello", "seen", "stop"]
