@@ -575,8 +575,11 @@ class Cascade(Block, abstract=True):
     def step(p, s, x):
         v = x
         for k in range(p.a.size):
-            own = CascadeParams(p.a[k], p.c[k], p.b[k], p.d[k], p.h0[k], p.e1[k], p.e0[k], p.at)
-            v, new = section(own, CascadeState(s.s1[k], s.s2[k], s.low1[k], s.low2[k]), v)
+            v, new = section(
+                CascadeParams(p.a[k], p.c[k], p.b[k], p.d[k], p.h0[k], p.e1[k], p.e0[k], p.at),
+                CascadeState(s.s1[k], s.s2[k], s.low1[k], s.low2[k]),
+                v,
+            )
             s.s1[k], s.s2[k], s.low1[k], s.low2[k] = new.s1, new.s2, new.low1, new.low2
         return flush(v), s
 

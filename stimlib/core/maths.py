@@ -156,13 +156,12 @@ def series(f, p, s, x, y):
     itself, but must not overlap it partly.
     """
     for i in range(y.size):
-        v = x[i]
+        y[i] = x[i]
         for k in range(s[0].size):
             own = type(p)(*(u[k] if isinstance(u, np.ndarray) else u for u in p))
-            v, new = f(own, type(s)(*(u[k] for u in s)), v)
+            y[i], new = f(own, type(s)(*(u[k] for u in s)), y[i])
             for u, w in zip(s, new, strict=True):
                 u[k] = w
-        y[i] = v
 
 
 def copy(a, b):

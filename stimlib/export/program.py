@@ -159,8 +159,9 @@ class Writer:
         kinds: list[Kind] = [t[0] if t else None for t in (parameters, state)]
         arrays = [f"m->v[{k}] + a" for k in inputs], [f"m->v[{k}] + a" for k in outputs]
         # float32 has no words of 64 bits, C no lanes: what has a step too runs that
-        lanes = cls.tile is not None and maths.series in steps.names(cls.tile).values()
-        if cls.tile is not None and not ((self.single or lanes) and cls.step):
+        if cls.tile is not None and not (
+            cls.step and (self.single or maths.series in steps.names(cls.tile).values())
+        ):
             given += [f"st_floats_of({v}, n)" for v in (*arrays[0], *arrays[1])]
             kinds += [FLOATS] * (len(inputs) + len(outputs))
             if cls.work:

@@ -70,7 +70,10 @@ class _Table:
         self.state = np.cumsum([0, *(pack(s).size for _, s in design)]).tolist()
         self.still = _still(program, design)
         self.listened: set[tuple[int, int]] = set()
-        self.read = {a for q in program.instances for a in q.args}
+        outputs = [*program.outputs.values()]
+        self.read = {a for q in program.instances for a in q.args} | {
+            i for i in outputs if outputs.count(i) > 1
+        }
         self.at: dict[int, int] = {}  # the row of an instance
         for i in program.inputs.values():
             self.place(i)
@@ -90,16 +93,13 @@ class _Table:
             and q.block.definition not in vectors.OPERATIONS
         )
         self.machine = runtime()
-        ends = {i: (i,) for i in program.outputs.values() if i not in self.read}
+        ends = {i: (i,) for i in outputs if i not in self.read}
         for group in (*(g for g in order if g[0] not in ends), *ends.values()):
             self.add(group)
             if program.instances[group[0]].block.definition.work:
                 works.append(len(self.A) - 1)
         self.main, self.outputs_at = len(self.rows) - len(ends), len(self.A)
-        first: dict[int, int] = {}  # an output that shares a guard copies the first of them
-        for j, i in enumerate(program.outputs.values()):
-            self.A.append(-1 - first[i] if i in first else self.at[i])
-            first.setdefault(i, j)
+        self.A += [self.at[i] for i in outputs]
         for j in works:
             self.A[j] = len(self.slot) * TILE
 
@@ -224,8 +224,7 @@ class Engine:
         self._place = {i: table.state[i] for i in program.params.values()}
         self._param = {i: j for j, i in enumerate(program.params.values())}
         self._empty = np.zeros((len(program.inputs), 0)), np.zeros((len(program.outputs), 0))
-        self._main, self._outs_at = table.main, table.outputs_at
-        self._clocks = len(program.parents)
+        self._main, self._outs_at, self._clocks = table.main, table.outputs_at, len(program.parents)
         # a stretch may begin late in its tile
         self._buffers = len(table.slot) * TILE + table.scratch + TILE
         self._allot()

@@ -20,14 +20,13 @@ from stimlib.targets.numba.intrinsics import (
     run,
 )
 
-# ctx: 0 rows without those of outputs' guards, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6
-# inputs, 7 outputs, 8 place in A of each output's guard: its row, or -1 - the earlier
-# output that has it, 9 &N, 10 &index,
+# ctx: 0 rows before those of outputs, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7
+# outputs, 8 place in A of the numbers of the outputs' rows, 9 &N, 10 &index,
 # 11 clocks, 12 number of warm clocks or -1, 13 &pending, 14 params, 15 samples seen, 16
 # &entry, 17 whether still rows have been run,
 #      18 numpy's array, 19 what tells float64, 20 &warm clocks
 # row: address or opcode, P, S, A, clock, autonomous, still (one number as long as no
-# parameter moves), whether a row reads it
+# parameter moves), whether a row or two outputs read it
 OPEN, CLOSE, GATHER, OPERATION, SEGMENT = 1, 2, 3, 16, 4096
 
 
@@ -90,9 +89,9 @@ def guard(q, P, S, W, A, to, n):
     where there is less than a tile.
     """
     w, s = at(A, q[3]), at(S, q[2])
-    x = at(W, w[0])
-    if n == 64 and q[7] == 0 and s[1] < 0.0 and _sound_tile(to, x):  # see graph.GuardState
-        s[0], as_i8(s)[2] = x[63], as_i8(s)[2] + 64
+    # see graph.GuardState
+    if n == 64 and q[7] == 0 and s[1] < 0.0 and _sound_tile(to, at(W, w[0])):
+        s[0], as_i8(s)[2] = at(W, w[0])[63], as_i8(s)[2] + 64
     else:
         if q[7] == 0:
             call(q[0], at(P, q[1]), s, W, w, n)
@@ -176,11 +175,7 @@ def entry(ctx, x, y, n):
                 ctx[17] = 1
         if warm < 0:
             for j in range(n_out):
-                to = at(y, j * n + start)
-                if outs[j] < 0:
-                    move_tile(to, at(y, (-1 - outs[j]) * n + start), m)
-                else:
-                    guard(at(table, 8 * outs[j]), P, S, W, A, to, m)
+                guard(at(table, 8 * outs[j]), P, S, W, A, at(y, j * n + start), m)
     if warm < 0:
         ctx[15] += n
 

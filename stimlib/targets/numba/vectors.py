@@ -249,8 +249,9 @@ def fault(helper: Callable | None, p_type: Any, p_kinds: str, kinds: str) -> str
     v = [Lanes(b, x) for x in trial.args]
     try:
         y = helper(p_type(*v[: len(p_kinds)]) if p_kinds else (), *v[len(p_kinds) :])
-        for one in y if isinstance(y, tuple) else (y,):
-            number(b, one)
+        for part in y if isinstance(y, tuple) else (y,):
+            for one in part if isinstance(part, tuple) else (part,):
+                number(b, one)
     except Exception as e:  # of an author's code
         return str(e)
     return ""
@@ -270,18 +271,8 @@ def go_abreast(
     Their state must consist of floats.
     """
     run, k = twin(step), len(s_kinds)
-    flat = run and _flat(run, s_type, k)
-    return set(s_kinds) == {"f"} and not fault(flat, p_type, p_kinds, "f" * (k + inputs))
-
-
-def _flat(run: Callable, s_type: Any, k: int) -> Callable:
-    """Return a step as a function of numbers, the k of its state first, to numbers."""
-
-    def flat(p, *v):
-        y, s = run(p, s_type(*v[:k]), *v[k:])
-        return y, *s
-
-    return flat
+    call = run and (lambda p, *v: run(p, s_type(*v[:k]), *v[k:]))
+    return set(s_kinds) == {"f"} and not fault(call, p_type, p_kinds, "f" * (k + inputs))
 
 
 def _steps(b, step, p, x, y, n):
@@ -385,7 +376,7 @@ def _helper(f: Any, p_type: Any, p_kinds: str, kinds: str, s_type: Any = None) -
     helper = twin(f.dispatcher)
     call = helper if "f" in kinds else helper and (lambda p, *x: helper(*x))
     if s_type:
-        call = helper and _flat(helper, s_type, len(kinds) - 1)
+        call = helper and (lambda p, *v: helper(p, s_type(*v[:-1]), v[-1]))
     if why := fault(call, p_type, p_kinds, kinds):
         raise SceneError(
             f"{f.dispatcher.py_func.__name__} cannot run in vectors: {why}. Vectors support"
@@ -402,12 +393,7 @@ def each(ctx, f, p, x, y):
     tuples = isinstance(p, types.BaseTuple) and isinstance(x, types.BaseTuple)
     known_kinds: dict[Any, str] = {types.float64: "f", types.uint64: "u"}
     kinds = "".join(known_kinds.get(t, "?") for t in getattr(p, "types", "?"))
-    arrays = [
-        (a.dtype, a.ndim, a.layout)
-        for a in (*getattr(x, "types", ()), y)
-        if isinstance(a, types.Array)
-    ]
-    if not tuples or "?" in kinds or arrays != [(types.float64, 1, "C")] * (len(x) + 1):
+    if not tuples or "?" in kinds or not all(map(_is_floats, (*x, y))):
         raise SceneError(
             "each(f, p, x, y): p must be a NamedTuple of numbers or (), x a tuple of arrays, such"
             " as (x,), and all arrays of floats without gaps; else write a loop over the samples"
@@ -444,118 +430,106 @@ def each(ctx, f, p, x, y):
     return types.void(f, p, x, y), code
 
 
-def _held(b, q, count, W, new=None):
-    """Load the last ``count`` of W elements before a place into lanes, the last first.
-
-    With new, store such lanes instead.
-    """
-    back = list(range(W))[::-1]
-    lanes = ir.Constant(ir.VectorType(I64, W), list(range(W)))
-    there = b.icmp_unsigned(">=", lanes, splat(b, b.sub(I64(W), count), W))
-    t, bits, way = ir.VectorType(DOUBLE, W), ir.VectorType(TRUTH, W), I32(8)
-    place = b.bitcast(b.gep(q, [b.sub(count, I64(W))]), t.as_pointer())
-    end = f"v{W}f64.p0v{W}f64"
-    if new is not None:
-        f = ir.FunctionType(ir.VoidType(), [t, t.as_pointer(), I32, bits])
-        store = cgutils.get_or_insert_function(b.module, f, f"llvm.masked.store.{end}")
-        return b.call(store, [shuffle(b, new, new, back), place, way, there])
-    f = ir.FunctionType(t, [t.as_pointer(), I32, bits, t])
-    loaded = cgutils.get_or_insert_function(b.module, f, f"llvm.masked.load.{end}")
-    v = b.call(loaded, [place, way, there, kernels.zeros(t)])
-    return shuffle(b, v, v, back)
+def _masked(b, q, there, v=None):
+    """Load those elements at a place that are there, else 0; or store those of v."""
+    t = ir.VectorType(DOUBLE, there.type.count)
+    place = b.bitcast(q, t.as_pointer())
+    given = [v, place, I32(8), there] if v else [place, I32(8), there, kernels.zeros(t)]
+    kind = ir.FunctionType(ir.VoidType() if v else t, [a.type for a in given])
+    name = f"llvm.masked.{'store' if v else 'load'}.v{t.count}f64.p0v{t.count}f64"
+    return b.call(cgutils.get_or_insert_function(b.module, kind, name), given)
 
 
-def _stages(b, W, helper, numbers, states, count, x, y, n):
+def _stages(b, W, helper, types, fields, count, x, y, n):
     """Emit maths.series of ``count`` stages, up to W, one in each lane.
 
-    The last is in lane 0, the first in lane count - 1. Each is one sample behind the
-    one before, which hands its output down by a lane.
+    Each is one sample behind the one before, which hands its output on by a lane.
     """
-    lanes = ir.Constant(ir.VectorType(I64, W), list(range(W)))
-    behind, (p_type, p), (s_type, s) = b.sub(count, I64(1)), numbers, states
-    entry = b.icmp_signed("==", lanes, splat(b, behind, W))
-    p = [splat(b, v, W) if v.type == DOUBLE else _held(b, v, count, W) for v in p]
-    p = p_type(*(Lanes(b, v) for v in p))
-    cells = [kernels.variable(b, _held(b, q, count, W)) for q in s]
-    moved = kernels.variable(b, kernels.zeros(ir.VectorType(DOUBLE, W)))
-
-    def turn(i, first, last):
-        late = b.sub(i, behind)  # the sample of the last stage
-        at = b.select(b.icmp_signed("<", i, n), i, b.sub(n, I64(1))) if last else i
-        v, old = b.load(moved), [b.load(c) for c in cells]
-        v = b.select(
-            entry, splat(b, b.load(b.gep(x, [at])), W), shuffle(b, v, v, [*range(1, W), W - 1])
+    lanes, behind = ir.Constant(ir.VectorType(I64, W), list(range(W))), b.sub(count, I64(1))
+    there, zero = b.icmp_unsigned("<", lanes, splat(b, count, W)), I64(0)
+    p = [splat(b, v, W) if v.type == DOUBLE else _masked(b, v, there) for v in fields[0]]
+    cells = [  # outputs of the turn before, and states
+        kernels.variable(b, v)
+        for v in (
+            kernels.zeros(ir.VectorType(DOUBLE, W)),
+            *(_masked(b, q, there) for q in fields[1]),
         )
-        out, new = helper(p, s_type(*(Lanes(b, u) for u in old)), Lanes(b, v))
-        out, new = number(b, out), [number(b, u) for u in new]
-        if first or last:  # some stages have no sample yet, or no more
-            runs = b.icmp_unsigned("<", b.add(splat(b, late, W), lanes), splat(b, n, W))
+    ]
+
+    def turn(i, part):
+        at, late = i, b.sub(i, behind)  # samples of the first and of the last stage
+        if part:  # some stages have no sample yet, or no more
+            at = b.select(b.icmp_signed("<", i, n), i, b.sub(n, I64(1)))
+            late = b.select(b.icmp_signed(">", late, zero), late, zero)
+        v, *old = map(b.load, cells)
+        v = shuffle(b, v, splat(b, b.load(b.gep(x, [at])), W), [W, *range(W - 1)])
+        own = (t(*(Lanes(b, u) for u in one)) for t, one in zip(types, (p, old), strict=True))
+        out, new = helper(*own, Lanes(b, v))
+        out, *new = [number(b, u) for u in (out, *new)]
+        if part:
+            runs = b.icmp_unsigned("<", b.sub(splat(b, i, W), lanes), splat(b, n, W))
             new = [b.select(runs, u, o) for u, o in zip(new, old, strict=True)]
-        for c, u in zip((moved, *cells), (out, *new), strict=True):
-            b.store(u, c)
-        if not first:
-            b.store(b.extract_element(out, I32(0)), b.gep(y, [late]))
+        for cell, u in zip(cells, (out, *new), strict=True):
+            b.store(u, cell)
+        b.store(b.extract_element(out, behind), b.gep(y, [late]))
 
     most = b.select(b.icmp_signed(">", n, behind), n, behind)
-    for start, stop, first, last in (
-        (I64(0), behind, True, True),
-        (behind, most, False, False),
-        (most, b.add(n, behind), False, True),
+    for start, stop, part in (
+        (zero, behind, True),
+        (behind, most, False),
+        (most, b.add(n, behind), True),
     ):
         with loop(b, start, stop, 1) as (i, _):
-            turn(i, first, last)
-    for q, c in zip(s, cells, strict=True):
-        _held(b, q, count, W, b.load(c))
+            turn(i, part)
+    for q, cell in zip(fields[1], cells[1:], strict=True):
+        _masked(b, q, there, b.load(cell))
 
 
+# Of numbers of stages for which there is a loop, 1, 2, 4 .. : more than 16 take several
+# passes, or fewer where more lanes would not fit into the registers.
 STAGES = 5 if "+avx512f" in kernels.FEATURES else 4 if "+avx" in kernels.FEATURES else 3
-"""Numbers of stages for which ``series`` has a loop: 1, 2, 4, 8 and 16 with the widest
-vectors.  More stages take several passes; more lanes would not fit into registers.
-"""
 
 
 def _is_floats(t: Any) -> bool:
     """Return whether a type is that of an array of floats without gaps."""
-    wanted = types.float64, 1, "C"
-    return isinstance(t, types.Array) and (t.dtype, t.ndim, t.layout) == wanted
+    return isinstance(t, types.Array) and (t.dtype, t.ndim, t.layout) == (types.float64, 1, "C")
 
 
 @intrinsic
 def series(ctx, f, p, s, x, y):
     """Compute maths.series."""
     tuples = all(isinstance(t, types.BaseNamedTuple) for t in (p, s))
-    arrays = [t for t in p if t != types.float64] if tuples else []
-    if not tuples or not all(_is_floats(t) for t in (*arrays, *s, x, y)):
+    if not (tuples and all(_is_floats(t) or t == types.float64 for t in p)) or not all(
+        map(_is_floats, (*s, x, y))
+    ):
         raise SceneError(
             "series(f, p, s, x, y): p must be a NamedTuple of numbers and arrays, s one of arrays,"
             " x and y arrays, all of floats without gaps; else write a loop over the samples"
         )
-    P, S = p.instance_class, s.instance_class
-    helper = _helper(f, P, "f" * len(p), "f" * (len(s) + 1), S)
+    both = p.instance_class, s.instance_class
+    helper = _helper(f, both[0], "f" * len(p), "f" * (len(s) + 1), both[1])
 
     def code(c, b, sig, v):
-        def array(t, a):
-            return c.make_array(t)(c, b, a)
-
-        def fields(k):
-            every = [(t, b.extract_value(v[k], j)) for j, t in enumerate(sig.args[k])]
-            return [array(t, a).data if _is_floats(t) else a for t, a in every]
-
-        def stages(k):
-            p, s = ([a if a.type == DOUBLE else b.gep(a, [first]) for a in one] for one in found)
-            _stages(b, 1 << k, helper, (P, p), (S, s), count, source, y.data, n)
-
-        found = fields(1), fields(2)
-        x, y = (array(t, a) for t, a in zip(sig.args[3:], v[3:], strict=True))
-        n = b.extract_value(y.shape, 0)
-        size = b.extract_value(array(sig.args[2][0], b.extract_value(v[2], 0)).shape, 0)
-        some, most = b.icmp_signed(">", n, I64(0)), I64(1 << STAGES - 1)
-        with loop(b, I64(0), b.select(some, size, I64(0)), 1 << STAGES - 1) as (first, _):
+        (x, _), (y, n) = (intrinsics.parts(c, b, sig.args[k], v[k]) for k in (3, 4))
+        fields = [
+            [intrinsics.parts(c, b, t, b.extract_value(v[k], j)) for j, t in enumerate(sig.args[k])]
+            for k in (1, 2)
+        ]
+        size, most = fields[1][0][1], 1 << (STAGES - 1)
+        stop = b.select(b.icmp_signed(">", n, I64(0)), size, I64(0))
+        with loop(b, I64(0), stop, most) as (first, _):
             left = b.sub(size, first)
-            count = b.select(b.icmp_signed("<", left, most), left, most)
-            source = b.select(b.icmp_signed("==", first, I64(0)), x.data, y.data)
-            bits = b.sub(I64(64), b.ctlz(b.sub(count, I64(1)), TRUTH(0)))
-            cases(b, bits, {k: lambda k=k: stages(k) for k in range(STAGES)})
+            count = b.select(b.icmp_signed("<", left, I64(most)), left, I64(most))
+            source = b.select(b.icmp_signed("==", first, I64(0)), x, y)
+            at = [[b.gep(a, [first]) if rest else a for a, *rest in one] for one in fields]
+            cases(
+                b,
+                b.sub(I64(64), b.ctlz(b.sub(count, I64(1)), TRUTH(0))),
+                {
+                    k: lambda k=k: _stages(b, 1 << k, helper, both, at, count, source, y, n)
+                    for k in range(STAGES)
+                },
+            )
         return c.get_dummy_value()
 
     return types.void(f, p, s, x, y), code
