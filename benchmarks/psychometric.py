@@ -32,7 +32,7 @@ PEERS = {
 
 
 def scipy_maximum(yes: np.ndarray, name: str) -> tuple[float, float]:
-    """PSE and sigma by minimize, with the gradient, from a line through the shares."""
+    """PSE and sigma by minimize, with the gradient, from a line through the answers."""
     x = LEVELS - MIDDLE
 
     def cost(at: np.ndarray) -> tuple[float, np.ndarray]:
