@@ -22,6 +22,7 @@ from stimlib import Input, Scene
 from stimlib.blocks import springpot, velocity
 from stimlib.core import maths
 from stimlib.core.steps import source
+from stimlib.system import cache_folder
 from stimlib.targets.numba import cache as caches, engine, intrinsics, kernels, segments, vectors
 from stimlib.targets.numba.cache import _salt as salt
 
@@ -262,7 +263,7 @@ def twice(tmp_path, monkeypatch):
     """
 
     def load(folder, fill=lambda: None):
-        monkeypatch.setattr(caches, "_folder", None)
+        monkeypatch.setattr(cache_folder, "_folder", None)
         monkeypatch.setenv("STIMLIB_CACHE", str(folder))
         caches.folder()
         fill()
