@@ -15,20 +15,18 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, wraps
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
 
 from ..system import safe_files
 from ..system.cache_folder import chosen, open_to_others, private
 
-P = ParamSpec("P")
 T = TypeVar("T")
-SLOW = 0.05
-"""Seconds of processor time; a design that takes less is not kept."""
+SLOW = 0.05  # s of processor time; a design that takes less is not kept
 
 
-def kept(design: Callable[P, T]) -> Callable[P, T]:
+def kept(design: Callable[..., T]) -> Callable[..., T]:
     """Keep the results of a function of numbers: NamedTuples of arrays and floats.
 
     The function must not depend on anything else. Arrays are read-only.
@@ -46,10 +44,10 @@ def kept(design: Callable[P, T]) -> Callable[P, T]:
     """
 
     @wraps(design)
-    def made(*args: P.args, **named: P.kwargs) -> T:
-        key = f"{design.__module__}.{design.__name__} {args!r} {sorted(named.items())!r}"
-        name = hashlib.sha256((_salt() + key).encode()).hexdigest()[:32]
-        path = chosen() / f"{design.__name__}_{name}.npz"
+    def made(*args: Any, **named: Any) -> T:
+        key = repr((_salt(), design.__module__, args, sorted(named.items())))
+        sum_ = hashlib.sha256(key.encode()).hexdigest()
+        path = chosen() / f"{design.__name__}_{sum_[:32]}.npz"
         with suppress(Exception):  # whatever a file may hold
             return _read(path, get_type_hints(design)["return"])
         began = time.thread_time()
@@ -66,7 +64,8 @@ def kept(design: Callable[P, T]) -> Callable[P, T]:
 @cache
 def _salt() -> str:
     texts = [p.read_text("utf-8") for p in sorted(Path(__file__).parent.glob("*.py"))]
-    return repr((texts, np.__version__, platform.machine(), platform.node()))
+    of = texts, np.__version__, platform.machine(), platform.node()
+    return hashlib.sha256(repr(of).encode()).hexdigest()
 
 
 def _read(path: Path, kind: Any) -> Any:
@@ -85,6 +84,5 @@ def _read(path: Path, kind: Any) -> Any:
 def _write(path: Path, found: Any) -> None:
     data = io.BytesIO()
     np.savez(data, **found._asdict())
-    whole = data.getvalue()
-    safe_files.publish(path, hashlib.sha256(whole).digest() + whole)
+    safe_files.publish(path, hashlib.sha256(data.getbuffer()).digest() + data.getvalue())
     path.chmod(0o600)

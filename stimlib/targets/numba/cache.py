@@ -244,6 +244,8 @@ class _Library(JITCodeLibrary):
         passes.run(self._final_module, builder)
 
 
+# passes of numba for what steps have not: closures, comprehensions, branches on None,
+# expressions of whole arrays
 UNUSED = {
     "inline_closure_likes",
     "rewrite_semantic_constants",
@@ -251,9 +253,6 @@ UNUSED = {
     "inline_overloads",
     "nopython_rewrites",
 }
-"""Passes of numba for what steps have not: closures, comprehensions, branches on None,
-expressions of whole arrays.
-"""
 
 
 def _few_passes(compiler: Any) -> list[Any]:
