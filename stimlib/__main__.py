@@ -22,7 +22,7 @@ def main() -> None:
     """
     try:
         _open_streams()
-        gc.set_threshold(100_000)  # the objects of a start stay: searching them takes a tenth of it
+        gc.set_threshold(100_000)  # what a start makes stays; searching it takes 6 %
         try:
             from .cli import app  # most of the time of a start
 

@@ -24,6 +24,7 @@ from stimlib import Input, Scene
 from stimlib.blocks import envelope, friction, oscillator, springpot, velocity
 from stimlib.core import maths
 from stimlib.core.steps import source
+from stimlib.system import cache_folder
 from stimlib.targets.numba import cache as caches, engine, intrinsics, kernels, segments, vectors
 from stimlib.targets.numba.cache import _salt as salt
 
@@ -226,8 +227,8 @@ def test_noise_is_drawn_by_one_function_and_compiled_in_few_passes(tmp_path, mon
 
 def test_noise_behind_a_filter_calls_the_segment_of_noise_alone():
     scene = stimlib.Scene({"y": stimlib.blocks.pink_noise(1.0, seed=1, f_low=10)})
-    noise = engine._white().table
-    assert noise[:, 0].max() in stimlib.compile(scene, 8000)._engine.A
+    addresses = {a for a in engine._white().table[:, 0].tolist() if a > 1 << 20}
+    assert addresses & {*stimlib.compile(scene, 8000)._engine.A.tolist()}
 
 
 def test_parts_of_the_runtime_are_compiled_when_a_scene_needs_them(monkeypatch):
@@ -296,7 +297,7 @@ def twice(tmp_path, monkeypatch):
     """
 
     def load(folder, fill=lambda: None):
-        monkeypatch.setattr(caches, "_folder", None)
+        monkeypatch.setattr(cache_folder, "_folder", None)
         monkeypatch.setenv("STIMLIB_CACHE", str(folder))
         caches.folder()
         fill()

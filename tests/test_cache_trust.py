@@ -16,6 +16,7 @@ import pytest
 from laws import STRESS
 from test_cache import environment, give_runtime, runtime_entry
 
+from stimlib.system import cache_folder
 from stimlib.targets.numba import cache
 
 RUN = """
@@ -94,7 +95,7 @@ def folder(made, tmp_path):
 @pytest.fixture
 def anew(monkeypatch):
     """This process chooses its folder again."""
-    monkeypatch.setattr(cache, "_folder", None)
+    monkeypatch.setattr(cache_folder, "_folder", None)
     return lambda path: monkeypatch.setenv("STIMLIB_CACHE", str(path))
 
 

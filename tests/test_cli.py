@@ -1535,10 +1535,11 @@ def test_what_an_empty_cache_compiles_is_said_once_before(tmp_path, monkeypatch,
     there are none.
     """
     from stimlib.cli.app import friendly
+    from stimlib.system import cache_folder
     from stimlib.targets.numba import cache
 
     monkeypatch.setenv("STIMLIB_CACHE", str(tmp_path / "empty"))
-    monkeypatch.setattr(cache, "_folder", None)
+    monkeypatch.setattr(cache_folder, "_folder", None)
     seen = "import sys; print('running', file=sys.stderr)"
     with friendly():
         cache.load("x = 1", "Add")

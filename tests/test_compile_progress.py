@@ -14,6 +14,7 @@ import pytest
 import stimlib
 from stimlib.core.graph import Block
 from stimlib.devices.engine import PUMP, _native
+from stimlib.system import cache_folder
 from stimlib.targets.numba import cache, engine
 
 ROOT = Path(__file__).parent.parent
@@ -100,7 +101,7 @@ class Cubed(Block):
 def test_the_lines_that_are_expected_are_those_that_are_compiled(tmp_path, monkeypatch):
     stimlib.compile(stimlib.Scene({"y": stimlib.Input("x")}), 1000)  # what every scene has
     monkeypatch.setenv("STIMLIB_CACHE", str(tmp_path / "new"))
-    monkeypatch.setattr(cache, "_folder", None)
+    monkeypatch.setattr(cache_folder, "_folder", None)
     seen = []
     monkeypatch.setattr(cache, "counted", [lambda *lines: seen.append(lines)])
     scene = stimlib.Scene({"y": Cubed(stimlib.Input("x"))})

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from ..errors import BadValue
 from ..system.limits import limits
+from .kept import kept
 
 # Best approximations in the sense of Chebyshev --------------------------------------
 # Best approximations in the sense of Chebyshev: what the designs of ``pink`` and
@@ -118,6 +119,7 @@ class DifferentiatorDesign(NamedTuple):
 
 
 @lru_cache(maxsize=64)
+@kept
 def differentiator_taps(
     fs: float, passband: float, stopband: float | None, order: int
 ) -> DifferentiatorDesign:

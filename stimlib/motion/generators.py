@@ -162,12 +162,7 @@ class minimum_jerk(Motion):
         s = self.fall - (u - (self.rise + self.hold))
         s /= self.fall  # the fall: 1 or more before it begins, when the rise is 1 or less
         np.clip(np.minimum(s, u / self.rise, out=s), 0.0, 1.0, out=s)
-        p = 6.0 * s
-        p -= 15.0
-        p *= s
-        p += 10.0
-        p *= s * s * s
-        return self.start + self.depth * p
+        return self.start + self.depth * (s * s * s * (10.0 + s * (6.0 * s - 15.0)))
 
 
 @dataclass(frozen=True)
@@ -453,8 +448,7 @@ def _fmod(x: Array, period: Any) -> Array:
     if not n.max() < 2.0**25:  # nor with nan
         return np.fmod(x, period)
     r = x - n * high
-    n *= period - high
-    r -= n
+    r -= n * (period - high)
     return r + np.where(r < 0, period, 0.0) if r.min() < 0 else r
 
 

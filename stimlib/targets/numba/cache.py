@@ -9,7 +9,6 @@ nothing that is not what was written.
 
 from __future__ import annotations
 
-import atexit
 import gc
 import hashlib
 import inspect
@@ -21,10 +20,8 @@ import shutil
 import stat
 import sys
 import tempfile
-import threading
 import time
 import types
-import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
@@ -34,7 +31,6 @@ from typing import Any
 import llvmlite
 import llvmlite.binding
 import numba
-import platformdirs
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, DefaultPassBuilder
 from numba.core.compiler_lock import global_compiler_lock
@@ -45,6 +41,7 @@ from ...core import maths
 from ...core.steps import source
 from ...errors import SinkError
 from ...system import safe_files
+from ...system.cache_folder import folder, lock, open_to_others, temporary
 from ...system.progress import announce, counted
 from . import intrinsics, kernels, vectors
 
@@ -59,80 +56,7 @@ a tenth.
 """
 
 LEFT = re.compile(r"\w+_[0-9a-f]{20}\.\w{8}\.tmp")  # a folder that tempfile.mkdtemp made here
-_lock = threading.RLock()
-# a child has no thread that would finish an entry and free what is locked for it
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(
-        before=_lock.acquire, after_in_parent=_lock.release, after_in_child=_lock.release
-    )
 _loaded: dict[str, types.ModuleType] = {}  # complete ones only
-_folder: Path | None = None
-
-
-# The folder ---------------------------------------------------------------------------
-def folder() -> Path:
-    """Return the folder of compiled segments: $STIMLIB_CACHE or the user's cache.
-
-    Nobody else can write there.
-    """
-    global _folder
-    wanted = Path(
-        os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")
-    ).absolute()
-    with _lock:
-        if _folder is None or (_folder != wanted and not _folder.name.startswith("stimlib-tmp-")):
-            try:
-                for place in reversed((wanted, *wanted.parents)):
-                    if not place.exists():
-                        place.mkdir(mode=0o700, exist_ok=True)  # whatever the umask is
-                _check_private(wanted.resolve())
-                with tempfile.TemporaryFile(dir=wanted) as f:
-                    f.write(b"\0" * 65536)
-                _folder = wanted
-            except OSError as e:
-                _temporary(wanted, e)
-        assert _folder is not None
-        return _folder
-
-
-def _check_private(place: Path) -> None:
-    """Raise OSError unless a folder is private.
-
-    It must be ours, nobody else may write to it, and nobody may replace it.
-    """
-    if problem := _open_to_others(os.stat(place)):
-        raise PermissionError(
-            f"{problem}, but its contents are executed; make sure that it is yours, and `chmod"
-            " go-w` it"
-        )
-    for above in place.parents:
-        mode = os.stat(above).st_mode
-        if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
-            raise PermissionError(
-                f"everybody may replace the contents of {above}, but the cache is executed; `chmod"
-                " o-w` it"
-            )
-
-
-def _open_to_others(info: os.stat_result) -> str:
-    """Return what keeps a folder from being private, if anything."""
-    if not hasattr(os, "geteuid"):
-        return ""  # no modes and owners on this system
-    if info.st_uid not in (os.geteuid(), 0):
-        return f"it belongs to user {info.st_uid}"
-    return "others may write to it" if info.st_mode & (stat.S_IWGRP | stat.S_IWOTH) else ""
-
-
-def _temporary(wanted: Path, why: OSError) -> None:
-    global _folder
-    _folder = Path(tempfile.mkdtemp(prefix="stimlib-tmp-"))
-    atexit.register(shutil.rmtree, _folder, ignore_errors=True)
-    warnings.warn(
-        f"the cache folder {wanted} cannot be written safely ({why.strerror or why}): compiling"
-        f" into {_folder} for this process; set STIMLIB_CACHE to a folder of your own",
-        RuntimeWarning,
-        stacklevel=2,
-    )
 
 
 # Entries ------------------------------------------------------------------------------
@@ -188,12 +112,12 @@ def load(text: str, stem: str) -> types.ModuleType:
         Not even a temporary folder can be written.
     """
     name = _name(text, stem)
-    with _lock:
+    with lock:
         if name not in _loaded:
             try:
                 _loaded[name] = _load(folder() / name, text)
             except OSError as e:  # full or gone in the middle
-                _temporary(folder(), e)
+                temporary(folder(), e)
                 try:
                     _loaded[name] = _load(folder() / name, text)
                 except OSError as again:
@@ -338,6 +262,8 @@ class _Library(JITCodeLibrary):
         passes.run(self._final_module, builder)
 
 
+# passes of numba for what steps have not: closures, comprehensions, branches on None,
+# expressions of whole arrays
 UNUSED = {
     "inline_closure_likes",
     "rewrite_semantic_constants",
@@ -345,9 +271,6 @@ UNUSED = {
     "inline_overloads",
     "nopython_rewrites",
 }
-"""Passes of numba for what steps have not: closures, comprehensions, branches on None,
-expressions of whole arrays.
-"""
 
 
 def _few_passes(compiler: Any) -> list[Any]:
@@ -429,7 +352,7 @@ def _sound(place: Path, text: str) -> bool:
     """Return whether an entry is the intact result of compiling this source."""
     try:
         info = os.lstat(place)
-        if not stat.S_ISDIR(info.st_mode) or _open_to_others(info):
+        if not stat.S_ISDIR(info.st_mode) or open_to_others(info):
             return False
         sums = json.loads(safe_files.read(place / SUMS, "sidecar_bytes"))
         source = safe_files.read(place / f"{place.name}.py", "sidecar_bytes")

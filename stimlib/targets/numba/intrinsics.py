@@ -241,12 +241,12 @@ MEMORY = types.void(F8, F8, F8, F8, i8, i8, F8, F8, F8, i8)
 CHEBYSHEV = types.void(F8, i8, F8, F8, i8, i8)  # c, terms, t, y, series, size of t
 
 
-def _kernel(name, *order):
-    """Return code that calls a kernel with (argument, 0 word or 1 size) in an order."""
+def _kernel(name, order):
+    """Return code that calls a kernel with arguments, or their sizes, in an order."""
 
     def code(c, b, s, v):
         pairs = [parts(c, b, *one) for one in zip(s.args, v, strict=True)]
-        given = [pairs[k][part] for k, part in order]
+        given = [pairs[int(k[-1])][k.startswith("size")] for k in order.split()]
         t = ir.FunctionType(ir.VoidType(), [x.type for x in given])
         b.call(cgutils.get_or_insert_function(b.module, t, f"stimlib_{name}"), given)
         return c.get_dummy_value()
@@ -254,33 +254,29 @@ def _kernel(name, *order):
     return code
 
 
-_fir = _kernel("fir", (0, 0), (0, 1), (1, 0), (2, 0), (2, 1))
-_modes = _kernel("modes", (0, 0), (1, 0), (2, 0), (0, 1), (3, 0), (4, 0), (6, 0), (5, 0), (5, 1))
-_bank = (0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (3, 1), (4, 0), (6, 0), (5, 0), (5, 1)
-_memory, _moving_memory = _kernel("memory", *_bank), _kernel("moving_memory", *_bank)
-_chebyshev = _kernel("chebyshev", (0, 0), (1, 0), (2, 0), (3, 0), (4, 0), (2, 1))
-
-
 @intrinsic
 def fir(ctx, taps, w, y):
     """Compute an FIR filter with the runtime's kernel."""
-    return types.void(taps, w, y), _fir
+    return types.void(taps, w, y), _kernel("fir", "0 size0 1 2 size2")
 
 
 @intrinsic
 def modes(ctx, p, r, q, d, x, y, w):
     """Compute a bank of modes with the runtime's kernel."""
-    return types.void(p, r, q, f8, x, y, w), _modes
+    return types.void(p, r, q, f8, x, y, w), _kernel("modes", "0 1 2 size0 3 4 6 5 size5")
+
+
+BANK = "0 1 2 3 size0 size3 4 6 5 size5"
 
 
 @intrinsic
 def _steady(ctx, e, r, q, low, x, y, w):
-    return types.void(e, r, q, low, x, y, w), _memory
+    return types.void(e, r, q, low, x, y, w), _kernel("memory", BANK)
 
 
 @intrinsic
 def _moving(ctx, e, r, q, low, x, y, w):
-    return types.void(e, r, q, low, x, y, w), _moving_memory
+    return types.void(e, r, q, low, x, y, w), _kernel("moving_memory", BANK)
 
 
 @plain
@@ -294,7 +290,7 @@ def memory(e, r, q, low, x, y, w):
 
 @intrinsic
 def _series_at(ctx, c, terms, t, y, m):
-    return types.void(c, i8, t, y, i8), _chebyshev
+    return types.void(c, i8, t, y, i8), _kernel("chebyshev", "0 1 2 3 4 size2")
 
 
 @plain

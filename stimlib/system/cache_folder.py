@@ -1,0 +1,101 @@
+"""The user's folder for what is kept between processes: compiled code and designs.
+
+Nobody else can write there.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import stat
+import tempfile
+import threading
+import warnings
+from pathlib import Path
+
+import platformdirs
+
+lock = threading.RLock()
+# a child has no thread that would finish an entry and free what is locked for it
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release
+    )
+_folder: Path | None = None
+
+
+def folder() -> Path:
+    """Return the folder: $STIMLIB_CACHE or the user's cache, or a temporary one.
+
+    A RuntimeWarning says why it is temporary.
+    """
+    global _folder
+    wanted = chosen()
+    with lock:
+        if _folder is None or (_folder != wanted and not _folder.name.startswith("stimlib-tmp-")):
+            try:
+                _folder = private(wanted)
+            except OSError as e:
+                temporary(wanted, e)
+        assert _folder is not None
+        return _folder
+
+
+def chosen() -> Path:
+    """Return $STIMLIB_CACHE or the user's cache, whether it can be used or not."""
+    return Path(
+        os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")
+    ).absolute()
+
+
+def private(wanted: Path) -> Path:
+    """Make a folder, if it is not there; OSError unless we alone can write to it."""
+    for place in reversed((wanted, *wanted.parents)):
+        if not place.exists():
+            place.mkdir(mode=0o700, exist_ok=True)  # whatever the umask is
+    _check_private(wanted.resolve())
+    with tempfile.TemporaryFile(dir=wanted) as f:
+        f.write(b"\0" * 65536)
+    return wanted
+
+
+def _check_private(place: Path) -> None:
+    """Raise OSError unless a folder is private.
+
+    It must be ours, nobody else may write to it, and nobody may replace it.
+    """
+    if problem := open_to_others(os.stat(place)):
+        raise PermissionError(
+            f"{problem}, but its contents are executed; make sure that it is yours, and `chmod"
+            " go-w` it"
+        )
+    for above in place.parents:
+        mode = os.stat(above).st_mode
+        if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+            raise PermissionError(
+                f"everybody may replace the contents of {above}, but the cache is executed; `chmod"
+                " o-w` it"
+            )
+
+
+def open_to_others(info: os.stat_result) -> str:
+    """Return what keeps a folder or file from being private, if anything."""
+    if not hasattr(os, "geteuid"):
+        return ""  # no modes and owners on this system
+    if info.st_uid not in (os.geteuid(), 0):
+        return f"it belongs to user {info.st_uid}"
+    return "others may write to it" if info.st_mode & (stat.S_IWGRP | stat.S_IWOTH) else ""
+
+
+def temporary(wanted: Path, why: OSError) -> None:
+    """Take a temporary folder for this process instead, and warn why."""
+    global _folder
+    _folder = Path(tempfile.mkdtemp(prefix="stimlib-tmp-"))
+    atexit.register(shutil.rmtree, _folder, ignore_errors=True)
+    warnings.warn(
+        f"the cache folder {wanted} cannot be written safely ({why.strerror or why}): compiling"
+        f" into {_folder} for this process; set STIMLIB_CACHE to a folder of your own",
+        RuntimeWarning,
+        stacklevel=2,
+    )
