@@ -97,9 +97,8 @@ def convert_(
     # options that differ from their defaults, where nothing reads them
     idle: dict[str, Any] = {}
     if wanted == ".json" or kind in {*FORMATS, *sounds}:
-        usual = motions.func.__kwdefaults__
-        idle = {n: v for n, v in motions.keywords.items() if v != usual[n]}
-        idle |= {"set": set_, "seed": seed}
+        usual = motions.func.__kwdefaults__.items()
+        idle = {n: motions.keywords[n] != v for n, v in usual} | {"set": set_, "seed": seed}
     if wanted == ".json" or kind in FORMATS and wanted in FORMATS:
         idle["seconds"] = seconds is not None
     if unused := [f"--{n.strip('_').replace('_', '-')}" for n, v in idle.items() if v]:

@@ -22,7 +22,7 @@ import traceback
 import types
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from itertools import chain
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -327,9 +327,9 @@ def _number(node: ast.expr, known: dict[str, Any]) -> Any:
         return node.value
     if isinstance(node, ast.Call) and len(node.args) == 1:
         n = _number(node.args[0], known)
-        made = {np.uint64: np.uint64, maths.bits: np.uint64, np.int64: int}
-        f = made.get(_target(node.func, known))
-        return f and f(n if isinstance(n, int) and n >= 0 else 0)
+        kinds = {np.uint64: np.uint64, maths.bits: np.uint64, np.int64: int}
+        made = kinds.get(_target(node.func, known))
+        return made and made(n if isinstance(n, int) and 0 <= n < 2**64 else 0)
     found = _target(node, known)
     return int(found) if isinstance(found, np.signedinteger) else found
 
@@ -620,15 +620,13 @@ def _of_words(name: str, strict: bool) -> Callable[[Any, Any], Any]:
     def op(a, b):
         if strict and isinstance(b, int | np.signedinteger):
             raise TypeError(_MIXED_SAYS)
-        y = plain(a, b)
-        return _Word(y) if isinstance(y, np.uint64) else y
+        return _Word(y) if isinstance(y := plain(a, b), np.uint64) else y
 
     return op
 
 
-for _op in (*_MIXED.values(), "and", "or", "xor", "lshift", "rshift"):
-    for _side in ("", "r"):
-        setattr(_Word, f"__{_side}{_op}__", _of_words(f"__{_side}{_op}__", _op in _MIXED.values()))
+for _side, _op in product(("", "r"), (*_MIXED.values(), "and", "or", "xor", "lshift", "rshift")):
+    setattr(_Word, f"__{_side}{_op}__", _of_words(f"__{_side}{_op}__", _op in _MIXED.values()))
 
 
 def _with_words(t: Any) -> Any:
