@@ -388,7 +388,7 @@ def _run(
     with (
         bar("writing", info["frames"], progress) as advance,
         beside(hashed, stored) as give,
-        beside(rendered, room=1, finish=True) as run,
+        beside(rendered, finish=True) as run,
     ):
         for x in blocks:
             run(x)
