@@ -481,27 +481,8 @@ def test_series_says_what_it_takes():
     def compiled(q, s, x, y):
         vectors.series(settled, q, s, x, y)
 
-    @njit(error_model="numpy", inline="always")
-    def stateless(q, s, x):
-        return x
-
-    @njit(error_model="numpy", inline="always")
-    def confused(q, s, x):
-        return x, q
-
-    @njit(error_model="numpy")
-    def without_state(q, s, x, y):
-        vectors.series(stateless, q, s, x, y)
-
-    @njit(error_model="numpy")
-    def with_parameters(q, s, x, y):
-        vectors.series(confused, q, s, x, y)
-
     q, s, _ = rows(3, np.random.default_rng(0))
     x = np.ones(6)
-    for other in (without_state, with_parameters):
-        with pytest.raises(SceneError, match=r"must return its output and the new state Held\("):
-            other(q, s, x, x)
     with pytest.raises(
         SceneError, match=r"^settled cannot run in vectors: .*unbits, exp, .* write a loop"
     ):

@@ -376,7 +376,7 @@ def _helper(f: Any, p_type: Any, p_kinds: str, kinds: str, s_type: Any = None) -
     helper = twin(f.dispatcher)
     call = helper if "f" in kinds else helper and (lambda p, *x: helper(*x))
     if s_type:
-        call = helper and (lambda p, *v: _stage(helper(p, s_type(*v[:-1]), v[-1]), s_type))
+        call = helper and (lambda p, *v: helper(p, s_type(*v[:-1]), v[-1]))
     if why := fault(call, p_type, p_kinds, kinds):
         raise SceneError(
             f"{f.dispatcher.py_func.__name__} cannot run in vectors: {why}. Vectors support"
@@ -385,13 +385,6 @@ def _helper(f: Any, p_type: Any, p_kinds: str, kinds: str, s_type: Any = None) -
             " loop over the samples"
         )
     return helper
-
-
-def _stage(made: Any, s_type: Any) -> Any:
-    """Return what a stage of series returned; raise TypeError if it is no such pair."""
-    if not (type(made) is tuple and len(made) == 2 and type(made[1]) is s_type):
-        raise TypeError(f"it must return its output and the new state {s_type.__name__}(..)")
-    return made
 
 
 @intrinsic
