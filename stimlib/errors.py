@@ -273,7 +273,7 @@ def _name(e: Exception, name: str, parameters: Mapping[str, Any]) -> None:
     """Prefix an error with the name of the function that the caller used."""
     first, _, rest = str(e.args[0]).partition(": ")
     makers = first.split(" or ")  # of a block that several functions make
-    passed_on = first in PUBLIC and rest.split(" ")[0].rstrip(":") in parameters
+    passed_on = first in PUBLIC and re.split("[ :[]", rest)[0] in parameters
     if passed_on or (makers[1:] and name in makers):
         e.args = (f"{name}: {rest}", *e.args[1:])
     elif not (

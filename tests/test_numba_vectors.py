@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from stimlib.core.graph import Block, Map
 from stimlib.core.maths import as_float, bits, copy, each, floor, flush, fma, settle
-from stimlib.core.maths import sqrt, unbits, where, words
+from stimlib.core.maths import series, sqrt, unbits, where, words
 
 ONE, TWO, THREE, SIGN = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64((1 << 63) + 5)
 HALF, GAIN, WHOLE = np.float64(0.5), 2.0, 3
@@ -203,6 +203,48 @@ def test_each_in_place(written, size):
 VECTORS_LACK = (
     r"written_\w+.py:\d+: Some.tile: .*cannot run in vectors: %s.*write a loop over the samples"
 )
+
+
+STAGES = """
+class Rows(NamedTuple):
+    y: np.ndarray
+
+def stage(p, s, x):
+    {}
+
+@dataclass(frozen=True, eq=False)
+class Some(Block):
+    a: Block
+
+    def design(self, fs):
+        return Rows(np.full({}, 0.5)), Rows(np.zeros({}))
+
+    @staticmethod
+    def step(p, s, a):
+        return a, s
+
+    @staticmethod
+    def tile(p, s, a, y):
+        series(stage, p, s, a, y)
+        return s
+"""
+
+
+@pytest.mark.parametrize("target", ["python", "numba"])
+@pytest.mark.parametrize(
+    ("stage", "gains", "states", "why"),
+    [
+        # compiled, it would read beyond the array
+        ("return p.y * x, Rows(x)", 2, 3, "IndexError"),
+        ("return p.y * x, Rows(x)", 0, 0, "series needs at least one stage"),
+        ("return p.y * x", 3, 3, r"must return its output and the new state Rows\(..\)"),
+        ("return x, State(x)", 3, 3, r"must return its output and the new state Rows\(..\)"),
+    ],
+)
+def test_a_tile_beside_a_step_is_tried(written, stage, gains, states, why, target):
+    block = written(STAGES.format(stage, gains, states)).Some(1.0 * Input("a"))
+    with pytest.raises(SceneError, match=rf"written_\w+.py:\d+: Some.tile: .*{why}"):
+        sampled(block, target, 64)
 
 
 @pytest.mark.parametrize(

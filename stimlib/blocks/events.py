@@ -750,8 +750,9 @@ def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Blo
     It is an FIR filter with equal taps: no rounding accumulates over time, and after
     silence as long as the average it is exactly 0. From 64 samples on its cost does not
     depend on their number, and the last bit of a sample depends on how many samples
-    were before it. An infinite or NaN sample leaves it after its own length; below 64
-    samples after the next multiple of eight samples, as in ``fir``.
+    were before it. An infinite or NaN sample affects as many outputs as the average has
+    samples; below 64 samples, this number is rounded up to a multiple of eight, as in
+    ``fir``.
 
     Parameters
     ----------

@@ -368,9 +368,9 @@ def fir(x: Block, taps, unit: str = "", onset: str = "step") -> Block:
 
     Notes
     -----
-    The taps are filled up with zeros to a multiple of eight, which vectors need, and 0
-    times infinity is NaN: an infinite or NaN sample leaves the filter after that many
-    samples, up to 7 later than after taps.size.
+    The taps are padded with zeros to a multiple of eight, for vectors, and 0 times
+    infinity is NaN. An infinite or NaN sample therefore affects this multiple of eight
+    outputs, up to 7 more than taps.size.
 
     Examples
     --------

@@ -103,8 +103,8 @@ def convert_(
         idle["seconds"] = seconds is not None
     if unused := [f"--{n.strip('_').replace('_', '-')}" for n, v in idle.items() if v]:
         raise BadValue(
-            f"{', '.join(unused)}: no scene is rendered from {source} to {target}; leave it out,"
-            " or change the arguments of the scene"
+            f"{', '.join(unused)}: no scene is rendered from {source} to {target}; leave"
+            f" {'them' if unused[1:] else 'it'} out, or change the arguments of the scene"
         )
     motion: dict[str, Any] = {}
     recorded: float | None = None

@@ -155,12 +155,20 @@ def series(f, p, s, x, y):
     code runs the stages side by side, each one sample behind the one before. x may be y
     itself, but must not overlap it partly.
     """
+    if not s[0].size:
+        raise ValueError("series needs at least one stage: the arrays of the state are empty")
     for i in range(y.size):
         y[i] = x[i]
         for k in range(s[0].size):
             own = type(p)(*(u[k] if isinstance(u, np.ndarray) else u for u in p))
-            y[i], new = f(own, type(s)(*(u[k] for u in s)), y[i])
-            for u, w in zip(s, new, strict=True):
+            made = f(own, type(s)(*(u[k] for u in s)), y[i])
+            if not (type(made) is tuple and len(made) == 2 and type(made[1]) is type(s)):
+                raise TypeError(
+                    f"a stage of series must return its output and the new state"
+                    f" {type(s).__name__}(..), and returned {made!r:.80}"
+                )
+            y[i] = made[0]
+            for u, w in zip(s, made[1], strict=True):
                 u[k] = w
 
 

@@ -564,14 +564,21 @@ def _faults_of_ends(body: ast.AST, cls: Any, f: Any, s_type: type, new: str) -> 
 
 
 def sample(
-    block: Block, p: Any, s: Any, x: Sequence[Any], work: Sequence[np.ndarray] = ()
+    block: Block,
+    p: Any,
+    s: Any,
+    x: Sequence[Any],
+    work: Sequence[np.ndarray] = (),
+    tiled: bool = False,
 ) -> tuple[Any, Any]:
     """Compute one sample of a block in plain Python, and its new state.
 
     This defines the meaning of a scene. For several outputs the sample is a tuple.
 
     x has one number per signal (without that of a contact), work is the scratch of a
-    tile. SceneError, with file and line, if an author's code raises an error.
+    tile; with tiled, a block that has a step and a tile runs its tile.
+
+    SceneError, with file and line, if an author's code raises an error.
 
     Examples
     --------
@@ -582,8 +589,9 @@ def sample(
     (6.0, ())
     """
     cls = block.definition
+    name, f = ("tile", cls.tile) if tiled else _what(cls)
     try:
-        if cls.step is not None:
+        if name == "step":
             y, s = cls.step(p, s, *x)
             return tuple(np.float64(v) for v in y) if cls.outputs else np.float64(y), s
         tile = np.empty((max(1, len(cls.outputs)), 1))
@@ -592,7 +600,6 @@ def sample(
     except Exception as e:
         if isinstance(e, StimlibError) or ours(cls):
             raise
-        name, f = _what(cls)
         lines = [
             (t.filename, t.lineno)
             for t in traceback.extract_tb(e.__traceback__)
@@ -600,9 +607,8 @@ def sample(
         ]
         filename, line = lines[-1] if lines else (f.__code__.co_filename, f.__code__.co_firstlineno)
         remedy = next((f"; {r}" for what, r in _REMEDIES.items() if what in str(e)), "")
-        raise SceneError(
-            f"{filename}:{line}: {cls.__name__}.{name}: {type(e).__name__}: {e}{remedy}"
-        ) from e
+        why = f"{type(e).__name__}: {str(e).rstrip('.')}{remedy}"
+        raise SceneError(f"{filename}:{line}: {cls.__name__}.{name}: {why}") from e
 
 
 def _what(cls: Any) -> tuple[str, Any]:
@@ -654,8 +660,11 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
     p, s = unpack(p, pack(p)), unpack(s, pack(s))
     words = _with_words(p), _with_words(s)
     x = [np.float64(0.0)] * (len(signals(cls)) - cls.resettable)
+    work = (np.zeros(block.work(p)),) if block.work else ()
     with np.errstate(all="ignore"):
-        y, new = sample(block, *words, x, (np.zeros(block.work(p)),) if block.work else ())
+        if cls.step is not None and cls.tile is not None:  # compiled code reads beyond an array
+            sample(block, p, unpack(s, pack(s)), x, work, tiled=True)
+        y, new = sample(block, *words, x, work)
     name, f = _what(cls)
 
     def refuse(why: str) -> None:

@@ -44,12 +44,15 @@ PROBLEMS = {
     ),
     "separated": (
         "no level has both answers but the one between: the slope is not determined, the {name} is"
-        " between {low:.6g} and {high:.6g}; add levels there, or trials"
+        " {between}; add levels there, or trials"
     ),
     "falling": (
-        "yes becomes rarer as the level rises: look whether the other answer should count as yes"
+        "yes becomes rarer as the level rises: check whether the other answer should count as yes"
     ),
-    "flat": "the answers hardly depend on the level: the data allow a slope of 0, and any {name}",
+    "flat": (
+        "the answers hardly depend on the level: the data allow a slope of 0, and any {name}; add"
+        " levels further apart, or trials"
+    ),
     "lapses": (
         "some answers far from the {name} fit no curve without lapses, and make this one too flat:"
         ' give lapse="free" to fit their rate, or a rate of your own'
@@ -271,7 +274,8 @@ class Fit:
             against = "fit a chance level of 0.5 about as well as a symmetric curve"
         falls = allowed([self.dispersion, math.nan], self.levels - self.parameters, self.confidence)
         wider = math.sqrt(falls[0] / falls[1])
-        facts = dict(name=self.name, low=low, high=high, against=against, p=self.p, wider=wider)
+        between = f"near {low:.6g}" if low == high else f"between {low:.6g} and {high:.6g}"
+        facts = dict(name=self.name, between=between, against=against, p=self.p, wider=wider)
         return [PROBLEMS[name].format(**facts) for name in self.problems]
 
     def plot(self) -> Figure:
@@ -551,7 +555,7 @@ def psychometrics(
     chances: dict[Any, Any] = {}
     fits: dict[Any, Fit] = {}
     for key, given in data.items():
-        where = f"psychometric of {shortened(key)}" if key != "" else "psychometric"
+        where = f"psychometrics of {shortened(key)}" if key != "" else "psychometrics"
         answers, chance = _answers(where, given)
         sets[key] = _set(where, answers, log)
         chances[key] = chance if guess is None else guess
@@ -967,7 +971,7 @@ def _model(link: str, guess: Any, lapse: Any, how: _How) -> None:
             f"psychometric: interval = {how.interval!r} must be profile, bootstrap or none"
         )
     if not 0 < how.confidence < 1:
-        raise BadValue(f"psychometric: confidence = {how.confidence!r} must be between 0 and 1")
+        raise BadValue(f"psychometric: confidence = {how.confidence!r} must be above 0 and below 1")
     if how.dispersion is not None and not 0 < how.dispersion < math.inf:
         raise BadValue(
             f"psychometric: dispersion = {how.dispersion!r} must be above 0 and finite, or None to"
@@ -1038,7 +1042,7 @@ def _set(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
     if not x.ndim == 1 == k.ndim == n.ndim or not x.size == k.size == n.size > 0:
         raise BadValue(
             f"{where}: levels {x.shape}, yes {k.shape} and trials {n.shape} must be rows of one"
-            " length"
+            " length, with a number in each"
         )
     for name, bad in (
         ("levels", ~np.isfinite(x) | (log & (x <= 0))),
@@ -1050,12 +1054,12 @@ def _set(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
             what = (
                 "must be finite" + (", and above 0 for log" if log else "")
                 if name == "levels"
-                else f"must be whole counts, at most {MOST:g}"
+                else f"must be a whole number from 0 to {MOST:g}"
+                if name == "trials"
+                else f"must be a whole number from 0 to trials[{at}] = {n[at]:g}"
             )
-            more = ", yes from 0 to the number of trials" if name == "yes" else ""
             raise BadValue(
-                f"{where}: {name}[{at}] = {dict(levels=x, yes=k, trials=n)[name][at]:g}: {name}"
-                f" {what}{more}"
+                f"{where}: {name}[{at}] = {dict(levels=x, yes=k, trials=n)[name][at]:g} {what}"
             )
     unique, at_level = np.unique(x[n > 0], return_inverse=True)
     if not unique.size:
@@ -1124,8 +1128,8 @@ def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
         guess = better > (AS_GOOD if model.guess is None else scipy.stats.chi2.isf(SURE, 1))
         guess &= ~lapses | (better > gain)
     names = np.select(
-        [found.b <= 0, near < 2, flat, guess, lapses],
-        ["falling", "separated", "flat", "guess", "lapses"],
+        [flat, found.b <= 0, near < 2, guess, lapses],
+        ["flat", "falling", "separated", "guess", "lapses"],
         "",
     )
     return [str(name) for name in names]

@@ -87,7 +87,8 @@ def write(
     last three seconds of signal are lost.
 
     The motion is computed in the calling thread; the processor, hashing, and encoding
-    with writing run in threads of their own.
+    with writing run in threads of their own. Set no parameter of the processor in a
+    function of motion: the motion is up to two blocks ahead of the processor.
 
     Parameters
     ----------
@@ -130,7 +131,8 @@ def write(
     Raises
     ------
     BadValue
-        A number out of range, or a motion of the wrong shape or not finite.
+        A number out of range, or a motion of the wrong shape or not finite; a parameter
+        that is set while the file is written.
     UnknownName
         An input without a motion, or a motion or full scale for something that does not
         exist.
@@ -380,6 +382,11 @@ def _run(
 
     def rendered(x: Array) -> None:
         y = render(x)
+        if len(proc.log) != len(info["log"]):
+            raise BadValue(
+                f"write: parameter {proc.log[-1].name} was set while {path} was being written;"
+                " its sidecar lacks the change; set it before, or make it a signal of the scene"
+            )
         if proc.fault is not None:
             name, index = proc.fault
             raise FaultError(fault_text(name, index - first, fs, f"{path} was not written"))

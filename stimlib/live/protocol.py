@@ -128,8 +128,8 @@ WRONG = 20
 """Number of invalid messages that a page may send."""
 PAGES = 2
 SILENT, PATIENCE = 2.0, 5.0
-"""Seconds without a message after which a page counts as gone, and the most: twice the
-longest silence that it has come back from.
+"""Seconds without a message after which a page counts as gone: SILENT, or twice the
+longest silence from which it came back, at most PATIENCE.
 """
 GRACE = 2.0
 """Seconds for which control is kept for a page that is loaded again."""

@@ -348,6 +348,25 @@ def test_a_motion_sees_exact_times_once_and_cannot_spoil_them(tmp_path):
     )
 
 
+def test_a_motion_must_set_no_parameter(tmp_path):
+    """The sidecar would not have it."""
+    path = tmp_path / "a.wav"
+    proc = stimlib.compile(Scene({"y": Param("k", 2.0) * Input("x")}), 8000.0)
+
+    def motion(t):
+        if 0.1 <= t[0] < 0.2:
+            proc.set("k", 1.0)
+        return t
+
+    proc.set("k", 0.5)
+    file.write(path, proc, {"x": lambda t: t}, 0.1)
+    assert file.read(path)[1]["log"][0]["name"] == "k"
+    old = path.read_bytes()
+    with pytest.raises(BadValue, match="^write: parameter k was set while .*a.wav was being"):
+        file.write(path, proc, {"x": motion}, 0.4, block=800)
+    assert path.read_bytes() == old and len(list(tmp_path.iterdir())) == 2
+
+
 def test_the_processor_runs_while_the_next_motion_is_computed(tmp_path, monkeypatch):
     """It waits for that motion here; afterwards no thread is left."""
     begun, waited, real = threading.Event(), [], stimlib.Processor.process

@@ -706,6 +706,8 @@ def test_bootstrap_and_profile_agree_where_there_are_many_answers():
         ([20, 19, 15, 9, 2, 0], "falling"),
         ([20, 20, 20, 0, 0, 0], "falling"),
         ([10, 11, 9, 12, 10, 11], "flat"),
+        ([10, 10, 10, 10, 10, 10], "flat"),
+        ([11, 10, 12, 9, 11, 10], "flat"),  # falls no more than by chance
     ],
 )
 def test_data_that_determine_no_curve_give_no_number(yes, problem):
@@ -925,14 +927,14 @@ def test_a_fit_is_drawn_with_its_data_and_interval():
         (dict(levels=[1, 2], yes=[1]), "one length"),
         (dict(levels=[1, np.nan], yes=[0, 1]), r"levels\[1\]"),
         (dict(levels=[0, 1], yes=[0, 1], log=True), r"levels\[0\] = 0.*above 0"),
-        (dict(levels=[1, 2], yes=[0, 2]), r"yes\[1\] = 2"),
+        (dict(levels=[1, 2], yes=[0, 2]), r"^psychometric: yes\[1\] = 2 .* trials\[1\] = 1"),
         (dict(levels=[1, 2], yes=[0.5, 1]), r"yes\[0\]"),
         (dict(levels=[1, 2], yes=[0, -1]), r"yes\[1\] = -1"),
         (dict(levels=[1, 2], yes=[0, 1], trials=[0, 1.5]), r"trials\[1\]"),
         (dict(levels=[1, 2], yes=[0, 0], trials=[0, 0]), "no trials"),
         (dict(levels=["a", 2], yes=[0, 1]), "levels = .*'a'.* must be a list of numbers"),
         (dict(levels=[[1], [2, 3]], yes=[0, 1]), "levels = .* must be a list of numbers"),
-        (dict(levels=[1, 2], yes=[0, 1], trials=[1, 2e9]), r"trials\[1\].*at most 1e\+09"),
+        (dict(levels=[1, 2], yes=[0, 1], trials=[1, 2e9]), r"^psychometric: trials\[1\] .* 1e\+09"),
         (dict(levels=[1, 2e200], yes=[0, 1]), "another unit"),
         (dict(levels=[1e-200, 2e-200], yes=[0, 1]), "another unit"),
         (dict(levels=[1, 2], yes=[0, 1], seed=-1), "seed = -1"),

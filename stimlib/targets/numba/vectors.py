@@ -380,9 +380,9 @@ def _helper(f: Any, p_type: Any, p_kinds: str, kinds: str, s_type: Any = None) -
     if why := fault(call, p_type, p_kinds, kinds):
         raise SceneError(
             f"{f.dispatcher.py_func.__name__} cannot run in vectors: {why}. Vectors support"
-            " arithmetic,"
-            f" comparisons, abs, {', '.join(TWINS)} and helpers of these; else write a loop over"
-            " the samples in place of each(..)"
+            " arithmetic, comparisons, abs,"
+            f" {', '.join(n for n in TWINS if n[0] != '_')} and helpers of these; else write a"
+            " loop over the samples"
         )
     return helper
 
