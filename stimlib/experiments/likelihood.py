@@ -349,10 +349,10 @@ def _score(
         return total(fit), _joint_step(at, z, yes, n, model, free, eta, p, q, slope)
     r = yes / p - no / q
     g = slope * r
-    if model.guess or model.lapse:
-        w = n * slope * slope / (p * q)
-    else:  # concave
-        w = slope * slope * (yes / (p * p) + no / (q * q)) - g * of.bend(eta)
+    w = n * slope * slope / (p * q)
+    if not model.guess and not model.lapse:  # concave, but where FLOOR is the probability
+        newton = slope * slope * (yes / (p * p) + no / (q * q)) - g * of.bend(eta)
+        w = np.where(newton > 0, newton, w)
     gz, wz = g * z, w * z
     loglik, g0, g1, w0, w1, w2 = total(np.stack([fit, g, gz, w, wz, wz * z]))
     step = np.zeros_like(at)

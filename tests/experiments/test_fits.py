@@ -264,6 +264,13 @@ def test_where_there_is_one_peak_steps_are_newtons(link, monkeypatch):
     assert len(asked) <= 10 and np.isfinite(found.loglik).all()
 
 
+def test_steps_climb_where_probabilities_are_cut_off():
+    """A slope is held that makes the answer at 1785 impossible: below 1e-15."""
+    x, n = np.array([0.01, 1.5, 378.0, 1785.0]), np.array([40, 2, 1, 2])
+    found = maximum(Sets(x, 0 * n, n), 88.0, b=0.03)
+    assert found.loglik == pytest.approx(2 * np.log(1e-15))  # the others are certain
+
+
 def test_2000_observers_of_the_staircases():
     sets = staircases(np.random.default_rng(1), 2000, 2.34, 0.3)
     found = maximum(sets, 2.34)
