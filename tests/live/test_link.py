@@ -93,3 +93,18 @@ def test_samples_go_to_the_sound_and_their_vibration_to_the_page(tmp_path):
     )
     assert out[0] == [False, True, False]
     assert out[1] == [[100, 2, 0.1, 7, 8], [108, 2, 0.108, 0, 8], [120, 2, 0.12, 9, 8]]
+
+
+def test_what_the_worker_was_late_is_no_reason_for_another_connection(tmp_path):
+    out = run(
+        tmp_path,
+        """ticks(1);
+        onmessage({ data: { open: "ws://page", token: "T", page: "p" } });
+        const first = ws;
+        t += 9000; // it stands still before the server answers
+        tick();
+        const late = ws !== first;
+        ticks(20); // 5 s
+        console.log(JSON.stringify([late, ws !== first]));""",
+    )
+    assert out == [False, True]
