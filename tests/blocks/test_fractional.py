@@ -560,8 +560,8 @@ def test_the_second_words_are_needed(alpha, monkeypatch):
 
 
 def test_a_ramp_of_the_order_is_the_same_in_any_pieces():
-    """Weights are made for 16 samples at once; orders that stay, that move, 0, 1, a jump
-    and a way back within one tile.
+    """Weights are made for 16 samples at once. Orders that stay, that move, 0, 1, a
+    jump and a way back within one tile.
     """
     n, fs = 330, 1000.0
     x, rng = moved("smooth", n, fs), np.random.default_rng(3)
