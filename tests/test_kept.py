@@ -44,9 +44,33 @@ def test_a_slow_design_is_made_once_for_all_processes(folder, monkeypatch):
     assert CALLS == [5.0] and same(first, again) and not again.taps.flags.writeable
     assert type(again.error) is float
     assert not same(fit(5.0, 2.0), first) and len(CALLS) == 2
+    assert not same(fit(5.0, scale=4.0), first) and len(CALLS) == 3
     monkeypatch.setattr(module, "_salt", lambda: "another text of the design")
-    assert same(fit(5.0), first) and len(CALLS) == 3
-    assert {p.suffix for p in folder.iterdir()} == {".npz"} and len([*folder.iterdir()]) == 3
+    assert same(fit(5.0), first) and len(CALLS) == 4
+    assert {p.suffix for p in folder.iterdir()} == {".npz"} and len([*folder.iterdir()]) == 4
+
+
+def test_designs_of_one_name_in_two_modules_are_apart(folder):
+    def named(module, value):
+        def design() -> Fit:
+            return Fit(np.full(3, value), value)
+
+        design.__module__ = module
+        return kept(design)
+
+    assert [named(m, v)().error for m, v in (("a", 1.0), ("b", 2.0), ("a", 3.0))] == [1, 2, 1]
+
+
+def test_another_text_or_machine_makes_its_own_designs(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "__file__", str(tmp_path / "kept.py"))
+    text, salt, found = tmp_path / "filters.py", module._salt.__wrapped__, []
+    for made, machine, node in [("1", "m", "n"), ("2", "m", "n"), ("2", "o", "n"), ("2", "o", "p")]:
+        text.write_text(made)
+        monkeypatch.setattr("platform.machine", lambda machine=machine: machine)
+        monkeypatch.setattr("platform.node", lambda node=node: node)
+        assert salt() == salt()
+        found.append(salt())
+    assert len(set(found)) == 4
 
 
 def test_a_fast_design_is_not_kept_and_neither_is_one_without_a_folder(folder, monkeypatch):
@@ -103,6 +127,9 @@ def test_a_file_or_folder_that_others_may_change_is_not_read(folder):
     folder.chmod(0o777)
     fit(5.0)
     assert CALLS == [5.0] * 3
+    path.unlink()
+    fit(5.0)
+    assert not [*folder.iterdir()], "nothing is written where others may write"
 
 
 def test_a_differentiator_is_kept(folder):

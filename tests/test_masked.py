@@ -7,6 +7,7 @@ from refusals import refused
 import stimlib
 from stimlib import BadValue, Input, Scene
 from stimlib.analysis import cues, sensation_level, vibration, weighted_rms
+from stimlib.motion.source import positions
 from stimlib.plate import amplifier_load
 
 WAVE = np.sin(np.arange(400) / 9)
@@ -28,3 +29,13 @@ def test_a_gap_is_refused_and_a_mask_that_hides_nothing_is_taken(name):
 
 def test_a_gap_is_not_heard():
     assert np.isnan(vibration(GAP, 1000.0)).any()
+
+
+def test_a_gap_of_a_function_is_no_number():
+    """What lies below the mask is sound."""
+
+    def motion(t):
+        return np.ma.masked_array(np.zeros(t.size), (t > 0.2) & (t < 0.22))
+
+    why = "motion of x is not finite at sample 201"
+    refused(BadValue, why, positions, {"x": motion}, 0, 400, 1000.0)

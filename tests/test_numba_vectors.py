@@ -342,12 +342,13 @@ def test_what_depends_on_constants_alone_is_computed_once_a_tile():
             y = settle(fma(p.k / level, a - s.y, s.y))
             return y, Memory(y, level, s.cold)
 
-    x, level = motion(100), Input("level")
+    x, levels = motion(100), {"a": 3.0, "b": 5.0}
     for given in ({"y": "a"}, {"y": "a", "z": "b"}):
-        fixed = Scene({k: Some(Input(v), constant(3.0)) for k, v in given.items()})
+        fixed = Scene({k: Some(Input(v), constant(levels[v])) for k, v in given.items()})
         ours, wanted = pair(fixed, 1000)
-        same = stimlib.compile(Scene({k: Some(Input(v), level) for k, v in given.items()}), 1000)
-        rows = {"a": x[0], "b": x[1], "level": np.full(100, 3.0)}
+        live = Scene({k: Some(Input(v), Input(f"level_{v}")) for k, v in given.items()})
+        same = stimlib.compile(live, 1000)
+        rows = {"a": x[0], "b": x[1]} | {f"level_{v}": np.full(100, levels[v]) for v in levels}
         y = run(ours, x[: len(given)], cut_at(100, 13))
         assert_same(y, wanted.process(x[: len(given)]))
         assert_same(y, same.process(np.array([rows[name] for name in same.inputs])))

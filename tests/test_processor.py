@@ -503,6 +503,16 @@ def test_a_fault_fades_from_the_sample_before(target, at):
     )
 
 
+def test_a_guard_that_another_block_reads_runs_before_it():
+    x = Input("x")
+    outputs = {"x": x, "behind": 2.0 * Guard(x)}
+    u = np.random.default_rng(1).standard_normal((1, 200))
+    u[0, 150] = np.nan
+    y, wanted = (make(outputs, 250.0, target).process(u) for target in ("numba", "python"))
+    assert_same(y, wanted, "samples")
+    np.testing.assert_array_equal(y[:, :150], np.concatenate([u, 2 * u])[:, :150])
+
+
 @pytest.mark.parametrize("at", [0, 63, 64, 70, 127, 200])
 def test_a_fault_is_found_wherever_it_is_in_a_tile(at):
     """Of outputs that share a guard, and of one whose guard another block reads."""

@@ -17,6 +17,7 @@ import stimlib
 from stimlib import Input, Param, Scene, blocks, load
 from stimlib.core.graph import Block, reach, registry
 from stimlib.errors import BadValue, SceneError, SceneFileError, StimlibError
+from stimlib.system.fields import strict
 
 x = Input("x")
 
@@ -388,6 +389,12 @@ def test_a_key_that_is_there_twice_is_refused(tmp_path):
     assert load(path).outputs
     path.write_text(path.read_text().replace('"class":', '"class": "Taps", "class":', 1))
     refused(SceneFileError, "s.json.*'class' is there twice in one object; keep one", load, path)
+
+
+@pytest.mark.parametrize("key", ["b", "k" * 100])
+def test_of_many_keys_the_one_that_is_there_twice_is_named(key):
+    text = json.dumps({key: 1, "c": 2, "a": 3})[:-1] + f', "{key}": 4}}'
+    refused(ValueError, f"'{key[:40]}' is there twice", strict, text)
 
 
 ODD = [

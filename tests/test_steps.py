@@ -62,6 +62,8 @@ class Contact(NamedTuple):
     last: float
     cold: float
 
+LESS = -1
+
 def recovers(v):
     return recovers(v)
 
@@ -82,6 +84,9 @@ ARRAYS = """def design(self, fs):
     return Numbers(np.zeros(3), np.uint64(1), 1.0), Memory(np.zeros(3), np.uint64(1), 1.0)
 """
 STATIC = "@staticmethod\ndef step(p, s, x):\n"
+SERIES = (
+    "@staticmethod\ndef tile(p, s, x, y):\n    maths.series(powered, p, s, x, y)\n    return s\n"
+)
 GOOD = STATIC + "    return p.gain * x, State(x)\n"
 NUMBER = itertools.count()
 
@@ -131,6 +136,9 @@ MISTAKES = [
     (body("f = lambda v: v", "return f(x), s"), "straight-line"),
     (body("return powered(x), s"), "powered"),
     (body("return recovers(x), s"), ""),
+    (body("return s.n + np.uint64(18446744073709551616), s"), ""),
+    (body("maths.each(f=recovers)", "return x, s"), ""),
+    (GOOD + SERIES, "powered"),
     (body("return x.item(), s"), "x.item"),
     (
         body("return stimlib.core.maths.sqrt(x), s  # here"),
@@ -295,7 +303,7 @@ WORDS = body("v = np.uint64({})  # here", "return maths.as_float(v), s")
     "s.n + 1|s.n - 1|3 * s.n|s.n % 3|s.n % np.int64(3)"
     "|7 - where(x > 0.0, s.n, p.seed)|(s.n & p.seed) + 1"
     "|np.uint64(x) % 3|maths.bits(x) + 1|np.uint64(2) * np.int64(x)|s.n << 64|np.int64(x) >> 70"
-    "|s.n >> np.uint64(64)".split("|"),
+    "|s.n >> np.uint64(64)|s.n << LESS".split("|"),
 )
 def test_whole_numbers_that_differ_between_targets_are_refused(mine, text):
     """Compiled, a word and a whole number make a float, and a shift by 64 anything."""

@@ -287,6 +287,19 @@ def test_at_rest_and_at_the_first_sample_of_a_contact_friction_is_static(exponen
     np.testing.assert_allclose(got, [1.2, 1.2, 0.0, 1.2, 1.2], rtol=1e-15)
 
 
+@pytest.mark.parametrize("target", ["python", "numba"])
+def test_a_way_back_has_the_friction_of_the_way_there(target):
+    """The speed is that since the sample before, in any tile."""
+    from stimlib.blocks.contact import StribeckPower
+
+    x = 0.3 + np.cumsum(np.random.default_rng(1).uniform(-SPEED, SPEED, 200)) / 1000
+    v = np.abs(np.diff(x, prepend=x[0])) * 1000
+    one = X, constant(0.8, "N"), constant(1.0), 0.5, SPEED, 1.3
+    proc = stimlib.compile(Scene({"f": StribeckPower(*one)}), 1000, target)
+    want = 0.8 * (1 + 0.5 * np.exp(-((v / SPEED) ** 1.3)))
+    np.testing.assert_allclose(proc.process(x[None])[0], want, rtol=1e-9)
+
+
 def test_the_damping_that_a_falling_friction_needs():
     """The steepest fall of the curve, found on a grid."""
     from stimlib.blocks.contact import Stribeck, StribeckPower

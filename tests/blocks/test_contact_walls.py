@@ -115,7 +115,7 @@ def test_what_makes_no_sense_is_refused(says):
 
 def test_units_must_fit():
     for words, said in (
-        ({"b": constant(1.0, "N")}, r"b must be \[N\*s/m\], not \[N\]"),
+        ({"b": constant(1.0, "N")}, r"b must be \[N·s/m\], not \[N\]"),
         ({"at": constant(1.0, "s")}, r"at \[m\], not \[s\]"),
         ({"hunt_crossley": constant(1.0, "s")}, r"hunt_crossley \[s/m\], not \[s\]"),
     ):

@@ -255,6 +255,12 @@ def test_an_envelope_reaches_1_in_time_and_starts_again_from_where_it_is():
     assert y[60] > y[59] and y[60:110].max() == 1.0 and y[-1] < 1e-6
 
 
+def test_a_gate_that_closes_within_a_tile_ends_what_was_sustained():
+    gate = np.repeat([0.0, 1.0, 0.0, 1.0], [10, 190, 30, 70])
+    y = played(b.envelope(E, 0, 0, 1.0, 0), gate)
+    np.testing.assert_array_equal(y, gate)
+
+
 def test_what_comes_soon_after_an_event_is_lost():
     y = played(b.once_within(E, 0.01), np.ones(100))
     assert np.flatnonzero(y).tolist() == list(range(0, 100, 10))

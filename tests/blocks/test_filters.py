@@ -239,3 +239,11 @@ def test_a_delay_of_any_length_is_exact_in_calls_of_any_size():
             y = run(proc, x, cuts)
             for n, row in zip(lengths, y, strict=True):
                 np.testing.assert_array_equal(row, np.concatenate([np.zeros(n), x[0, :-n]]))
+
+
+@pytest.mark.parametrize("target", ["python", "numba"])
+def test_a_filter_ends_in_silence(target):
+    """What keeps its states from denormal numbers is not heard."""
+    proc = stimlib.compile(Scene({"y": b.lowpass(Input("x"), 100.0)}), 1000, target)
+    y = proc.process(np.eye(1, 3000))[0]
+    assert y[:3].all() and not y[-100:].any()

@@ -6,7 +6,7 @@ from laws import lawful, played
 
 import stimlib
 from stimlib import Input, Param, Scene
-from stimlib.blocks import first_order, kelvin_voigt, spring, velocity
+from stimlib.blocks import first_order, hysteresis, kelvin_voigt, spring, velocity
 from stimlib.errors import UnitError
 
 x = Input("x", "m")
@@ -118,3 +118,11 @@ def test_a_spring_of_a_number_is_an_error_of_units():
         UnitError, match=r"^spring: k \[m\] times Const\(2000.0\) \[1\] is \[m\], not a force"
     ):
         spring(2000.0, Input("x", "m"))
+
+
+@pytest.mark.parametrize("target", ["python", "numba"])
+def test_a_hysteresis_is_open_above_its_thresholds_and_not_at_them(target):
+    x = np.repeat([1.0, 2.0, 2.1, 1.5, 1.0, 1.5, 2.0], 64)  # a tile each
+    proc = stimlib.compile(Scene({"y": hysteresis(Input("x"), on=2.0, off=1.0)}), 1000, target)
+    want = np.repeat([0.0, 0, 1, 1, 0, 0, 0], 64)
+    np.testing.assert_array_equal(proc.process(x[None])[0], want)

@@ -127,6 +127,13 @@ def test_jittered_pulses_keep_their_order_and_none_is_lost():
     assert regular.tolist() == np.floor((np.arange(30) + 0.5) * 1000 / 30).tolist()
 
 
+@pytest.mark.parametrize("jitter", [-0.5, -1.0])
+def test_an_event_at_the_first_instant_of_each_period_is_there_once(jitter):
+    """Periods of 8 samples, whose phases begin with exactly 0."""
+    y = played(b.pulse_train(1000.0, jitter), 100, fs=8000)
+    np.testing.assert_array_equal(y[8:], np.arange(8, 100) % 8 == 0)
+
+
 def test_a_recording_is_played_once_or_again_and_again():
     x = np.array([1.0, -2.0, 3.0])
     assert played(b.playback(x, rate=1000), 6).tolist() == [1, -2, 3, 0, 0, 0]

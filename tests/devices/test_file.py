@@ -386,6 +386,18 @@ def test_the_processor_runs_while_the_next_motion_is_computed(tmp_path, monkeypa
     assert waited == [True] * 4 and len(sys._current_frames()) == before
 
 
+def test_a_large_block_is_written_in_parts(tmp_path):
+    """A run that is killed loses only what was not written yet."""
+    sizes = []
+    scene = Scene({"y": 1.0 * Input("x")})
+    for block in (64, 10000):
+        proc = stimlib.compile(scene, 1000)
+        motion = {"x": lambda t: (sizes.append(t.size), np.sin(t))[1]}
+        file.write(tmp_path / f"{block}.wav", proc, motion, 10.0, full_scale=1.0, block=block)
+    one, other = (sf.read(tmp_path / f"{block}.wav")[0] for block in (64, 10000))
+    assert max(sizes) <= 1000 and np.array_equal(one, other)
+
+
 def test_full_scale_per_output(tmp_path):
     scales = {"force1": np.float32(32.0), "force0": 64}
     file.write(tmp_path / "a.flac", forces(2), MOTION, 0.1, full_scale=scales)

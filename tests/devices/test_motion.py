@@ -123,6 +123,18 @@ def test_the_time_within_a_period_is_exact(period):
     for some in (x[x < 2.0**24 * period], x):  # few periods, and too many for the fast way
         exact = [float(Fraction(v) % Fraction(period)) for v in some.tolist()]
         assert some.size >= 1024 and m._fmod(some, period).tolist() == exact
+    gap = m._fmod(np.append(x, np.nan), period)  # too many, and a time that is none
+    assert gap[:-1].tolist() == exact and np.isnan(gap[-1])
+
+
+def test_a_press_may_rise_and_fall_at_its_own_speeds():
+    """Minimum jerk from 0 to 1 in T: 10 u^3 - 15 u^4 + 6 u^5 with u = t/T."""
+    t = np.arange(1200) / 1000
+    x = m.minimum_jerk(1.0, rise=0.2, hold=0.1, fall=0.6, rest=0.3)(t)
+    rise, fall = ((np.arange(1000 * T) / (1000 * T)) for T in (0.2, 0.6))
+    up, down = (10 * u**3 - 15 * u**4 + 6 * u**5 for u in (rise, fall))
+    want = np.concatenate([up, np.ones(100), 1 - down, np.zeros(300)])
+    np.testing.assert_allclose(x, want, rtol=0, atol=1e-12)
 
 
 def test_ramp_and_triangle_have_their_speed():

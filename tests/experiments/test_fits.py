@@ -271,6 +271,36 @@ def test_steps_climb_where_probabilities_are_cut_off():
     assert found.loglik == pytest.approx(2 * np.log(1e-15))  # the others are certain
 
 
+@pytest.mark.parametrize(
+    ("guess", "yes", "starts"),
+    [(0.0, (3, 8), [(2, 0), (6, 3), (-6, 1)]), (0.5, (6, 9), [(-6, 0), (-3, 3), (2, 0)])],
+)
+def test_a_step_that_goes_too_far_is_halved(guess, yes, starts):
+    """Two levels determine a logistic curve: it passes through both proportions.
+
+    From these starts a whole step lowers the likelihood, or it is not concave there.
+    """
+    p = (np.array(yes) / 10 - guess) / (1 - guess)
+    low, high = np.log(p / (1 - p))
+    sets = Sets(np.array([-1.0, 1.0]), np.array(yes, float), np.array([10.0, 10.0]))
+    a, b = np.transpose(starts).astype(float)
+    start = Found(a, b, 0 * a, guess + 0 * a, 0 * a)
+    free = (True, True, False, False)
+    found = likelihood._climb(sets, Model("logit", guess), start, free, 60)
+    np.testing.assert_allclose(found.a, (high + low) / 2, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.b, (high - low) / 2, rtol=0, atol=1e-9)
+
+
+def test_a_rate_stays_below_the_largest_that_is_looked_for():
+    """Of the answers at high levels, 30 % are lapses."""
+    z = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
+    sets = Sets(z, np.array([2.0, 8.0, 35.0, 68.0, 70.0]), np.full(5, 100.0))
+    start = Found(*map(np.array, (0.0, 1.0, 0.05, 0.0, 0.0)))
+    free = (True, True, True, False)
+    found = likelihood._climb(sets, Model("logit", 0.0, "free"), start, free, 60)
+    assert found.lapse == likelihood.LAPSES
+
+
 def test_2000_observers_of_the_staircases():
     sets = staircases(np.random.default_rng(1), 2000, 2.34, 0.3)
     found = maximum(sets, 2.34)

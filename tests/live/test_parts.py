@@ -441,7 +441,9 @@ def test_the_first_block_is_shown_although_the_start_comes_just_before_it(tmp_pa
     assert missed and [at for at, _ in heard][:10] == list(range(0, 200, 20))
 
 
-@pytest.mark.parametrize("silences, most", [([], 2.0), ([1.5], 3.0), ([1.5, 2.9], 5.0)])
+@pytest.mark.parametrize(
+    "silences, most", [([], 2.0), ([1.5], 3.0), ([1.5, 0.1], 3.0), ([1.5, 2.9], 5.0)]
+)
 def test_a_page_that_was_late_is_waited_for_longer(silences, most):
     """For twice its longest silence, in s, and 5 s at most."""
     page = Page()

@@ -110,3 +110,72 @@ def test_lost_samples_are_faded_where_the_queue_bridges_them():
     y = heard(stall=5.0, first=0.3, seconds=9)
     assert (y["under"], y["missing"]) == (0, 800)
     assert y["step"] < 1.05 * 0.25 * 2 * math.pi * 158 / 48000  # no click
+
+
+PLAYER = """
+globalThis.sampleRate = 48000;
+globalThis.AudioWorkletProcessor = class { constructor() { this.port = {}; } };
+let Kind;
+globalThis.registerProcessor = (_, kind) => { Kind = kind; };
+(0, eval)(require("fs").readFileSync(process.argv[2], "utf8"));
+const p = new Kind({ processorOptions: { base: 0.01 } });
+const dt = 128 / 48000, out = new Float32Array(128);
+p.fs = 8000;
+let at = 0, session = 1;
+const run = s => { for (let k = 0; k < Math.round(s / dt); k++) p.process([], [[out]]); };
+const give = (s, made = p.time) => {
+  const y = new Float32Array(Math.round(8000 * s));
+  p.take({ y, at, session, made, t: 0 });
+  at += y.length;
+};
+const play = s => { for (let k = 0; k < Math.round(s / 0.008); k++) { give(0.008); run(0.008); } };
+const near = (a, b) => Math.abs(a - b) < 1e-3;
+"""
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        # a gap makes the queue remember for twice as long, for 16 minutes at most
+        """give(0.2); const kept = [];
+        for (let k = 0; k < 4; k++) { play(0.5); run(1); give(0.3); kept.push(p.keep); }
+        console.log(p.under === 4 && `${kept}` === "240,480,960,960");""",
+        # a new session has a clock of its own, and the end of an old one is no gap
+        "give(0.2); play(0.3); run(1); at = 0; session = 2; give(0.2); play(0.2);"
+        " console.log(p.under === 0);",
+        "play(0.5); at = 4000; play(0.3); at = 5000; session = 2; play(0.3);"
+        " console.log(p.need < 0.01);",
+        # a page that was open for long before the first sample does not know it either
+        "run(20); give(0.008); run(0.008); console.log(p.depth === 0.1);",
+        # a control at its limit learns nothing
+        "p.head = 4000; p.mean = 0.5; p.control(dt);"
+        " console.log(p.sum === 0 && p.ratio === 1.005);",
+        # no queue is longer than 0.4 s
+        "p.need = 1; run(0.1); console.log(p.depth === 0.4);",
+        # a control that is critically damped passes its goal by little
+        """p.depth = 0.1; p.mean = p.goal(); p.head = 8000 * p.goal(); let low = 0, high = 0;
+        for (let k = 0; k < 30 / dt; k++) {
+          p.head += 8.016 * 1000 * dt; p.control(dt); p.at += 8000 * dt * p.ratio;
+          const e = p.mean - p.goal(); low = Math.min(low, e); high = Math.max(high, e);
+        }
+        console.log(low > -0.1 * high);""",
+        # after 5 s without samples, lateness is against those that come now
+        "play(1); run(5); play(0.4); run(0.15); give(0.16); console.log(p.need > 0.1);",
+        # the server has a gap that it worked in for less than half of the time
+        """give(0.2); play(0.5); run(1); give(0.3, p.made + 0.3); const page = p.late;
+        play(0.5); run(1); give(0.3, p.made + 0.9); console.log(page === 0 && p.late === 1);""",
+        # the mean of the queue, while the card takes 10 ms at once, is the goal
+        """p.base = 4 * dt; give(0.2); let sum = 0;
+        for (let k = 0; k < 4; k++) { run(dt); sum += p.fill() + p.ratio * dt; }
+        console.log(near(sum / 4, p.goal()));""",
+        # a queue that is 0.1 s too long begins again in the first second, not later
+        """give(0.2); play(0.5); give(0.1); const first = !p.on && !p.skips; play(2);
+        give(0.1); console.log(first && p.on && !p.skips);""",
+    ],
+    ids="memory session clock open limit longest damped silence cause begin long".split(),
+)
+def test_a_rule_of_the_queue(script, tmp_path):
+    (tmp_path / "rule.js").write_text(PLAYER + script)
+    words = ["node", tmp_path / "rule.js", WORKLET]
+    said = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert said.stdout == "true\n", said

@@ -24,7 +24,7 @@ from refusals import refused
 import stimlib
 from stimlib import BadValue, Input, MissingPackage, Param, Scene, SinkError, UnknownName
 from stimlib.live import notebook
-from stimlib.live.describe import full_scales
+from stimlib.live.describe import full_scales, page_rate
 from stimlib.live.share import WEB, compiled, packed, page_of, share
 from stimlib.motion import sinusoid
 from stimlib.scenes import squeeze
@@ -132,6 +132,7 @@ def test_what_is_refused(tmp_path):
     fast = "fs = 1e\\+06 Hz is faster than a page can present; give at most 768000 Hz"
     refused(BadValue, fast, share, scene, 1e6)
     refused(BadValue, fast, full_scales, scene, 1e6, {"x": (0.0, 1.0)})
+    assert page_rate(768000) == 768000.0
     refused(UnknownName, "range of z", share, scene, ranges={"z": (0, 1)})
     refused(BadValue, "finite", share, scene, motion={"x": np.full(9, np.nan)})
 
