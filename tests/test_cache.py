@@ -220,6 +220,7 @@ def test_noise_is_drawn_by_one_function_and_compiled_in_few_passes(tmp_path, mon
     )
     text, _ = segments.written(form)
     (tmp_path / "white.py").write_text(text)
+    passes.clear()
     caches._compiled(tmp_path, text, "white")
     assert sorted(drawn) == [2, 16, 32] and Compiler.define_pipelines is whole
     assert "native_lowering" in passes and "nopython_rewrites" not in passes

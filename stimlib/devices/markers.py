@@ -175,7 +175,8 @@ class Markers:
     def end(self, seconds: float) -> None:
         """Wait a limited time until all markers are sent, and count the unsent ones."""
         self._queue.put(None)
-        self.thread.join(seconds)
+        if self.thread.ident is not None:  # it was started
+            self.thread.join(seconds)
         self.unsent = self.count - self._sent if self._send else 0
         if self.unsent:
             why = f"{self.unsent} of {self.count} markers were not sent: a sender is too slow"

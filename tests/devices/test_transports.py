@@ -5,6 +5,7 @@ import os
 import pty
 import socket
 import struct
+import threading
 import time
 import tty
 from contextlib import ExitStack
@@ -487,11 +488,11 @@ def test_gaps_are_remembered_by_samples():
 
 def test_markers_that_a_slow_sender_has_not_taken_are_an_error(tmp_path):
     """It holds up nothing; they are counted, and all of them are in the log."""
-    sent = []
+    sent, enough = [], threading.Event()
 
     def slow(marker):
         sent.append(marker)
-        time.sleep(3.0)
+        enough.wait(3.0)
 
     sink = NullSink(SCENE, LIMITS, clocked=False, markers=["onset"], send=slow, log=tmp_path / "l")
     with pytest.raises(SinkError, match="20 of 20 markers were not sent"), sink:
@@ -504,6 +505,7 @@ def test_markers_that_a_slow_sender_has_not_taken_are_an_error(tmp_path):
     log = read_log(tmp_path / "l")
     assert log.report["unsent_markers"] == 20
     assert sum(e.kind == "mark" for e in log.events) == 20
+    enough.set()
 
 
 def test_rows_beyond_the_limits_move_nothing_and_clocks_may_be_set():

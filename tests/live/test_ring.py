@@ -162,8 +162,13 @@ const near = (a, b) => Math.abs(a - b) < 1e-3;
         # after 5 s without samples, lateness is against those that come now
         "play(1); run(5); play(0.4); run(0.15); give(0.16); console.log(p.need > 0.1);",
         # the server has a gap that it worked in for less than half of the time
-        """give(0.2); play(0.5); run(1); give(0.3, p.made + 0.3); const page = p.late;
+        """give(0.2); play(0.5); run(1); give(0.3, p.made + 0.3); run(0.01); const page = p.late;
         play(0.5); run(1); give(0.3, p.made + 0.9); console.log(page === 0 && p.late === 1);""",
+        # it is the server's, too, where a block came late that was made before the gap
+        """give(0.2); play(0.5); run(1); give(0.004, p.made + 0.004); let told;
+        p.link = { postMessage(m) { told = m.audio; } }; p.take({ ask: true });
+        const early = told.under; give(0.3, p.made + 0.9); run(0.1); p.take({ ask: true });
+        console.log(early === 0 && told.under === 1 && told.late === 1);""",
         # the mean of the queue, while the card takes 10 ms at once, is the goal
         """p.base = 4 * dt; give(0.2); let sum = 0;
         for (let k = 0; k < 4; k++) { run(dt); sum += p.fill() + p.ratio * dt; }
@@ -172,7 +177,7 @@ const near = (a, b) => Math.abs(a - b) < 1e-3;
         """give(0.2); play(0.5); give(0.1); const first = !p.on && !p.skips; play(2);
         give(0.1); console.log(first && p.on && !p.skips);""",
     ],
-    ids="memory session clock open limit longest damped silence cause begin long".split(),
+    ids="memory session clock open limit longest damped silence cause before begin long".split(),
 )
 def test_a_rule_of_the_queue(script, tmp_path):
     (tmp_path / "rule.js").write_text(PLAYER + script)

@@ -29,7 +29,7 @@ class Player extends AudioWorkletProcessor {
     this.on = this.dry = this.stood = this.ended = false; this.gain = 0; this.mean = 0; this.sum = 0; this.ratio = 1;
     this.under = this.late = this.skips = this.missing = 0; this.n = 0; // late: gaps of the server
     this.time = 0; this.best = this.before = -Infinity; this.until = 0; // s of the card's clock, and by how much blocks were ahead of it
-    this.begun = this.came = this.made = 0; this.heard = Infinity; // s, when the sound began, the newest block came, and the first; s of the server's clock when it was made
+    this.begun = this.came = this.made = this.waited = 0; this.heard = Infinity; // s, when the sound began, the newest block came, and the first; s of the server's clock when it was made
     this.marks = [];
     this.port.onmessage = ({ data }) => { this.link = data.port; this.link.onmessage = ({ data: d }) => this.take(d); };
   }
@@ -39,7 +39,7 @@ class Player extends AudioWorkletProcessor {
     if ("end" in d) { this.ended = d.end; return; } // a session's end is no gap
     if (d.ask) {
       const { under, late, skips, missing, mean, ratio, depth, n } = this;
-      this.link.postMessage({ audio: { under, late, skips, missing, fill: mean, ratio, depth, n } });
+      this.link.postMessage({ audio: { under: under - (this.waited > 0), late, skips, missing, fill: mean, ratio, depth, n } });
       return;
     }
     if (d.session !== this.session) Object.assign(this, { session: d.session, next: d.at, best: -Infinity, before: -Infinity, dry: false });
@@ -75,8 +75,12 @@ class Player extends AudioWorkletProcessor {
     if (this.dry) {
       this.dry = false;
       this.under++;
-      this.late += made - this.made > (this.time - this.came) / 2;
+      this.waited = this.time - this.came;
       this.keep = Math.min(2 * this.keep, LONGEST);
+    }
+    if (made - this.made > this.waited / 2) { // of the blocks that come now, the first may have been made before the server stood still
+      this.late += this.waited > 0;
+      this.waited = 0;
     }
     [this.came, this.made] = [this.time, made];
   }
@@ -90,7 +94,7 @@ class Player extends AudioWorkletProcessor {
   begin(dt) {
     const wanted = this.goal() + (this.base - dt) / 2;
     if (this.gain > 0 || this.dry || !this.head || this.fill() < wanted + HALF / this.fs) return;
-    Object.assign(this, { on: true, at: this.head - wanted * this.fs, mean: this.goal(), begun: this.time });
+    Object.assign(this, { on: true, at: this.head - wanted * this.fs, mean: this.goal(), begun: this.time, waited: 0 });
   }
 
   control(dt) {
