@@ -72,21 +72,3 @@ def test_an_error_of_the_caller_is_raised_where_the_items_are_fine():
         give(1)
         raise KeyError("mine")
     assert done == [1]
-
-
-@pytest.mark.parametrize("finish", [False, True])
-def test_what_waits_at_an_interrupt_is_done_where_it_was_asked_for(finish):
-    done, begun, go = [], threading.Event(), threading.Event()
-
-    def slow(item):
-        begun.set()
-        go.wait(10)
-        done.append(item)
-
-    with pytest.raises(KeyboardInterrupt), beside(slow, finish=finish) as give:
-        give(1)
-        give(2)
-        begun.wait(10)
-        threading.Timer(0.05, go.set).start()
-        raise KeyboardInterrupt
-    assert done == [1, 2][: 1 + finish]

@@ -28,7 +28,8 @@ from ..core.program import warn_beyond
 from ..core.scene import Scene
 from ..core.units import pretty
 from ..errors import BadValue, FaultError, SinkError, outside, public, shown
-from ..motion.source import Motion, frames_of, positions, sources_of, warn_fast
+from ..motion.source import Motion, frames_of, sources_of, warn_fast
+from ..run.driver import rows_of, walk
 from ..run.processor import Processor
 from ..run.rendering import Rendering, fault_text
 from ..system import safe_files
@@ -86,9 +87,8 @@ def write(
     outright leaves ``path`` + ".part", from which `recover` makes a file; at most the
     last three seconds of signal are lost.
 
-    The motion is computed in the calling thread; the processor, hashing, and encoding
-    with writing run in threads of their own. Set no parameter of the processor in a
-    function of motion: the motion is up to two blocks ahead of the processor.
+    Motion and processor run in the calling thread; hashing, encoding and writing run in
+    other threads.
 
     Parameters
     ----------
@@ -180,9 +180,8 @@ def write(
 
     def blocks(sources: dict[str, Any], most: int) -> Iterator[Array]:
         warn_fast(sources, proc.scene, frames / proc.fs, proc.fs)
-        step = min(int(block), most)
         return (
-            positions(sources, at, min(at + step, frames), proc.fs) for at in range(0, frames, step)
+            y for _, y in walk(proc, rows_of(sources, proc.fs), frames, block=min(int(block), most))
         )
 
     return _write(
@@ -191,7 +190,6 @@ def write(
         motion,
         frames,
         blocks,
-        proc.process,
         format,
         subtype,
         full_scale,
@@ -264,7 +262,6 @@ def save(
         rendering.motion,
         frames,
         blocks,
-        np.asarray,
         format,
         subtype,
         full_scale,
@@ -280,7 +277,6 @@ def _write(
     motion: Mapping[str, Any] | None,
     frames: int,
     blocks: Callable[[dict[str, Any], int], Iterator[Array]],
-    render: Callable[[Array], Array],
     format: str | None,
     subtype: str | None,
     full_scale: float | str | Mapping[str, float] | None,
@@ -288,7 +284,7 @@ def _write(
     progress: bool | str,
     overwrite: bool,
 ) -> FileReport:
-    """Check the arguments, then write what ``render`` makes of each of ``blocks``."""
+    """Check the arguments, then write the samples that ``blocks`` yields."""
     format, subtype = format_of(path, format, subtype)
     check_format(format, subtype, proc.fs, len(proc.outputs), frames)
     sources = sources_of(motion, proc.inputs, frames)
@@ -332,7 +328,7 @@ def _write(
     parts = blocks(sources, max(1, int(STEP * proc.fs)))
 
     def run(put: Put) -> tuple[NDArray[np.int64], Array, str]:
-        return _run(put, path, proc, parts, render, info, scales, progress)
+        return _run(put, path, proc, parts, info, scales, progress)
 
     report = publish(path, info, run, overwrite)
     beyond = _beyond(report, info)
@@ -346,7 +342,6 @@ def _run(
     path: Path,
     proc: Processor,
     blocks: Iterable[Array],
-    render: Callable[[Array], Array],
     info: dict[str, Any],
     scales: Array,
     progress: bool | str,
@@ -380,26 +375,18 @@ def _run(
         clips[:] += clipped
         put(samples)
 
-    def rendered(x: Array) -> None:
-        y = render(x)
-        if len(proc.log) != len(info["log"]):
-            raise BadValue(
-                f"write: parameter {proc.log[-1].name} was set while {path} was being written;"
-                " its sidecar lacks the change; set it before, or make it a signal of the scene"
-            )
-        if proc.fault is not None:
-            name, index = proc.fault
-            raise FaultError(fault_text(name, index - first, fs, f"{path} was not written"))
-        give(y)
-
-    with (
-        bar("writing", info["frames"], progress) as advance,
-        beside(hashed, stored) as give,
-        beside(rendered, finish=True) as run,
-    ):
-        for x in blocks:
-            run(x)
-            advance(x.shape[1])
+    with bar("writing", info["frames"], progress) as advance, beside(hashed, stored) as give:
+        for y in blocks:
+            if len(proc.log) != len(info["log"]):
+                raise BadValue(
+                    f"write: parameter {proc.log[-1].name} was set while {path} was being written;"
+                    " its sidecar lacks the change; set it before, or make it a signal of the scene"
+                )
+            if proc.fault is not None:
+                name, index = proc.fault
+                raise FaultError(fault_text(name, index - first, fs, f"{path} was not written"))
+            give(y.copy())
+            advance(y.shape[1])
     return clips, peak, digest.hexdigest()
 
 

@@ -13,9 +13,7 @@ END: Any = object()
 
 
 @contextmanager
-def beside(
-    *stages: Callable[[T], Any], room: int = 2, finish: bool = False
-) -> Iterator[Callable[[T], None]]:
+def beside(*stages: Callable[[T], Any], room: int = 2) -> Iterator[Callable[[T], None]]:
     """Call functions with one item after another, each in a thread of its own.
 
     The caller makes the next item meanwhile.
@@ -30,8 +28,6 @@ def beside(
         Each gets every item, in order.
     room : int
         Items given that are not done by all stages yet; with so many, the caller waits.
-    finish : bool
-        Whether waiting items are done even after an interrupt.
 
     Yields
     ------
@@ -69,7 +65,7 @@ def beside(
         while (item := todo.get()) is not END:
             error = None
             try:
-                if finish or not left:
+                if not left:
                     stage(item)
             except BaseException as e:
                 error = e

@@ -10,7 +10,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import tracemalloc
 from contextlib import contextmanager, suppress
@@ -365,25 +364,6 @@ def test_a_motion_must_set_no_parameter(tmp_path):
     with pytest.raises(BadValue, match="^write: parameter k was set while .*a.wav was being"):
         file.write(path, proc, {"x": motion}, 0.4, block=800)
     assert path.read_bytes() == old and len(list(tmp_path.iterdir())) == 2
-
-
-def test_the_processor_runs_while_the_next_motion_is_computed(tmp_path, monkeypatch):
-    """It waits for that motion here; afterwards no thread is left."""
-    begun, waited, real = threading.Event(), [], stimlib.Processor.process
-
-    def process(self, x):
-        waited.append(begun.wait(10))
-        return real(self, x)
-
-    def motion(t):
-        if t[0] > 0:
-            begun.set()
-        return 0.01 * t
-
-    monkeypatch.setattr(stimlib.Processor, "process", process)
-    before = len(sys._current_frames())
-    file.write(tmp_path / "a.wav", forces(1), {"x": motion}, 0.4, block=1000, full_scale=50)
-    assert waited == [True] * 4 and len(sys._current_frames()) == before
 
 
 def test_a_large_block_is_written_in_parts(tmp_path):
