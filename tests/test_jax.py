@@ -462,7 +462,7 @@ def test_affine_recursions(n, moving):
 
 
 def test_every_name_of_maths_has_a_twin():
-    of_arrays = {"fir", "modes", "memory", "chebyshev", "copy", "words", "each", "pairs"}
+    of_arrays = {"fir", "modes", "memory", "chebyshev", "copy", "words", "each", "pairs", "series"}
     names = {
         n
         for n, v in vars(maths).items()

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import typer
 
-from ..core.units import pretty
 from ..errors import BadValue, shown
 from . import options as opt
 from .app import command, note, print_json, print_wide
@@ -214,6 +213,8 @@ def _facts(table: Any) -> dict[str, Any]:
 def _shown(facts: dict[str, Any]) -> Any:
     from rich.table import Table
     from rich.text import Text
+
+    from ..core.units import pretty
 
     shape = Table(title=f"{facts['rows']} rows, {facts['failed']} failed", title_justify="left")
     shape.add_column("figure")
