@@ -214,7 +214,8 @@ def _compiled(place: Path, text: str, name: str) -> types.ModuleType:
     collects = gc.isenabled()
     gc.disable()
     try:
-        with suppress(Exception), _choices():
+        options = _choices() if "def _sl_segment(" in text else global_compiler_lock
+        with suppress(Exception), options:
             context.load_additional_registries = partial(_few, context)
             made._library_class = _Library
             compiler: Any = Compiler
@@ -224,8 +225,8 @@ def _compiled(place: Path, text: str, name: str) -> types.ModuleType:
             finally:
                 compiler.define_pipelines = whole
                 del context.load_additional_registries, made._library_class
-        with _choices():
-            return _execute(place, text, name)  # a step of a user may need all
+        with _choices():  # a step of a user may need all of numba
+            return _execute(place, text, name)
     finally:
         if collects:
             gc.enable()
@@ -233,7 +234,10 @@ def _compiled(place: Path, text: str, name: str) -> types.ModuleType:
 
 @contextmanager
 def _choices() -> Iterator[None]:
-    """Compile with our options of LLVM in this context, while nobody else compiles."""
+    """Compile segments with our options of LLVM, while nobody else compiles.
+
+    The runtime gains nothing from them, and would take a quarter longer to compile.
+    """
     with global_compiler_lock:
         try:
             _choose(0)
