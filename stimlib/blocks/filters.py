@@ -549,7 +549,7 @@ class CascadeState(NamedTuple):
 
 
 def section(p, s, x):
-    """Return a section's output and new state; p and s are those of this section."""
+    """Return the output and the new state of one second-order section."""
     h = x - s.s2
     y = fma(p.h0, h, fma(p.e1, s.s1, p.e0 * s.s2))
     t1 = fma(p.a, h, fma(-p.c, s.s1, TINY)) + s.low1
@@ -559,7 +559,7 @@ def section(p, s, x):
 
 
 def audible(p, x):
-    """Return x, or 0 where it is only what TINY leaves behind."""
+    """Return x, or 0 where it is so small that only TINY is left of a signal."""
     return flush(x)
 
 

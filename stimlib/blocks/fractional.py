@@ -288,14 +288,14 @@ def power(alpha, high, rest):
 
 
 def limited(order):
-    """Return the nearest order from 0 to 1; 0 for NaN."""
+    """Return an order limited to 0 to 1, and 0 for NaN."""
     return where(order >= 0.0, where(order <= 1.0, order, 1.0), 0.0)
 
 
 def finish(order, y, step, way):
-    """Return the output for an order, where y is that between 0 and 1.
+    """Return the output for any order; y is the output for orders between 0 and 1.
 
-    An order outside is a fault.
+    An order outside of 0 to 1 is a fault.
     """
     alpha = limited(order)
     ends = where(alpha > 0.5, step, way)
@@ -304,7 +304,7 @@ def finish(order, y, step, way):
 
 
 def near_sum(taps, d):
-    """Return maths.fir of eight taps for one output."""
+    """Return one output of an FIR filter of eight taps, with the bits of maths.fir."""
     a, e = fma(taps[0], d[0], 0.0), fma(taps[4], d[4], 0.0)
     b, f = fma(taps[1], d[1], 0.0), fma(taps[5], d[5], 0.0)
     c, g = fma(taps[2], d[2], 0.0), fma(taps[6], d[6], 0.0)
@@ -313,7 +313,7 @@ def near_sum(taps, d):
 
 
 class Power(NamedTuple):
-    """The power of alpha that a weight has: factor exp(alpha (high + rest))."""
+    """A factor that depends on the order: factor exp(alpha (high + rest))."""
 
     factor: float
     high: float
@@ -343,15 +343,15 @@ def weight(p, gain, a, high, rest):
 
 
 def centred(p, order):
-    """Return where an order lies from -1 to 1."""
+    """Return an order, from 0 to 1, as a number from -1 to 1."""
     return 2.0 * limited(order) - 1.0
 
 
 def reweigh(p, orders, r, taps, w):
-    """Compute the weights of modes and taps for up to 16 orders, each in a row.
+    """Compute the weights of modes and taps for up to 16 orders, one row for each.
 
-    In w are weights of the mode that never decays from 0 on, and scales from 16 on; the
-    rest is scratch.
+    w receives the weights of the mode that never decays, from element 0 on, and the
+    scales, from element 16 on; the rest of it is scratch.
     """
     k, n, m = orders.size, p.e.size, np.int64(p.nodes)
     many = 8 * np.int64(floor(0.125 * p.nodes + 1.875))

@@ -87,7 +87,7 @@ def element(array: Value, index: str) -> str:
 
 
 def part(of: Value, k: int) -> Value:
-    """Return a part of a tuple; one that is empty has no field."""
+    """Return the C expression for a part of a tuple; an empty part has no field."""
     fields = dict(of.kind.fields) if of.kind is not None else {}
     plain = of.kind is None or re.fullmatch(r"stim_tuple(_\d+)?", of.kind.name)
     name = f"a{k}" if plain and k >= 0 else list(fields)[k]
@@ -95,7 +95,7 @@ def part(of: Value, k: int) -> Value:
 
 
 def in_single(text: str) -> str:
-    """Return C in float where it has double, in all but its comments."""
+    """Return C code with ``float`` in place of ``double``, except in its comments."""
     parts = re.split(r"(/\*.*?\*/)", text, flags=re.DOTALL)
     for k in range(0, len(parts), 2):
         part = re.sub(r"\bdouble\b", "float", parts[k])
@@ -105,7 +105,7 @@ def in_single(text: str) -> str:
 
 
 def number_in_single(match: re.Match[str]) -> str:
-    """Return a number of C as float32 has it."""
+    """Return a number in C code as a number of type float."""
     v = float(match[0])
     if v >= 2.0**128 - 2.0**103:
         raise SceneError(f"{match[0]} is beyond float32, so it cannot be exported in float32")
@@ -113,7 +113,7 @@ def number_in_single(match: re.Match[str]) -> str:
 
 
 def rest(kind: Kind) -> str:
-    """Return the first value of a local variable; C++ warns of none."""
+    """Return the initial value of a local variable, without which C++ warns."""
     return " = 0" if kind in NUMBERS else ""
 
 

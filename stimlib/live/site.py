@@ -42,7 +42,7 @@ class Page:
             self.close(4408, "this page reads nothing")
 
     def hear(self) -> None:
-        """Note that the page has said something."""
+        """Record that a message of the page has arrived."""
         self.longest, self.silent = max(self.longest, self.silent), 0.0
 
     def wait(self, seconds: float) -> None:

@@ -43,14 +43,14 @@ def folder() -> Path:
 
 
 def chosen() -> Path:
-    """Return $STIMLIB_CACHE or the user's cache, whether it can be used or not."""
+    """Return $STIMLIB_CACHE or the user's cache, without a check that it is usable."""
     return Path(
         os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")
     ).absolute()
 
 
 def private(wanted: Path) -> Path:
-    """Make a folder, if it is not there; OSError unless we alone can write to it."""
+    """Make a folder if needed; raise OSError if other users can write to it."""
     for place in reversed((wanted, *wanted.parents)):
         if not place.exists():
             place.mkdir(mode=0o700, exist_ok=True)  # whatever the umask is
@@ -89,7 +89,7 @@ def open_to_others(info: os.stat_result) -> str:
 
 
 def temporary(wanted: Path, why: OSError) -> None:
-    """Take a temporary folder for this process instead, and warn why."""
+    """Use a temporary folder for this process instead, and warn why."""
     global _folder
     _folder = Path(tempfile.mkdtemp(prefix="stimlib-tmp-"))
     atexit.register(shutil.rmtree, _folder, ignore_errors=True)

@@ -33,7 +33,7 @@ class Test:
 
 
 def strict(data: bytes | str) -> Any:
-    """Parse JSON.
+    """Parse JSON; refuse numbers that are not finite and keys that are repeated.
 
     Raises
     ------

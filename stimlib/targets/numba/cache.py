@@ -278,7 +278,7 @@ UNUSED = {
 
 
 def _few_passes(compiler: Any) -> list[Any]:
-    """Return the passes over a function that stimlib's own steps need."""
+    """Return the compiler passes of numba that stimlib's own steps need."""
     passes = DefaultPassBuilder.define_nopython_pipeline(compiler.state)
     passes.passes = [one for one in passes.passes if one[0]._name not in UNUSED]
     return [passes]

@@ -431,7 +431,7 @@ def each(ctx, f, p, x, y):
 
 
 def _masked(b, q, there, v=None):
-    """Load those elements at a place that are there, else 0; or store those of v."""
+    """Load the elements whose mask is set, and 0 for others; with v, store them."""
     t = ir.VectorType(DOUBLE, there.type.count)
     place = b.bitcast(q, t.as_pointer())
     given = [v, place, I32(8), there] if v else [place, I32(8), there, kernels.zeros(t)]
