@@ -242,6 +242,27 @@ def test_every_scene_equals_the_reference(dtype_name):
     assert a.differences == 0, a
 
 
+def test_every_deviate_of_float32_is_the_reference_rounded():
+    a = agreement(Scene({"y": b.white_noise(3)}), {}, 8000.0, n=64, dtype="float32")
+    assert a.worst < 1e-6, a
+
+
+def test_a_cursor_in_its_map_has_a_derivative_along_both_inputs():
+    f = stimlib.compile(TABLE["cursor"].scene(), 1000.0, "jax")
+    x = np.array([0.02, 0.015])[:, None] + np.array([0.2, 0.1])[:, None] * np.arange(40) / 1000
+    with jax.enable_x64(True):
+
+        def total(x):
+            return f(None, x)["y"].sum() + 2 * f(None, x)["z"].sum()
+
+        slope = np.asarray(jax.grad(total)(x))
+        for row, column in ((0, 1), (0, 30), (1, 7), (1, 39)):
+            d = np.zeros_like(x)
+            d[row, column] = 1e-7
+            central = float(total(x + d) - total(x - d)) / 2e-7
+            assert abs(slope[row, column] - central) < 1e-6 * abs(central)
+
+
 POSITIONS = {  # differences of positions, which float32 does not hold
     "taps": Scene({"y": b.fir(Input("x"), [1.0, -1.0])}),
     "differentiator": Scene({"y": b.differentiator(Input("x"), 1000.0, 1500.0)}),

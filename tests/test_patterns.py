@@ -5,6 +5,7 @@ the rules of each format, what is lost, and what is refused.
 import csv
 import json
 import runpy
+from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from refusals import refused
 
 import stimlib
 from stimlib.blocks import at, loop, oscillator, ring, rising, timeline, white_noise
+from stimlib.cli import convert
 from stimlib.errors import BadValue, FaultError, SceneFileError, UnitError
 from stimlib.files import PatternDevice, read_pattern, write_pattern
 from stimlib.files.pattern_analysis import analysed, analytic, loss
@@ -623,6 +625,9 @@ def test_convert_both_ways(tmp_path, monkeypatch):
     found = json.loads(ran("convert b.hjif d.haptic --json").stdout)
     assert found["path"] == "d.haptic" and found["taps"] == 1
     ran("convert tone e.haptic --seconds 0.4")
+    defaults = signature(convert.convert_).parameters
+    for name in ("f_lo", "f_hi", "decay", "power"):
+        assert defaults[name].default == getattr(PatternDevice(), name)
 
 
 @pytest.mark.parametrize(

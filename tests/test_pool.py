@@ -8,12 +8,14 @@ import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 from laws import mostly
 
-from stimlib.system.pool import JobFailed, Pool, TimedOut, WorkerDied, spread
+from stimlib.system.pool import JobFailed, Pool, TimedOut, WorkerDied, _end_of, spread
 
 WORK = """
 import os, time
@@ -500,3 +502,13 @@ def test_a_process_that_begins_leaves_its_jobs_to_those_that_have_begun():
         for k in range(2):
             pool.submit(k, os.getpid)
         assert len({pool.take()[1], pool.take()[1]}) == 2
+
+
+def test_a_worker_that_does_not_end_is_killed_in_time():
+    process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], stdin=-1)
+    worker = SimpleNamespace(process=process, signal=process.send_signal, thread=threading.Thread())
+    worker.thread.start()
+    ending = threading.Thread(target=_end_of, args=(worker, time.monotonic() + 0.1), daemon=True)
+    ending.start()
+    ending.join(60)
+    assert process.poll() == -signal.SIGKILL

@@ -484,3 +484,11 @@ def test_a_scene_is_lowered_once_and_again_when_its_outputs_change():
     )
     scene.outputs["z"] = 3 * stimlib.Input("x")
     assert stimlib.compile(scene, 1000).outputs == ("y", "z")
+
+
+def test_nested_gates_are_refused_before_their_copies_are_counted(monkeypatch):
+    y = blocks.oscillator(10.0)
+    for k in range(8):
+        y = y + blocks.enabled(y, by=blocks.oscillator(1.0 + k) > 0.0)
+    monkeypatch.setattr(stimlib.limits, "scene_blocks", 100)
+    refused(SceneError, "own copies: 120 is more than limits.scene_blocks", Scene, {"y": y})

@@ -926,7 +926,7 @@ def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
         ((), "name the rows"),
         (("--axis", "k"), "write NAME=FROM:TO:HOW_MANY"),
         (("--axis", "k=1:2:0.5"), "0.5, is how many values: 1 or more"),
-        (("--axis", "k=1:2"), "write FROM:TO:HOW_MANY, such as k=10:100:5"),
+        (("--axis", "k=10:100"), "write FROM:TO:HOW_MANY, such as k=10:100:5"),
         (("--axis", "q=1,2"), "there is no q in the scene"),
         (("--axis", "k=1,soft"), "k = '1' must be a number"),
         (("--axis", "k=1,2", "--measure", "loud"), "no 'loud'"),

@@ -160,3 +160,12 @@ def test_an_error_that_quotes_a_file_is_short_and_keeps_its_remedy():
         text = str(error("what is wrong: " + "x" * 100_000 + "; do this"))
         assert len(text) <= 4000 and text.startswith("what is wrong") and text.endswith("; do this")
     assert str(BadValue("y" * 4000)) == "y" * 4000
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="counts open files in /proc")
+def test_files_that_were_written_leave_no_descriptor(tmp_path):
+    safe_files.publish(tmp_path / "a.json", "1")
+    before = len(os.listdir("/proc/self/fd"))
+    for k in range(20):
+        safe_files.publish(tmp_path / f"{k}.json", "1")
+    assert len(os.listdir("/proc/self/fd")) == before

@@ -76,5 +76,10 @@ def test_a_polynomial_has_at_most_8_knots():
     for knots, match in (([0, 1, 1], "must rise"), ([0, 1], "one length")):
         with pytest.raises(BadValue, match=match):
             lut(Input("x"), knots, [1, 2, 3], "polynomial")
+    with pytest.raises(BadValue, match="has 201 letters; at most 200"):
+        lut(Input("x"), [0, 1], [1, 2], 201 * "l")
+    steep = Scene({"y": lut(Input("x"), [0, 1e-200, 2e-200], [0, 1e200, 3], "polynomial")})
+    with pytest.raises(BadValue, match="knots are too unequal"):
+        stimlib.compile(steep, 1000)
     with pytest.raises(BadValue, match="hold, zero, error"):
         lut(Input("x"), [0, 1], [1, 2], "polynomial", outside="extend")

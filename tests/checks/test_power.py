@@ -429,3 +429,22 @@ def test_errors_of_a_spectrum_are_in_their_units():
     ):
         assert got == pytest.approx(0.5 if got < 1 else 2.0, rel=3e-3)
     assert ratio["low-pass pole"][1] < 1 < ratio["slope"][2]
+
+
+def test_the_expected_spectrum_is_the_model_seen_through_the_taper():
+    """The taper's kernel by zero padding, where ``whitened`` has it in closed form."""
+    n, fine = 4096, 64
+    x = np.random.default_rng(0).standard_normal(n)
+
+    def model(f):
+        return 1 / np.maximum(np.abs(f), 1 / 8) ** 2
+
+    f, W, _ = spectra.whitened(x, n, model, 4, 400)  # a bin is 1 Hz
+    taper = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
+    d = np.arange(-40 * fine, 40 * fine + 1)
+    kernel = np.abs(np.fft.fft(taper, fine * n)[d]) ** 2
+    expected = [
+        n / 2 * np.sum(taper**2) * np.average(model(k + d / fine), weights=kernel) for k in f
+    ]
+    periodogram = np.abs(np.fft.rfft(x * taper))[np.round(f).astype(int)] ** 2
+    np.testing.assert_allclose(periodogram / W, expected, rtol=1e-3)

@@ -156,6 +156,7 @@ def test_plain_data():
     safety = Safety({"force": 50}, slew={"force": 1e4}, peak=40, fade=0.05)
     assert Safety(**json.loads(json.dumps(safety.to_dict()))) == safety
     assert safety.scales(("force",)).tolist() == [50.0]
+    assert Safety("3").full_scale == 3.0 and Safety(1.0, slew="2").slew == 2.0
 
 
 @pytest.mark.parametrize(

@@ -148,6 +148,9 @@ def test_equalize_takes_the_mode(soft):
     x = np.linspace(0, 0.1, 20).repeat(2)
     v = pulled(scene, {"x": x, "u": np.ones(40)})[1::2]
     np.testing.assert_allclose(v * truth(x[::2]), truth(0.05), rtol=1e-4)
+    # a clamp that is known is not fitted: one that is wrong stays wrong
+    stiff = mode_fit(Plate.paper(), origin=0.053, clamp="known")(KNOTS, truth(KNOTS))[1]
+    assert np.abs(stiff / truth(np.linspace(0, 0.1, 65)) - 1).max() > 1e-3
 
 
 def test_knots_that_are_too_few_or_another_shape_are_told(soft):
