@@ -114,6 +114,12 @@ def test_a_squeeze_loads_no_network_and_no_masked_arrays():
     assert loaded(code, ("ssl", "http.client", "urllib.request", "numpy.ma")) == set()
 
 
+def test_a_low_pass_filter_loads_no_scipy():
+    scene = "stimlib.Scene({'y': stimlib.blocks.bandpass(stimlib.Input('x'), 80.0, 400.0)})"
+    code = f"import stimlib; stimlib.compile({scene}, 8000, target='python')"
+    assert loaded(code, ("scipy",)) == set()
+
+
 def test_a_command_does_not_search_for_garbage_while_it_starts():
     code = """import gc, sys
 from stimlib.__main__ import main

@@ -609,20 +609,26 @@ def designed(
 ) -> list[tuple[Quadratic, Quadratic]]:
     """Return the sections of a filter, lowest Q first, from its edges.
 
-    Edges are in cycles per sample. The analogue filter is designed by scipy.
+    Edges are in cycles per sample. The analogue filter is designed by scipy, except
+    that the poles of a Butterworth filter are their formula: ``scipy.signal`` takes a
+    second to load.
 
     Raises
     ------
     BadValue
         An order that these edges, ripple and attenuation do not allow.
     """
-    from scipy.signal import iirfilter
-
     w = np.tan(np.pi * np.array(edges, float))
     edge, shape = (w[0], band) if w.size == 1 else (1.0, "lowpass")
     try:
         with np.errstate(all="ignore"):
-            z, p, k = iirfilter(order, edge, ripple, attenuation, shape, True, KINDS[kind], "zpk")
+            if kind == "butterworth":
+                z, p, k = _butterworth(order, edge, shape)
+            else:
+                from scipy.signal import iirfilter
+
+                given = order, edge, ripple, attenuation, shape, True, KINDS[kind], "zpk"
+                z, p, k = iirfilter(*given)
             if w.size == 2:
                 z, p, k = _between(z, p, k, w[0], w[1], band == "bandstop")
         if np.isfinite([*z, *p, k]).all() and (p.real < 0).all() and k != 0:
@@ -631,6 +637,18 @@ def designed(
         pass
     what = f"{band}: no {kind} filter of order {order} has these edges, ripple and attenuation"
     raise BadValue(f"{what}; lower the order or move the edges apart")
+
+
+def _butterworth(order: int, edge: float, shape: str) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return zeros, poles and gain of an analogue low-pass or high-pass filter.
+
+    The poles lie evenly on the left half of a circle (Butterworth 1930). The order of
+    operations is scipy's, so the bits are.
+    """
+    p = -np.exp(1j * np.pi * np.arange(1 - order, order, 2) / (2 * order))
+    if shape == "lowpass":
+        return np.empty(0), p * edge, edge**order
+    return np.zeros(order), edge / p, np.real(1 / np.prod(-p))
 
 
 def _between(

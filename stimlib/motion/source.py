@@ -69,15 +69,16 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
     only if ``fs`` is given; recordings have their own ``max_speed``.  The travel is the
     argument of that name of the scene ``squeeze``.
     """
+    inputs = scene.inputs  # a walk of the whole graph, so once
     travel = {
         name: float((part.given or {})["travel"])
         for part in scene.parts
         if part.law == "squeeze" and (part.given or {}).get("travel")
-        for name in part.inputs.values() or scene.inputs
+        for name in part.inputs.values() or inputs
     }
     t = np.arange(0.0, min(seconds, 100.0), 0.01)
     for name, source in sources.items():
-        if str(scene.inputs[name].dim) != "m":
+        if str(inputs[name].dim) != "m":
             continue
         if type(source) in GENERATORS.values():
             with np.errstate(all="ignore"):

@@ -13,7 +13,7 @@ from stimlib.blocks.filters import Filter
 from stimlib.checks import linear
 from stimlib.checks.verification import verify
 from stimlib.design import responses
-from stimlib.design.filters import GAINS, KINDS, ORDERS, designed
+from stimlib.design.filters import GAINS, KINDS, ORDERS, _butterworth, designed
 
 X = Input("x")
 
@@ -102,6 +102,15 @@ def test_gains_of_the_prototypes_are_those_of_their_poles(kind, order):
         gain * np.prod(1j * x[:, None] - zeros, axis=1) / np.prod(1j * x[:, None] - poles, axis=1)
     ).astype(float)
     np.testing.assert_allclose(GAINS[kind](x, order, 1.0, 60.0), wanted, rtol=1e-10)
+
+
+def test_butterworth_poles_are_those_of_scipy():
+    for order in ORDERS:
+        for edge in np.geomspace(1e-5, 3, 20):
+            for shape in ("lowpass", "highpass"):
+                theirs = signal.butter(order, edge, shape, analog=True, output="zpk")
+                for one, other in zip(_butterworth(order, edge, shape), theirs, strict=True):
+                    np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.parametrize("kind", KINDS)
