@@ -480,8 +480,6 @@ def other_k(d):
 
 
 EDITS = {
-    "recovered, no table": lambda d: d.update(recovered=5),
-    "recovered, no number": lambda d: d.update(recovered={"frames": None}),
     "a key of a channel more": lambda d: d["channels"][0].update(gain=2.0),
     "clips not counted": lambda d: d["channels"][0].update(clips=None),
     "format": lambda d: d.update(format="RF64"),
@@ -518,7 +516,6 @@ EDITS = {
     "sha256": lambda d: d.update(sha256="0" * 64),
     "sha256, none": lambda d: d.update(sha256=None),
     "a key more": lambda d: d.update(calibrated=True),
-    "recovered, of fewer": lambda d: d.update(recovered={"frames": 100}),
 }
 FILE_MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
 

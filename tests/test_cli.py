@@ -654,7 +654,7 @@ def ended(words, grows, size, what):
         [sys.executable, "-m", "stimlib", *words], stdout=-1, stderr=-1, text=True
     ) as job:
         for _ in range(600):
-            if grows.exists() and grows.stat().st_size > size:
+            if any(p.stat().st_size > size for p in grows.parent.glob(grows.name)):
                 break
             assert job.poll() is None, job.stderr.read()
             time.sleep(0.1)
@@ -666,7 +666,7 @@ LONG = ["render", "squeeze", "--motion", "minimum_jerk()", "--seconds", "10000",
 
 
 def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path):
-    words, part = [*LONG, tmp_path / "long.rf64"], tmp_path / "long.rf64.part"
+    words, part = [*LONG, tmp_path / "long.rf64"], tmp_path / "long.rf64.*.part"
     code, _, said = ended(words, part, 1_000_000, signal.SIGINT)
     assert code == 130 and "nothing was left behind" in said
     assert os.listdir(tmp_path) == []
@@ -958,22 +958,11 @@ def test_a_session_is_replayed_and_verified(tmp_path, session):
             ["replay", "LOG/session.json"],
             "session.json is no log: that is the folder that a sink wrote",
         ),
-        (["recover", "none.wav"], "nothing to recover: there is no none.wav.part"),
-        (["recover", "LOG"], "a log needs nothing, see stimlib replay"),
     ],
 )
 def test_mistakes_with_sessions_get_one_line(tmp_path, session, words, says):
     ran([w.replace("LOG", str(session)) for w in words], 2, says)
     assert [p.name for p in tmp_path.iterdir()] == ["a.stimlog"]
-
-
-def test_a_render_that_was_killed_is_recovered(tmp_path):
-    out = tmp_path / "long.wav"
-    ended([*LONG, out], tmp_path / "long.wav.part", 1_000_000, signal.SIGKILL)
-    ran(["verify", "squeeze", "--wav", str(out)], 2, f"try stimlib recover {out}")
-    done = ran(["recover", str(out)])
-    assert "frames" in done.output, done.output
-    ran(["verify", "squeeze", "--wav", str(out)])
 
 
 # Blocks of the user's own -------------------------------------------------------------

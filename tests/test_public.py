@@ -384,7 +384,6 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "stimlib.files.read": {"path": folder / "none.wav"},
         "save": {"path": folder / "b.caf"},
         "write": {"path": folder / "c.caf", "motion": {"x": HAND}, "seconds": 0.1},
-        "recover": {"path": folder / "none"},
         "read_log": {"folder": folder / "none"},
         "header": {"safety": Safety(10.0)},
         # Plates and soft surfaces
@@ -571,7 +570,7 @@ def refused(annotation: str) -> set[str]:
 
 MAY_FAIL = set(
     """
-    load_texture as_scene stimlib.files.read recover read_log image displayed ratings
+    load_texture as_scene stimlib.files.read read_log image displayed ratings
     found located spent sorted_rightly text cues_text recorded identify
     """.split()
 )

@@ -15,7 +15,7 @@ import scipy
 
 from ..core import definitions
 from ..errors import shown
-from ..files.formats import BITS, dither_of, stored
+from ..files.formats import BITS, dither_of
 from ..files.partial import COMMENTED, comment_of
 from ..files.sidecar import describe
 from ..version import __version__
@@ -40,7 +40,7 @@ HELD = {
     "sha256",
     "file_sha256",
 }
-TOLD = {"stimlib", "versions", "recovered"}
+TOLD = {"stimlib", "versions"}
 
 NOISE = 0.01  # of what changes within FAST: 40 dB below
 DEEP = 1e-5  # of the whole signal: 100 dB below
@@ -60,10 +60,7 @@ def says(e: Evidence, sums: Sums) -> list[Check]:
     with sf.SoundFile(e.path) as found:
         comment = found.comment
     channels, outputs = told["channels"], e.scene.outputs
-    recovered, frames = "recovered" in told, told["frames"]
-    unknown = recovered and told.get("subtype") in BITS
     keys = ["clips", "full_scale", "name", "peak", "unit"]
-    wanted = told["recovered"]["frames"] if recovered else frames
     stated = {key: [c.get(key) for c in channels] for key in keys}
     pairs: dict[str, tuple[Any, Any]] = {  # what it says, and what is so
         "format": ((told.get("format"), told.get("subtype")), (found.format, found.subtype)),
@@ -77,8 +74,7 @@ def says(e: Evidence, sums: Sums) -> list[Check]:
         "keys": (sorted(told.keys() - TOLD), sorted(HELD)),
         "keys of channels": (list(map(sorted, channels)), [keys] * len(channels)),
         "comment": (comment, comment_of(told) if told["format"] in COMMENTED else ""),
-        "clips": ([c is None for c in stated["clips"]], [unknown] * len(channels)),
-        "frames": (min(frames, wanted), frames),
+        "clips": ([c is None for c in stated["clips"]], [False] * len(channels)),
     }
     bad = []
     for name, (says, is_so) in pairs.items():
@@ -86,9 +82,8 @@ def says(e: Evidence, sums: Sums) -> list[Check]:
             bad.append(f"{name}: {says!s:.200}, and not {is_so!s:.200}")
     text = "; ".join(bad) or ", ".join(pairs)
     checks = [Check("e", "sidecar: what it says", len(bad), 0, text)]
-    if not recovered:
-        wrong = int(sums.sha256 != told.get("sha256"))
-        checks.append(Check("b", "sidecar: hash of the signal", wrong, 0, "before it was rounded"))
+    wrong = int(sums.sha256 != told.get("sha256"))
+    checks.append(Check("b", "sidecar: hash of the signal", wrong, 0, "before it was rounded"))
     _tell(e, told)
     return checks
 
@@ -105,11 +100,6 @@ def _tell(e: Evidence, told: dict[str, Any]) -> None:
         e.skipped.append(
             f"for the reader only: written by stimlib {shown(told.get('stimlib'))}, this is"
             f" {__version__}"
-        )
-    if "recovered" in told:
-        e.skipped.append(
-            f"hash of the signal: the run was killed after {told['frames']} of"
-            f" {told['recovered'].get('frames')} samples"
         )
     for name, source in e.motion.items():
         function = callable(source)
@@ -131,7 +121,7 @@ def _tell(e: Evidence, told: dict[str, Any]) -> None:
 class Sums(NamedTuple):
     """The results of one pass over all samples of a file, for each output."""
 
-    peaks: np.ndarray  # of a run that was killed, of what is stored
+    peaks: np.ndarray
     clips: np.ndarray  # samples that the file's format cannot hold
     sha256: str  # of the signal
     scales: np.ndarray  # the largest sample, or 1
@@ -148,11 +138,8 @@ def sums_of(e: Evidence) -> Sums:
     peaks, tops, clips = np.zeros(len(e.y)), np.zeros(len(e.y)), np.zeros(len(e.y), int)
     parts = []  # of each stretch: its scale, mean squares over that, part of all samples
     for s in e.stretches():
-        signal = stored(s.y, e.sidecar, s.at) if "recovered" in e.sidecar else s.y
-        peaks, top = (
-            np.fmax(peaks, np.abs(signal).max(axis=1, initial=0.0)),
-            np.abs(s.y).max(axis=1, initial=0.0),
-        )
+        top = np.abs(s.y).max(axis=1, initial=0.0)
+        peaks = np.fmax(peaks, top)
         digest.update(np.ascontiguousarray(s.y.T, "<f8").data)
         if bits := BITS.get(e.sidecar["subtype"]):
             seed, most = e.sidecar["dither"], 2 ** (bits - 1)

@@ -1,4 +1,4 @@
-"""The commands that write sound files: demo, render, render-set and recover."""
+"""The commands that write sound files: demo, render and render-set."""
 
 from __future__ import annotations
 
@@ -224,25 +224,3 @@ def render_set_(
     )
     if not quiet:
         print(f"{len(scenes)} files and {index}")
-
-
-@command("recover")
-def recover(
-    file: Annotated[
-        Path,
-        typer.Argument(
-            help="The file that the run was writing, without .part.", show_default=False
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write to this file instead; it needs the same suffix.", show_default=False
-        ),
-    ] = None,
-):
-    """Recover the file of a [bold]stimlib render[/] that was killed.
-
-    [bold]stimlib recover squeeze.wav[/]
-    """
-    print(files.recover(file, out))

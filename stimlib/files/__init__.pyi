@@ -5,7 +5,6 @@ from .audio import (
     write as write,
     write_frames as write_frames,
 )
-from .commit import recover as recover
 from .log_reader import MotionFile as MotionFile, SessionLog as SessionLog, read_log as read_log
 from .log_replay import Replay as Replay, replay as replay
 from .log_writer import LogWriter as LogWriter, header as header

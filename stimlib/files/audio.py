@@ -4,10 +4,6 @@ Every file NAME has a sidecar NAME.json that describes its samples, because no a
 format can store a unit. Both are written to temporary names and moved into place
 together at the end, so both are complete or absent. Their bytes depend only on the
 signal and on the versions in the sidecar; they contain no dates.
-
-While a file is written, NAME.part contains the samples so far and NAME.part.json
-describes them. The header of NAME.part is kept up to date, so a run that is killed
-leaves a readable file; `recover` turns it into NAME.
 """
 
 from __future__ import annotations
@@ -50,11 +46,9 @@ from .formats import (
     physical,
 )
 from .partial import PIECE, reading, reason, sha256, soundfile
-from .sidecar import FileReport, describe, hint, load, sidecar_of
+from .sidecar import FileReport, describe, load, sidecar_of
 
-# s of signal that is written at once, at most; a killed run can lose three: one being
-# made, two being written
-STEP = 1.0
+STEP = 1.0  # s of signal that is written at once, at most
 NEARLY = 1.79e308  # the largest float less more than what rounding a sample adds to it
 
 
@@ -84,8 +78,7 @@ def write(
     Memory use does not grow with the duration. The written data are read back and
     compared before the file gets its name. After an error or an interrupt, a previous
     file at ``path`` is still there and no temporary file is left. A run that is killed
-    outright leaves ``path`` + ".part", from which `recover` makes a file; at most the
-    last three seconds of signal are lost.
+    outright leaves a file whose name ends in ".part", which nothing reads.
 
     Motion and processor run in the calling thread; hashing, encoding and writing run in
     other threads.
@@ -513,8 +506,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Array, dict[str, Any]]:
         blocks: a record), versions, sha256 (of the signal before it was scaled and
         rounded: the float64 values in physical units, little-endian, all outputs of
         sample 0, then of sample 1, ...) and file_sha256 (of the audio file). With index
-        0, scene, seed, log and motion reproduce the signal. A recovered file also has
-        recovered; see `recover`.
+        0, scene, seed, log and motion reproduce the signal.
 
     Raises
     ------
@@ -551,7 +543,7 @@ class Stored:
         self.path = path = Path(path)
         sidecar = sidecar_of(path)
         if not os.path.isfile(path):
-            raise SinkError(f"there is no file {path}{hint(path)}")
+            raise SinkError(f"there is no file {path}")
         self.sidecar = info = load(path, sidecar)
         self.shape = len(info["channels"]), info["frames"]
         frames, channels = info["frames"], len(info["channels"])
@@ -575,7 +567,7 @@ class Stored:
                 if sha256(raw) != info["file_sha256"]:
                     raise SinkError(
                         f"{sidecar} does not belong to {path}, or the file was changed: file_sha256"
-                        f" differs{hint(path)}"
+                        f" differs"
                     )
                 if f.subtype != info["subtype"]:
                     raise SinkError(

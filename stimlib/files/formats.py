@@ -26,7 +26,6 @@ BYTES = {"FLOAT": 4, "DOUBLE": 8} | {name: bits // 8 for name, bits in BITS.item
 MAX_WAV = 2**32 - 4096
 # NAME.part of a format whose header cannot be kept up to date: FLAC is coded when all
 # is there
-JOURNAL = {"FLAC": "CAF"}
 # libsndfile stops at 1024; a CAF file with 400 channels is damaged by libsndfile 1.2.2
 MAX_CHANNELS = {"WAV": 1024, "RF64": 1024, "W64": 1024, "CAF": 256, "FLAC": 8}
 

@@ -26,7 +26,6 @@ from ..system import safe_files
 from ..system.threads import beside
 from .formats import BITS
 
-UPDATE_HEADER_AUTO = 0x1061  # command of libsndfile: a header that is right after every write
 # of the samples of a subtype
 TYPES = {"FLOAT": "float32", "DOUBLE": "float64"} | dict.fromkeys(BITS, "int32")
 COMMENTED = {"WAV", "RF64", "CAF", "FLAC"}  # W64 has no place for a text
@@ -37,8 +36,6 @@ PIECE = 1 << 16  # frames that are read at once
 
 class Draft(AbstractContextManager["Draft"]):
     """A new sound file that is open for writing.
-
-    Its header is updated at every write, so a killed run leaves a readable file.
 
     Parameters
     ----------
@@ -86,7 +83,6 @@ class Draft(AbstractContextManager["Draft"]):
                 )
                 if comment and format in COMMENTED:
                     self._sound.comment = comment
-                sf._snd.sf_command(self._sound._file, UPDATE_HEADER_AUTO, sf._ffi.NULL, 1)
         except BaseException:
             self.raw.close()
             raise
@@ -103,10 +99,6 @@ class Draft(AbstractContextManager["Draft"]):
         ``seal`` verifies the samples.
         """
         self._put.update(np.ascontiguousarray(samples).data)
-        self.append(samples)
-
-    def append(self, samples: NDArray[Any]) -> None:
-        """Append samples to a file that will not be verified by ``seal``."""
         self.frames += len(samples)
         with self._busy, disk(self.path, self.raw):
             self._sound.write(samples)

@@ -21,14 +21,19 @@ from .partial import soundfile
 _COUNT = fields.whole(2**53)
 _CHANNEL = {"name": fields.text, "unit": fields.text, "full_scale": fields.positive}
 _CHANGE = {"at": _COUNT, "name": fields.text, "value": fields.number, "ramp": fields.not_negative}
-BEGUN: dict[str, fields.Test] = {  # what a sidecar says of a file that is being written
+DONE: dict[str, fields.Test] = {  # what a sidecar says
     "stimlib": fields.text,
     "format": fields.one_of(*FORMATS),
     "subtype": fields.one_of(*BYTES),
     "dither": fields.maybe(fields.whole(2**64 - 1)),
     "fs": fields.between(1, 2**31 - 1),
     "frames": _COUNT,
-    "channels": fields.list_of(fields.record(_CHANNEL)),
+    "channels": fields.list_of(
+        fields.record(_CHANNEL | {"clips": _COUNT, "peak": fields.not_negative})
+    ),
+    "sha256": fields.maybe(fields.text),
+    "versions": fields.table_of(fields.maybe(fields.text)),
+    "file_sha256": fields.text,
     "seed": fields.whole(2**64 - 1),
     "params": fields.table_of(fields.number),
     "index": _COUNT,
@@ -37,15 +42,6 @@ BEGUN: dict[str, fields.Test] = {  # what a sidecar says of a file that is being
     "scene": fields.table,
     "scene_hash": fields.text,
     "definitions": definitions.TEST,
-}
-_RECOVERED = {"recovered": fields.record({"frames": _COUNT})}
-DONE: dict[str, fields.Test] = BEGUN | {  # and of one that is complete
-    "channels": fields.list_of(
-        fields.record(_CHANNEL | {"clips": fields.maybe(_COUNT), "peak": fields.not_negative})
-    ),
-    "sha256": fields.maybe(fields.text),
-    "versions": fields.table_of(fields.maybe(fields.text)),
-    "file_sha256": fields.text,
 }
 
 
@@ -63,10 +59,9 @@ class FileReport:
         frames / fs.
     clips : dict of str to int
         For each output, the number of samples limited to full scale; 0 in float
-        formats, None for a recovered file of integers.
+        formats.
     peak : dict of str to float
-        For each output, the largest absolute value, in the output's unit; for a
-        recovered file, of the stored samples.
+        For each output, the largest absolute value, in the output's unit.
     sidecar : Path
         The JSON file.
 
@@ -112,11 +107,6 @@ def sidecar_of(path: Path) -> Path:
     return path.with_name(path.name + ".json")
 
 
-def part_of(path: Path) -> Path:
-    """Return the path of a file during writing."""
-    return path.with_name(path.name + ".part")
-
-
 def told(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read and check the sidecar of a file, without reading the file.
 
@@ -130,16 +120,15 @@ def told(path: str | os.PathLike[str]) -> dict[str, Any]:
     return load(Path(path), sidecar_of(Path(path)))
 
 
-def load(path: Path, sidecar: Path, tests: dict[str, fields.Test] = DONE) -> dict[str, Any]:
+def load(path: Path, sidecar: Path) -> dict[str, Any]:
     """Read and check a sidecar."""
     if not os.path.lexists(sidecar):
         raise SinkError(
-            f"{path} has no sidecar {sidecar.name}; without it units and full scale are not"
-            f" known{hint(path)}"
+            f"{path} has no sidecar {sidecar.name}; without it units and full scale are not known"
         )
     try:
         info = fields.parse(safe_files.read(sidecar, "sidecar_bytes"))
-        fields.require(info, tests | _RECOVERED if "recovered" in info else tests)
+        fields.require(info, DONE)
         if (
             info["subtype"] not in FORMATS[info["format"]]
             or not info["channels"]
@@ -149,12 +138,6 @@ def load(path: Path, sidecar: Path, tests: dict[str, fields.Test] = DONE) -> dic
     except ValueError as e:
         raise SinkError(f"{sidecar} is not a sidecar that stimlib wrote: {e}") from e
     return info
-
-
-def hint(path: Path) -> str:
-    """Return a hint, for an error message, at files that a killed run left."""
-    left = next((p for p in (part_of(path), part_of(sidecar_of(path))) if os.path.isfile(p)), None)
-    return f"; a run that was killed left {left.name}: try stimlib recover {path}" if left else ""
 
 
 def text_of(info: dict[str, Any]) -> bytes:

@@ -50,7 +50,7 @@ def test_every_key_is_held_or_stated_as_told(honest, tmp_path, edit):
 
 
 def test_there_is_no_key_that_is_neither(honest):
-    assert set(honest[1]) == checked.HELD | checked.TOLD - {"recovered"}
+    assert set(honest[1]) == checked.HELD | checked.TOLD
 
 
 def test_a_file_cut_short_with_its_numbers_adjusted_is_refused_by_the_hash_of_the_signal(
