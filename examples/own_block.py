@@ -6,8 +6,8 @@ python examples/own_block.py [--plot FILE]
 
 import argparse
 import math
+from collections import namedtuple
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,12 +17,8 @@ from stimlib.core.maths import flush, fma
 LARGEST = 0.45  # of fs
 
 
-class OnePoleParams(NamedTuple):  # numbers that design makes once per sample rate
-    g: float
-
-
-class OnePoleState(NamedTuple):  # everything that the next sample depends on
-    y: float
+OnePoleParams = namedtuple("OnePoleParams", "g")  # numbers that design makes once per sample rate
+OnePoleState = namedtuple("OnePoleState", "y")  # everything that the next sample depends on
 
 
 def towards(y, x, g):

@@ -57,6 +57,7 @@ class WholeNumbers(Block):
         for _ in range(3):
             k = k * 6364136223846793005 + 1442695040888963407
         y = y + ((1 << 40) >> 37) + maths.as_float(1 << (s.u & np.uint64(40)))
+        y = y + maths.as_float(np.int64(-40.0) - np.int64(x))
         y = y + (k >> 32) + p.a[abs(np.int64(-3.0))] + maths.as_float(u >> np.uint64(40))
         return y, S(y, u, s.buf)
 

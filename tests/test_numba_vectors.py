@@ -3,6 +3,7 @@ targets have the same bits, whatever an author writes."""
 
 import hashlib
 import importlib
+import itertools
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -245,6 +246,17 @@ def test_a_tile_beside_a_step_is_tried(written, stage, gains, states, why, targe
     block = written(STAGES.format(stage, gains, states)).Some(1.0 * Input("a"))
     with pytest.raises(SceneError, match=rf"written_\w+.py:\d+: Some.tile: .*{why}"):
         sampled(block, target, 64)
+
+
+def test_stages_have_the_same_bits_whatever_they_return(written):
+    """Constants of a stage are as wide as its lanes, for each number of stages."""
+    values = "x + p.y * s.y", "0.0", "1", "-0.0", "p.y", "where(x > 0.0, 1, 2.5)"
+    step = "    @staticmethod\n    def step(p, s, a):\n        return a, s\n"
+    for k, (out, new) in enumerate(itertools.product(values, values)):
+        text = STAGES.replace(step, "").format(f"return {out}, Rows({new})", *[k % 11 + 1] * 2)
+        some = written(text).Some(1.0 * Input("a"))
+        of = [sampled(some, target, 64) for target in ("numba", "python")]
+        assert_same(*of, f"return {out}, Rows({new})")
 
 
 @pytest.mark.parametrize(

@@ -238,6 +238,23 @@ MISTAKES = [
     (body("return abs(x, 2), s  # here"), "it is abs(x): too many"),
     (body("return x * s.y[0], s  # here"), "only arrays have an index"),
     (body('return x + "1", s  # here'), "'1' is not a number"),
+    # what would have other bits, or other samples, where it is compiled
+    (body("return maths.as_float(x), s  # here"), "as_float converts a np.uint64, not a float"),
+    (body("return maths.as_float(-1), s  # here"), "out of bounds for uint64"),
+    (body("return maths.unbits(s.y), s  # here"), "unbits takes the bits of a float as np.uint64"),
+    (ARRAYS + body("p.table[0] = x  # here", "return x, s"), "only into arrays of its own state"),
+    (
+        ARRAYS + body("line = p.table", "line[:] = x  # here", "return x, s"),
+        "only into arrays of its own state",
+    ),
+    (
+        "@staticmethod\ndef tile(p, s, x, y):\n    x[:] = 0.0  # here\n    return s\n",
+        "a tile into its outputs",
+    ),
+    (
+        "def design(self, fs):  # here\n    return Gain(10**400), State(0.0)\n" + GOOD,
+        "Mine.design: parameters 'gain' is a int; floats",
+    ),
     (
         body("for _ in range(p.gain):  # here", "    x = 2.0 * x", "return x, s"),
         "range counts whole ones: range(np.int64(n))",

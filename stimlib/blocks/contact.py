@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -59,13 +60,11 @@ def amount(who: str, name: str, v, text: str, zero: bool = True, why: str = "") 
 
 
 # What all laws begin with -------------------------------------------------------------
-class FrictionState(NamedTuple):
-    """State of `Friction` between samples."""
-
-    last: float  # x
-    z: float  # deflection
-    k: float  # of the last sample
-    cold: float
+# State of `Friction` between samples.
+#   last  x
+#   z     deflection
+#   k     of the last sample
+FrictionState = namedtuple("FrictionState", "last z k cold")
 
 
 def held(v):
@@ -178,10 +177,8 @@ class Coulomb(Friction):
         return k * where(after == t, z + 0.5 * dx, slips), FrictionState(x, after, k, 0.0)
 
 
-class ElasticParams(NamedTuple):
-    """Parameters of elastic blocks at a sample rate."""
-
-    elastic: float
+# Parameters of elastic blocks at a sample rate.
+ElasticParams = namedtuple("ElasticParams", "elastic")
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,11 +242,10 @@ class Dahl(Friction):
         return k * mean, FrictionState(x, after, k, 0.0)
 
 
-class LuGreParams(NamedTuple):
-    """Parameters of `LuGre` at a sample rate."""
-
-    damping: float  # times fs
-    viscosity: float  # times fs
+# Parameters of `LuGre` at a sample rate.
+#   damping    times fs
+#   viscosity  times fs
+LuGreParams = namedtuple("LuGreParams", "damping viscosity")
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,12 +304,9 @@ class LuGre(Over):
 
 
 # Around the laws ----------------------------------------------------------------------
-class StribeckParams(NamedTuple):
-    """Parameters of `Stribeck` at a sample rate."""
-
-    rise: float
-    per: float  # fs/speed
-    exponent: float
+# Parameters of `Stribeck` at a sample rate.
+#   per  fs/speed
+StribeckParams = namedtuple("StribeckParams", "rise per exponent")
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,10 +394,9 @@ class StribeckPower(StribeckCurve):
         return PlaceState(x[y.size - 1], 0.0)
 
 
-class StickSlipParams(NamedTuple):
-    """Parameters of `StickSlip` at a sample rate."""
-
-    left: float  # part of the force that a slip leaves
+# Parameters of `StickSlip` at a sample rate.
+#   left  part of the force that a slip leaves
+StickSlipParams = namedtuple("StickSlipParams", "left")
 
 
 @dataclass(frozen=True, eq=False)
@@ -812,10 +804,8 @@ def not_too_small(owner: Block, *names: str) -> None:
 
 
 # Walls --------------------------------------------------------------------------------
-class WallParams(NamedTuple):
-    """Parameters of `Wall` at a sample rate."""
-
-    fs: float
+# Parameters of `Wall` at a sample rate.
+WallParams = namedtuple("WallParams", "fs")
 
 
 @dataclass(frozen=True, eq=False)
@@ -948,10 +938,9 @@ def wall(
 
 
 # Detents ------------------------------------------------------------------------------
-class DetentParams(NamedTuple):
-    """Parameters of detent blocks at a sample rate."""
-
-    per: float  # 1/spacing
+# Parameters of detent blocks at a sample rate.
+#   per  1/spacing
+DetentParams = namedtuple("DetentParams", "per")
 
 
 def sine_of_half_turns(h):
@@ -1063,20 +1052,12 @@ def detents(
 
 
 # Buttons ------------------------------------------------------------------------------
-class ButtonParams(NamedTuple):
-    """Parameters of `Button` at a sample rate."""
+# Parameters of `Button` at a sample rate.
+#   drop  of the force at the snap, as a part of the peak
+ButtonParams = namedtuple("ButtonParams", "at back drop")
 
-    at: float
-    back: float
-    drop: float  # of the force at the snap, as a part of the peak
-
-
-class ButtonState(NamedTuple):
-    """State of `Button` between samples."""
-
-    last: float
-    pressed: float
-    cold: float
+# State of `Button` between samples.
+ButtonState = namedtuple("ButtonState", "last pressed cold")
 
 
 @dataclass(frozen=True, eq=False)
@@ -1369,20 +1350,14 @@ def force_limit(force: Block, peak: Block | float = 100.0) -> Block:
 KNEE = 0.81  # of the mean square: 0.9 of the limit
 
 
-class StaticParams(NamedTuple):
-    """Parameters of `StaticLimit` at a sample rate."""
+# Parameters of `StaticLimit` at a sample rate.
+#   most  limit^2
+#   span  most - knee
+StaticParams = namedtuple("StaticParams", "a most knee span cap")
 
-    a: float
-    most: float  # limit^2
-    knee: float
-    span: float  # most - knee
-    cap: float
-
-
-class StaticState(NamedTuple):
-    """State of `StaticLimit` between samples."""
-
-    m: float  # mean square of the output
+# State of `StaticLimit` between samples.
+#   m  mean square of the output
+StaticState = namedtuple("StaticState", "m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -1485,16 +1460,12 @@ def static_limit(force: Block, limit: float = 37.0, tau: float = 10.0) -> Block:
     return StaticLimit(_signal("static_limit", "force", force, "N"), limit, tau)
 
 
-class SlewParams(NamedTuple):
-    """Parameters of `SlewLimit` at a sample rate."""
+# Parameters of `SlewLimit` at a sample rate.
+#   step  most that y moves in one sample
+SlewParams = namedtuple("SlewParams", "step")
 
-    step: float  # most that y moves in one sample
-
-
-class SlewState(NamedTuple):
-    """State of `SlewLimit` between samples."""
-
-    y: float
+# State of `SlewLimit` between samples.
+SlewState = namedtuple("SlewState", "y")
 
 
 @dataclass(frozen=True, eq=False)
@@ -1559,10 +1530,8 @@ def slew_limit(x: Block, rate: float) -> Block:
     return SlewLimit(as_block(x), rate)
 
 
-class TallyState(NamedTuple):
-    """State of `Tally` between samples."""
-
-    n: np.uint64
+# State of `Tally` between samples.
+TallyState = namedtuple("TallyState", "n")
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -100,17 +100,12 @@ def happens(event):
 
 
 # Where they come from -----------------------------------------------------------------
-class EdgeParams(NamedTuple):
-    """Parameters of `Edge` at a sample rate."""
+# Parameters of `Edge` at a sample rate.
+#   sign  1: rising, -1: falling
+EdgeParams = namedtuple("EdgeParams", "sign")
 
-    sign: float  # 1: rising, -1: falling
-
-
-class EdgeState(NamedTuple):
-    """State of `Edge` between samples."""
-
-    above: float
-    cold: float
+# State of `Edge` between samples.
+EdgeState = namedtuple("EdgeState", "above cold")
 
 
 def edge(p, s, x, threshold):
@@ -219,21 +214,13 @@ def falling(x: Block | float, threshold: Block | float = 0.0) -> Block:
     return Edge(x, in_unit_of(x, threshold), False)
 
 
-class CrossingParams(NamedTuple):
-    """Parameters of `Crossing` at a sample rate."""
+# Parameters of `Crossing` at a sample rate.
+#   half  half the hysteresis, in spacings
+CrossingParams = namedtuple("CrossingParams", "spacing half split")
 
-    spacing: float
-    half: float  # half the hysteresis, in spacings
-    split: float
-
-
-class CrossingState(NamedTuple):
-    """State of `Crossing` between samples."""
-
-    cell: float
-    last: float  # x/spacing
-    carry: float
-    cold: float
+# State of `Crossing` between samples.
+#   last  x/spacing
+CrossingState = namedtuple("CrossingState", "cell last carry cold")
 
 
 NEAR_LINE = 1e-12
@@ -369,10 +356,8 @@ def crossing(
 
 
 # What is done with them ---------------------------------------------------------------
-class Total(NamedTuple):
-    """State of blocks that keep their last output."""
-
-    y: float
+# State of blocks that keep their last output.
+Total = namedtuple("Total", "y")
 
 
 @dataclass(frozen=True, eq=False)
@@ -471,16 +456,12 @@ def sample_and_hold(x: Block | float, event: Block | float) -> Block:
     return SampleAndHold(as_block(x), as_event("sample_and_hold", event))
 
 
-class Wait(NamedTuple):
-    """The number of samples that must pass between two events."""
+# The number of samples that must pass between two events.
+Wait = namedtuple("Wait", "samples")
 
-    samples: float
-
-
-class Left(NamedTuple):
-    """The number of samples until the next event may pass."""
-
-    left: np.uint64  # samples in which nothing passes
+# The number of samples until the next event may pass.
+#   left  samples in which nothing passes
+Left = namedtuple("Left", "left")
 
 
 def passed(p, s, event):
@@ -784,18 +765,12 @@ def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Blo
     return begun("moving_average", x, onset, lambda u: MovingAverage(u, seconds), lambda y: 1.0)
 
 
-class FollowerParams(NamedTuple):
-    """Parameters of `Follower` at a sample rate."""
+# Parameters of `Follower` at a sample rate.
+FollowerParams = namedtuple("FollowerParams", "up down")
 
-    up: float
-    down: float
-
-
-class FollowerState(NamedTuple):
-    """State of `Follower` between samples."""
-
-    y: float
-    before: float  # y one sample earlier
+# State of `Follower` between samples.
+#   before  y one sample earlier
+FollowerState = namedtuple("FollowerState", "y before")
 
 
 def nearer(g, a, s):
@@ -886,16 +861,11 @@ LONG = 2.0**60
 """A sample that no run reaches."""
 
 
-class TimeParams(NamedTuple):
-    """Parameters of `Time` at a sample rate."""
+# Parameters of `Time` at a sample rate.
+TimeParams = namedtuple("TimeParams", "fs")
 
-    fs: float
-
-
-class TimeState(NamedTuple):
-    """State of `Time` between samples."""
-
-    n: float
+# State of `Time` between samples.
+TimeState = namedtuple("TimeState", "n")
 
 
 @dataclass(frozen=True, eq=False)
@@ -934,11 +904,9 @@ def elapsed() -> Block:
     return Time()
 
 
-class EveryParams(NamedTuple):
-    """Parameters of `Every` at a sample rate."""
-
-    fs: float
-    period: float  # samples
+# Parameters of `Every` at a sample rate.
+#   period  samples
+EveryParams = namedtuple("EveryParams", "fs period")
 
 
 @dataclass(frozen=True, eq=False)
@@ -1001,12 +969,9 @@ def every(period: float) -> Block:
     return Every(Time(), period)
 
 
-class AtParams(NamedTuple):
-    """Parameters of `At` at a sample rate."""
-
-    fs: float
-    samples: np.ndarray  # rising, ended by one that is never reached
-    heights: np.ndarray
+# Parameters of `At` at a sample rate.
+#   samples  rising, ended by one that is never reached
+AtParams = namedtuple("AtParams", "fs samples heights")
 
 
 @dataclass(frozen=True, eq=False)
@@ -1070,12 +1035,9 @@ def at(times) -> Block:
 TIMELINES = ("step", "linear", "cosine")
 
 
-class TimelineParams(NamedTuple):
-    """Parameters of `Timeline` at a sample rate."""
-
-    times: np.ndarray
-    values: np.ndarray
-    kind: float  # place in TIMELINES
+# Parameters of `Timeline` at a sample rate.
+#   kind  place in TIMELINES
+TimelineParams = namedtuple("TimelineParams", "times values kind")
 
 
 @dataclass(frozen=True, eq=False)
@@ -1163,18 +1125,14 @@ def timeline(points, kind: str = "linear", unit: str = "") -> Block:
 # What opens and closes: bursts with ramps, and envelopes of a gate.
 
 
-class BurstParams(NamedTuple):
-    """Parameters of `Burst` at a sample rate."""
+# Parameters of `Burst` at a sample rate.
+#   n     samples
+#   ramp  samples of each flank
+BurstParams = namedtuple("BurstParams", "n ramp")
 
-    n: float  # samples
-    ramp: float  # samples of each flank
-
-
-class BurstState(NamedTuple):
-    """State of `Burst` between samples."""
-
-    k: np.uint64  # sample of the burst
-    height: float
+# State of `Burst` between samples.
+#   k  sample of the burst
+BurstState = namedtuple("BurstState", "k height")
 
 
 def opened(p, s, event):
@@ -1293,21 +1251,12 @@ FULL = 1 - 1e-9
 """An attack ends here: by rounding it could come a sample late."""
 
 
-class EnvelopeParams(NamedTuple):
-    """Parameters of `Envelope` at a sample rate."""
+# Parameters of `Envelope` at a sample rate.
+EnvelopeParams = namedtuple("EnvelopeParams", "rise top fall sustain release")
 
-    rise: float
-    top: float
-    fall: float
-    sustain: float
-    release: float
-
-
-class EnvelopeState(NamedTuple):
-    """State of `Envelope` between samples."""
-
-    y: float
-    stage: float  # 0 released, 1 attack, 2 decay and sustain
+# State of `Envelope` between samples.
+#   stage  0 released, 1 attack, 2 decay and sustain
+EnvelopeState = namedtuple("EnvelopeState", "y stage")
 
 
 def followed(p, s, gate):

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi, sqrt, tan
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -41,11 +42,8 @@ from ..system.limits import limits
 ONSETS = {"steady": 1.0, "step": 2.0}  # what ``cold`` is before the first sample
 
 
-class FirstState(NamedTuple):
-    """State of `First` between samples."""
-
-    x: float
-    cold: float
+# State of `First` between samples.
+FirstState = namedtuple("FirstState", "x cold")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,17 +134,12 @@ def begun(
 
 # Delay ------------------------------------------------------------------------------
 # Delay by whole samples.
-class DelayParams(NamedTuple):
-    """Parameters of `Delay` at a sample rate."""
+# Parameters of `Delay` at a sample rate.
+DelayParams = namedtuple("DelayParams", "n")
 
-    n: float
-
-
-class DelayState(NamedTuple):
-    """State of `Delay`, and of an FIR filter, between samples."""
-
-    line: np.ndarray
-    at: np.uint64  # place of the oldest sample: samples seen, modulo the line's size
+# State of `Delay`, and of an FIR filter, between samples.
+#   at  place of the oldest sample: samples seen, modulo the line's size
+DelayState = namedtuple("DelayState", "line at")
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,11 +260,9 @@ def delay(
 
 # Finite impulse responses -----------------------------------------------------------
 # Finite impulse responses: any taps, and the band-limited differentiator.
-class FirParams(NamedTuple):
-    """Parameters of `Fir` at a sample rate."""
-
-    taps: np.ndarray  # oldest first, zeros in front up to a multiple of 8
-    order: float
+# Parameters of `Fir` at a sample rate.
+#   taps  oldest first, zeros in front up to a multiple of 8
+FirParams = namedtuple("FirParams", "taps order")
 
 
 SPAN = 448
@@ -526,26 +517,12 @@ def differentiator(
 # Recursive filters in second-order sections -----------------------------------------
 # Recursive filters: low-pass, high-pass, band-pass and band-stop of four families, and
 # sections given by their numbers.
-class CascadeParams(NamedTuple):
-    """Parameters of `Cascade`: its sections, and the frequency of its latency."""
+# Parameters of `Cascade`: its sections, and the frequency of its latency.
+CascadeParams = namedtuple("CascadeParams", "a c b d h0 e1 e0 at")
 
-    a: np.ndarray
-    c: np.ndarray
-    b: np.ndarray
-    d: np.ndarray
-    h0: np.ndarray
-    e1: np.ndarray
-    e0: np.ndarray
-    at: float
-
-
-class CascadeState(NamedTuple):
-    """State of `Cascade` between samples."""
-
-    s1: np.ndarray
-    s2: np.ndarray
-    low1: np.ndarray  # what rounding took from s1
-    low2: np.ndarray
+# State of `Cascade` between samples.
+#   low1  what rounding took from s1
+CascadeState = namedtuple("CascadeState", "s1 s2 low1 low2")
 
 
 def section(p, s, x):
@@ -1014,24 +991,19 @@ def sos(x: Block | float, rows, onset: str = "step") -> Block:
 # Tracking of positions that are reported slowly -------------------------------------
 # Following motion that arrives slowly: reports of 60 to 250 Hz, with jitter, held in
 # between.
-class TrackParams(NamedTuple):
-    """Parameters of `Track` at a sample rate."""
+# Parameters of `Track` at a sample rate.
+#   q  w/fs
+#   g  1 - exp(-q)
+TrackParams = namedtuple("TrackParams", "q g fs max_jump")
 
-    q: float  # w/fs
-    g: float  # 1 - exp(-q)
-    fs: float
-    max_jump: float
-
-
-class TrackState(NamedTuple):
-    """State of `Track` between samples."""
-
-    y: float  # position
-    v: float  # movement of y in the last sample
-    e: float  # x - y
-    h: float  # velocity of the filter, per sample
-    last: float  # x
-    cold: float  # 1: starts at the next x in contact
+# State of `Track` between samples.
+#   y     position
+#   v     movement of y in the last sample
+#   e     x - y
+#   h     velocity of the filter, per sample
+#   last  x
+#   cold  1: starts at the next x in contact
+TrackState = namedtuple("TrackState", "y v e h last cold")
 
 
 def follow(p, s, x, contact):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -104,26 +105,20 @@ def plain(alpha, fs, first, y, w):
         y[i] = where(alpha > 0.5, w[DIFFERENCES + 8 + i] * fs, w[9 + i] - first)
 
 
-class SpringpotParams(NamedTuple):
-    """Parameters of `Springpot` at a sample rate."""
+# Parameters of `Springpot` at a sample rate.
+#   e         leaks of the modes, rising; padded with ones
+#   r         their weights
+#   taps      v_7 .. v_0
+#   constant  weight of the mode that never decays
+#   scale     fs^alpha
+SpringpotParams = namedtuple("SpringpotParams", "e r taps constant scale alpha fs")
 
-    e: np.ndarray  # leaks of the modes, rising; padded with ones
-    r: np.ndarray  # their weights
-    taps: np.ndarray  # v_7 .. v_0
-    constant: float  # weight of the mode that never decays
-    scale: float  # fs^alpha
-    alpha: float
-    fs: float
-
-
-class SpringpotState(NamedTuple):
-    """State of `Springpot` between samples."""
-
-    line: np.ndarray  # the last nine positions
-    q: np.ndarray  # modes
-    low: np.ndarray  # second words of the slowest
-    first: float  # position before contact
-    cold: float
+# State of `Springpot` between samples.
+#   line   the last nine positions
+#   q      modes
+#   low    second words of the slowest
+#   first  position before contact
+SpringpotState = namedtuple("SpringpotState", "line q low first cold")
 
 
 def first_state(onset: str, modes: int = 0, fine: int = 0) -> SpringpotState:
@@ -247,37 +242,20 @@ class Springpot(Block):
 
 
 # A live order -------------------------------------------------------------------------
-class LiveParams(NamedTuple):
-    """Parameters of `SpringpotLive` at a sample rate."""
+# Parameters of `SpringpotLive` at a sample rate.
+#   a        weight of mode k: g a exp(alpha L); the first is the mode that never
+#            decays, then as e
+#   high     L in two words
+#   poly     Chebyshev coefficients beside each other: those of the taps v_7 .. v_0,
+#            then g of the slowest modes
+#   nodes    that many have a polynomial for g
+#   fs_high  log(fs) in two words
+LiveParams = namedtuple("LiveParams", "e a high rest poly nodes fs_high fs_rest fs")
 
-    e: np.ndarray
-    # weight of mode k: g a exp(alpha L); the first is the mode that never decays, then
-    # as e
-    a: np.ndarray
-    high: np.ndarray  # L in two words
-    rest: np.ndarray
-    # Chebyshev coefficients beside each other: those of the taps v_7 .. v_0, then g of
-    # the slowest modes
-    poly: np.ndarray
-    nodes: float  # that many have a polynomial for g
-    fs_high: float  # log(fs) in two words
-    fs_rest: float
-    fs: float
-
-
-class LiveState(NamedTuple):
-    """State of `SpringpotLive` between samples."""
-
-    line: np.ndarray
-    q: np.ndarray
-    low: np.ndarray
-    r: np.ndarray  # weights that belong to alpha
-    taps: np.ndarray
-    constant: float
-    scale: float
-    alpha: float  # -1: none yet
-    first: float
-    cold: float
+# State of `SpringpotLive` between samples.
+#   r      weights that belong to alpha
+#   alpha  -1: none yet
+LiveState = namedtuple("LiveState", "line q low r taps constant scale alpha first cold")
 
 
 def power(alpha, high, rest):
@@ -312,18 +290,11 @@ def near_sum(taps, d):
     return ((a + e) + (c + g)) + ((b + f) + (h + k))
 
 
-class Power(NamedTuple):
-    """A factor that depends on the order: factor exp(alpha (high + rest))."""
+# A factor that depends on the order: factor exp(alpha (high + rest)).
+Power = namedtuple("Power", "factor high rest")
 
-    factor: float
-    high: float
-    rest: float
-
-
-class Order(NamedTuple):
-    """An order of a springpot."""
-
-    alpha: float
+# An order of a springpot.
+Order = namedtuple("Order", "alpha")
 
 
 def at_order(p, order):
@@ -472,12 +443,8 @@ class SpringpotLive(Block):
 
 
 # The certificate ----------------------------------------------------------------------
-class PathState(NamedTuple):
-    """State of `PathLength` between samples."""
-
-    length: float
-    last: float
-    cold: float
+# State of `PathLength` between samples.
+PathState = namedtuple("PathState", "length last cold")
 
 
 @dataclass(frozen=True, eq=False)
@@ -566,21 +533,13 @@ class Method(Block, abstract=True):
         return force_unit("springpot", u[0])
 
 
-class DownsampledParams(NamedTuple):
-    """Parameters of `Downsampled` at a sample rate."""
+# Parameters of `Downsampled` at a sample rate.
+DownsampledParams = namedtuple("DownsampledParams", "weights scale alpha")
 
-    weights: np.ndarray
-    scale: float
-    alpha: float
-
-
-class DownsampledState(NamedTuple):
-    """State of `Downsampled` between samples."""
-
-    past: np.ndarray  # all positions since contact
-    first: float
-    k: float  # samples since contact
-    cold: float
+# State of `Downsampled` between samples.
+#   past  all positions since contact
+#   k     samples since contact
+DownsampledState = namedtuple("DownsampledState", "past first k cold")
 
 
 @dataclass(frozen=True, eq=False)
@@ -634,18 +593,12 @@ class Downsampled(Method):
         return DownsampledState(s.past, first, k, cold)
 
 
-class ShortMemoryParams(NamedTuple):
-    """Parameters of `ShortMemory` at a sample rate."""
+# Parameters of `ShortMemory` at a sample rate.
+#   taps  oldest first, zeros in front
+ShortMemoryParams = namedtuple("ShortMemoryParams", "taps")
 
-    taps: np.ndarray  # oldest first, zeros in front
-
-
-class ShortMemoryState(NamedTuple):
-    """State of `ShortMemory` between samples."""
-
-    line: np.ndarray
-    first: float
-    cold: float
+# State of `ShortMemory` between samples.
+ShortMemoryState = namedtuple("ShortMemoryState", "line first cold")
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,20 +26,11 @@ def pole_gain(cutoff: float, fs: float) -> float:
     return -math.expm1(-2 * math.pi * cutoff / fs)
 
 
-class VelocityParams(NamedTuple):
-    """Parameters of `Velocity` at a sample rate."""
+# Parameters of `Velocity` at a sample rate.
+VelocityParams = namedtuple("VelocityParams", "g fs")
 
-    g: float
-    fs: float
-
-
-class VelocityState(NamedTuple):
-    """State of `Velocity` between samples."""
-
-    last: float
-    a: float
-    b: float
-    cold: float
+# State of `Velocity` between samples.
+VelocityState = namedtuple("VelocityState", "last a b cold")
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +123,11 @@ def velocity(x: Block, cutoff: float = 100.0, contact: Block | float = 1.0) -> B
     return Velocity(x, cutoff, as_block(contact))
 
 
-class Sampled(NamedTuple):
-    """The coefficients of a first-order system at a sample rate, exact to rounding."""
-
-    e: float  # 1 - exp(-a)
-    g: float  # e/a
-    h: float  # 1 - e/a
+# The coefficients of a first-order system at a sample rate, exact to rounding.
+#   e  1 - exp(-a)
+#   g  e/a
+#   h  1 - e/a
+Sampled = namedtuple("Sampled", "e g h")
 
 
 def sampled(a: float) -> Sampled:
@@ -169,20 +159,13 @@ def sampled(a: float) -> Sampled:
     return Sampled(e, e / a, 1 - e / a)
 
 
-class LagParams(NamedTuple):
-    """Parameters of `Lag` at a sample rate."""
+# Parameters of `Lag` at a sample rate.
+#   leak  1 - exp(-T/tau)
+LagParams = namedtuple("LagParams", "leak now before")
 
-    leak: float  # 1 - exp(-T/tau)
-    now: float
-    before: float
-
-
-class LagState(NamedTuple):
-    """State of `Lag` between samples."""
-
-    y: float
-    low: float  # what rounding took from y
-    last: float
+# State of `Lag` between samples.
+#   low  what rounding took from y
+LagState = namedtuple("LagState", "y low last")
 
 
 class Lag(Block, abstract=True):
@@ -409,17 +392,11 @@ def step_peak(cutoff: float, fs: float) -> float:
 
 # Gates with two thresholds ----------------------------------------------------------
 # Gates with two thresholds.
-class GateParams(NamedTuple):
-    """Parameters of `Gate` at a sample rate."""
+# Parameters of `Gate` at a sample rate.
+GateParams = namedtuple("GateParams", "on off")
 
-    on: float
-    off: float
-
-
-class GateState(NamedTuple):
-    """State of `Gate` between samples."""
-
-    g: float
+# State of `Gate` between samples.
+GateState = namedtuple("GateState", "g")
 
 
 class Gate(Block, abstract=True):

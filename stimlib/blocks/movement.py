@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections import namedtuple
 
 from ..core.graph import NONE, ONE, Block
 from ..core.maths import fma, where
 
-
-class PlaceState(NamedTuple):
-    """State of blocks that average over position, between samples."""
-
-    last: float
-    cold: float
+# State of blocks that average over position, between samples.
+PlaceState = namedtuple("PlaceState", "last cold")
 
 
 class Over(Block, abstract=True):

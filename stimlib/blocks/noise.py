@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import operator
+from collections import namedtuple
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -147,11 +147,9 @@ def normals(key: np.uint64, n: int) -> np.ndarray:
     return y
 
 
-class WhiteState(NamedTuple):
-    """State of `White` between samples."""
-
-    key: np.uint64
-    n: np.uint64  # index of the next sample; before sample 0 it counts up to 2^64
+# State of `White` between samples.
+#   n  index of the next sample; before sample 0 it counts up to 2^64
+WhiteState = namedtuple("WhiteState", "key n")
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,18 +242,14 @@ def white_noise(seed: int, stream: int = 0, shared: bool = False) -> Block:
 # The parallel form is exact to 1e-13 where multiplied-out sections lose 3-4 digits, and
 # every mode is independent of the others. A pole near 1 keeps its leak 1 - p to
 # 2^-53/(1 - p): far better than a spectrum needs.
-class ModesParams(NamedTuple):
-    """Parameters of `Modes` at a sample rate."""
+# Parameters of `Modes` at a sample rate.
+#   p  poles; padded with zeros to a multiple of 8
+#   r  residues; padded with zeros
+#   d  direct
+ModesParams = namedtuple("ModesParams", "p r d")
 
-    p: np.ndarray  # poles; padded with zeros to a multiple of 8
-    r: np.ndarray  # residues; padded with zeros
-    d: float  # direct
-
-
-class ModesState(NamedTuple):
-    """State of `Modes` between samples."""
-
-    q: np.ndarray
+# State of `Modes` between samples.
+ModesState = namedtuple("ModesState", "q")
 
 
 class Modes(Block, abstract=True):

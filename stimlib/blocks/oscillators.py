@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import NamedTuple
 
 import numpy as np
 
@@ -32,20 +32,16 @@ QUARTER, SHIFT_11 = U(1 << 62), U(11)
 WORD, HALF_TURN = 2.0**-64, 2.0**-53
 
 
-class CarrierParams(NamedTuple):
-    """Parameters of `Carrier` at a sample rate."""
+# Parameters of `Carrier` at a sample rate.
+#   high  2^64/fs to 106 bits
+#   top   fs/2
+#   mode  0, 1, 2: not rectified, half, full
+CarrierParams = namedtuple("CarrierParams", "high low top mode")
 
-    high: float  # 2^64/fs to 106 bits
-    low: float
-    top: float  # fs/2
-    mode: float  # 0, 1, 2: not rectified, half, full
-
-
-class CarrierState(NamedTuple):
-    """State of `Carrier` and `Oscillator` between samples."""
-
-    phase: np.uint64  # in 2^-64 turns, of the next sample
-    wait: np.uint64  # samples before sample 0, which do not count
+# State of `Carrier` and `Oscillator` between samples.
+#   phase  in 2^-64 turns, of the next sample
+#   wait   samples before sample 0, which do not count
+CarrierState = namedtuple("CarrierState", "phase wait")
 
 
 def two_words(v: Fraction) -> tuple[float, float]:
@@ -269,13 +265,11 @@ def word(turns):
     return U(where(x > 0.0, where(x < MOST, x, MOST), 0.0))
 
 
-class OscillatorParams(NamedTuple):
-    """Parameters of `Oscillator` at a sample rate."""
-
-    high: float  # 2^64/fs to 106 bits
-    low: float
-    top: float  # fs/2
-    waveform: float  # place in WAVEFORMS
+# Parameters of `Oscillator` at a sample rate.
+#   high      2^64/fs to 106 bits
+#   top       fs/2
+#   waveform  place in WAVEFORMS
+OscillatorParams = namedtuple("OscillatorParams", "high low top waveform")
 
 
 def check_freq(name: str, f: Block) -> None:
@@ -421,20 +415,13 @@ def oscillator(
     )
 
 
-class TrainParams(NamedTuple):
-    """Parameters of `PulseTrain` at a sample rate."""
+# Parameters of `PulseTrain` at a sample rate.
+TrainParams = namedtuple("TrainParams", "high low top")
 
-    high: float
-    low: float
-    top: float
-
-
-class TrainState(NamedTuple):
-    """State of `PulseTrain` between samples."""
-
-    phase: np.uint64  # from the middle between two pulses
-    mark: np.uint64  # where the pulse of this period lies
-    wait: np.uint64
+# State of `PulseTrain` between samples.
+#   phase  from the middle between two pulses
+#   mark   where the pulse of this period lies
+TrainState = namedtuple("TrainState", "phase mark wait")
 
 
 def passed(s, inc, later):

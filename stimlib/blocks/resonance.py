@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
 from fractions import Fraction
 from math import pi, tan
-from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -172,34 +172,22 @@ def notch(x: Block | float, freq: float, q: float, onset: str = "step") -> Block
     return begun("notch", x, onset, lambda u: Resonator(u, freq, q, True), lambda y: 1.0)
 
 
-class SvfParams(NamedTuple):
-    """Parameters of `Svf` at a sample rate."""
+# Parameters of `Svf` at a sample rate.
+#   per   1/fs
+#   high  what passes
+SvfParams = namedtuple("SvfParams", "per high band low")
 
-    per: float  # 1/fs
-    high: float  # what passes
-    band: float
-    low: float
-
-
-class SvfState(NamedTuple):
-    """State of `Svf` between samples."""
-
-    s1: float
-    s2: float
+# State of `Svf` between samples.
+SvfState = namedtuple("SvfState", "s1 s2")
 
 
 LEAST = 1e-3
 """Smallest quality of a signal."""
 
 
-class Turn(NamedTuple):
-    """Coefficients for a cutoff and a quality: half of each state's change, and 1/q."""
-
-    a: float
-    c: float
-    d: float
-    k: float
-    wrong: float  # 0, or nan
+# Coefficients for a cutoff and a quality: half of each state's change, and 1/q.
+#   wrong  0, or nan
+Turn = namedtuple("Turn", "a c d k wrong")
 
 
 def turn(p, cutoff, q):
@@ -358,23 +346,16 @@ INT = np.int64
 CELLS = 256.0  # pieces of a shape along each axis
 
 
-class ModeParams(NamedTuple):
-    """Parameters of `Mode` at a sample rate."""
+# Parameters of `Mode` at a sample rate.
+#   r    c - s/q
+#   lag  of q behind a slope of x
+#   m    1 - c
+ModeParams = namedtuple("ModeParams", "c s r lag rise m")
 
-    c: float
-    s: float
-    r: float  # c - s/q
-    lag: float  # of q behind a slope of x
-    rise: float
-    m: float  # 1 - c
-
-
-class ModeState(NamedTuple):
-    """State of `Mode` between samples."""
-
-    e: float  # q - x
-    v: float  # q'/w0
-    last: float
+# State of `Mode` between samples.
+#   e  q - x
+#   v  q'/w0
+ModeState = namedtuple("ModeState", "e v last")
 
 
 @dataclass(frozen=True, eq=False)
@@ -486,46 +467,20 @@ def mode(x: Block | float, freq: float, q: float, onset: str = "step") -> Block:
     return begun("mode", x, onset, lambda u: Mode(u, freq, q), lambda y: 1.0)
 
 
-class Grid(NamedTuple):
-    """Dimensions of the grid of pieces in which a mode shape is stored."""
+# Dimensions of the grid of pieces in which a mode shape is stored.
+#   along  pieces for each metre
+Grid = namedtuple("Grid", "length width along across")
 
-    length: float
-    width: float
-    along: float  # pieces for each metre
-    across: float
+# Parameters of `Shape` at a sample rate.
+#   c  of each piece, 16 factors: powers of x and of y, highest first
+ShapeParams = namedtuple("ShapeParams", "length width along across c")
 
-
-class ShapeParams(NamedTuple):
-    """Parameters of `Shape` at a sample rate."""
-
-    length: float
-    width: float
-    along: float
-    across: float
-    c: np.ndarray  # of each piece, 16 factors: powers of x and of y, highest first
-
-
-class Piece(NamedTuple):
-    """Coefficients of one bicubic piece of a mode shape."""
-
-    c: float  # x^3 y^3
-    d: float
-    e: float
-    f: float
-    g: float  # x^2 y^3
-    h: float
-    i: float
-    j: float
-    k: float
-    s: float
-    m: float
-    n: float
-    o: float
-    q: float
-    r: float
-    t: float  # 1
-    row: float  # number of the piece along x
-    column: float
+# Coefficients of one bicubic piece of a mode shape.
+#   c    x^3 y^3
+#   g    x^2 y^3
+#   t    1
+#   row  number of the piece along x
+Piece = namedtuple("Piece", "c d e f g h i j k s m n o q r t row column")
 
 
 def in_pieces(v, size, per):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -324,10 +325,8 @@ def triangle(
     ]
 
 
-class DentParams(NamedTuple):
-    """Parameters of `Dent` at a sample rate."""
-
-    r: float
+# Parameters of `Dent` at a sample rate.
+DentParams = namedtuple("DentParams", "r")
 
 
 @dataclass(frozen=True, eq=False)
@@ -452,14 +451,8 @@ them to rounding.
 """
 
 
-class CursorState(NamedTuple):
-    """State of `Cursor` between samples."""
-
-    x: float
-    y: float
-    px: float
-    py: float
-    cold: float
+# State of `Cursor` between samples.
+CursorState = namedtuple("CursorState", "x y px py cold")
 
 
 def ratio(S):
@@ -516,33 +509,15 @@ class Cursor(Block):
         return (x, y), CursorState(x, y, px, py, where(contact > 0.0, 0.0, 1.0))
 
 
-class FramesParams(NamedTuple):
-    """Parameters of `CursorFrames` at a sample rate."""
+# Parameters of `CursorFrames` at a sample rate.
+#   c      the first eight are the map's, see GridParams
+#   frame  samples
+FramesParams = namedtuple("FramesParams", "c width x0 y0 px py nx ny frame slowest fastest")
 
-    c: np.ndarray  # the first eight are the map's, see GridParams
-    width: float
-    x0: float
-    y0: float
-    px: float
-    py: float
-    nx: float
-    ny: float
-    frame: float  # samples
-    slowest: float
-    fastest: float
-
-
-class FramesState(NamedTuple):
-    """State of `CursorFrames` between samples."""
-
-    x: float
-    y: float
-    px: float  # of the device, at the last frame
-    py: float
-    S: float
-    speed: float
-    left: float  # samples until the next frame
-    cold: float
+# State of `CursorFrames` between samples.
+#   px    of the device, at the last frame
+#   left  samples until the next frame
+FramesState = namedtuple("FramesState", "x y px py S speed left cold")
 
 
 def next_speed(speed, last, S):
@@ -715,30 +690,17 @@ def check_avatar(b: Any) -> None:
         raise BadValue(f"delay_avatar: notice = {b.notice!r} must not be below 0")
 
 
-class StreamParams(NamedTuple):
-    """Parameters of `DelayAvatar` at a sample rate."""
+# Parameters of `DelayAvatar` at a sample rate.
+#   per_newton  samples
+#   most        samples
+#   size        of the history
+StreamParams = namedtuple("StreamParams", "fs per_newton notice catch_up most size")
 
-    fs: float
-    per_newton: float  # samples
-    notice: float
-    catch_up: float
-    most: float  # samples
-    size: float  # of the history
-
-
-class StreamState(NamedTuple):
-    """State of `DelayAvatar` between samples."""
-
-    xs: np.ndarray
-    ys: np.ndarray
-    forces: np.ndarray
-    at: np.uint64  # place of the newest sample
-    lag: float  # samples
-    owed: float  # samples still to stand
-    low: float
-    x: float
-    y: float
-    cold: float
+# State of `DelayAvatar` between samples.
+#   at    place of the newest sample
+#   lag   samples
+#   owed  samples still to stand
+StreamState = namedtuple("StreamState", "xs ys forces at lag owed low x y cold")
 
 
 def earlier(line, a, b, w):
@@ -834,24 +796,15 @@ class DelayAvatar(Block):
         return (x, y, lag / p.fs, wait / p.fs), after
 
 
-class FrameParams(NamedTuple):
-    """Parameters of `FrameAvatar` at a sample rate."""
+# Parameters of `FrameAvatar` at a sample rate.
+#   per_newton  s/N
+#   frame       s
+FrameParams = namedtuple("FrameParams", "fs per_newton notice frame")
 
-    fs: float
-    per_newton: float  # s/N
-    notice: float
-    frame: float  # s
-
-
-class FrameState(NamedTuple):
-    """State of `FrameAvatar` between samples."""
-
-    x: float
-    y: float
-    force: float
-    left: float  # samples until the next frame
-    since: float  # samples since this one began
-    cold: float
+# State of `FrameAvatar` between samples.
+#   left   samples until the next frame
+#   since  samples since this one began
+FrameState = namedtuple("FrameState", "x y force left since cold")
 
 
 @dataclass(frozen=True, eq=False)
@@ -985,17 +938,12 @@ def delay_avatar(
     raise BadValue(f"delay_avatar: law = {law!r}; choose one of streaming, frames")
 
 
-class VibrationParams(NamedTuple):
-    """Parameters of `Vibration` at a sample rate."""
+# Parameters of `Vibration` at a sample rate.
+VibrationParams = namedtuple("VibrationParams", "factor per_ms")
 
-    factor: float
-    per_ms: float
-
-
-class VibrationState(NamedTuple):
-    """State of `Vibration` between samples."""
-
-    left: float  # samples
+# State of `Vibration` between samples.
+#   left  samples
+VibrationState = namedtuple("VibrationState", "left")
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import NamedTuple
 
 import numpy as np
 
@@ -29,17 +29,12 @@ from .oscillators import two_words
 U, INT = np.uint64, np.int64
 
 
-class ChirpParams(NamedTuple):
-    """Parameters of `Chirp` at a sample rate."""
-
-    fs: float
-    n: float  # samples
-    a: float  # turns a sample at first, in two words
-    a_low: float
-    b: float  # half of what it grows by each sample, in two words
-    b_low: float
-    k: float  # of an exponential one: turns = k (exp(c n) - 1)
-    c: float
+# Parameters of `Chirp` at a sample rate.
+#   n  samples
+#   a  turns a sample at first, in two words
+#   b  half of what it grows by each sample, in two words
+#   k  of an exponential one: turns = k (exp(c n) - 1)
+ChirpParams = namedtuple("ChirpParams", "fs n a a_low b b_low k c")
 
 
 CHIRPS = ("linear", "exponential")
@@ -135,12 +130,8 @@ def chirp(f0: float, f1: float, seconds: float, kind: str = "linear") -> Block:
     return Chirp(Time(), f0, f1, seconds, kind)
 
 
-class PlaybackParams(NamedTuple):
-    """Parameters of `Playback` at a sample rate."""
-
-    fs: float
-    samples: np.ndarray
-    loop: float
+# Parameters of `Playback` at a sample rate.
+PlaybackParams = namedtuple("PlaybackParams", "fs samples loop")
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,13 +184,10 @@ polynomial that is exact to 1e-5.
 BEFORE, AFTER = 2, 4
 
 
-class ScannedParams(NamedTuple):
-    """Parameters of `Scanned` at a sample rate."""
-
-    rate: float  # of the table, Hz
-    samples: np.ndarray
-    size: float  # without those before and after
-    loop: float
+# Parameters of `Scanned` at a sample rate.
+#   rate  of the table, Hz
+#   size  without those before and after
+ScannedParams = namedtuple("ScannedParams", "rate samples size loop")
 
 
 def between(x, k, d):
@@ -433,26 +421,18 @@ def band_noise(
 # What events make: decaying sinusoids and recorded transients.
 
 
-class RingParams(NamedTuple):
-    """Parameters of `Ring` at a sample rate."""
+# Parameters of `Ring` at a sample rate.
+#   per  1/fs
+RingParams = namedtuple("RingParams", "per sine")
 
-    per: float  # 1/fs
-    sine: float
+# State of `Ring` between samples.
+RingState = namedtuple("RingState", "re im")
 
-
-class RingState(NamedTuple):
-    """State of `Ring` between samples."""
-
-    re: float
-    im: float
-
-
-class Turn(NamedTuple):
-    """Coefficients of the rotation p for a frequency and a decay."""
-
-    e: float  # 1 - real part
-    w: float  # imaginary part
-    wrong: float  # 0, or nan
+# Coefficients of the rotation p for a frequency and a decay.
+#   e      1 - real part
+#   w      imaginary part
+#   wrong  0, or nan
+Turn = namedtuple("Turn", "e w wrong")
 
 
 def turn(p, freq, decay):
@@ -604,18 +584,13 @@ def ring(
     return Ring(as_event("ring", event), with_unit(freq, "Hz"), with_unit(decay, "s"), onset)
 
 
-class GrainParams(NamedTuple):
-    """Parameters of `Grain` at a sample rate."""
+# Parameters of `Grain` at a sample rate.
+GrainParams = namedtuple("GrainParams", "shape")
 
-    shape: np.ndarray
-
-
-class GrainState(NamedTuple):
-    """State of `Grain` between samples."""
-
-    ahead: np.ndarray  # what is to come, in a ring
-    at: np.uint64
-    left: np.uint64  # samples until all of it is 0
+# State of `Grain` between samples.
+#   ahead  what is to come, in a ring
+#   left   samples until all of it is 0
+GrainState = namedtuple("GrainState", "ahead at left")
 
 
 def add(height, shape, line):

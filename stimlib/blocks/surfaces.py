@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import os
+from collections import namedtuple
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -139,23 +139,13 @@ class Bump(Over, abstract=True):
         return float(self.sampling == "area")
 
 
-class LinearParams(NamedTuple):
-    """Parameters of `LinearBump` at a sample rate."""
+# Parameters of `LinearBump` at a sample rate.
+LinearParams = namedtuple("LinearParams", "area start slope whole")
 
-    area: float
-    start: float
-    slope: float
-    whole: float
-
-
-class LinearShape(NamedTuple):
-    """A ridge with a linear profile, for a duty cycle."""
-
-    d: float
-    r: float  # 1/d
-    start: float
-    slope: float
-    whole: float  # mean over a ridge
+# A ridge with a linear profile, for a duty cycle.
+#   r      1/d
+#   whole  mean over a ridge
+LinearShape = namedtuple("LinearShape", "d r start slope whole")
 
 
 def linear_shape(p, duty):
@@ -237,21 +227,15 @@ class LinearBump(Bump):
         return PlaceState(u[n], 0.0)
 
 
-class SineParams(NamedTuple):
-    """Parameters of `SineBump` at a sample rate."""
+# Parameters of `SineBump` at a sample rate.
+SineParams = namedtuple("SineParams", "area half")
 
-    area: float
-    half: float
-
-
-class SineShape(NamedTuple):
-    """A ridge with a sinusoidal profile, for a duty cycle."""
-
-    d: float
-    r: float  # 1/d
-    k: float  # half periods of the sinusoid on a ridge
-    h: float  # 1/sin(pi k/2)^2
-    whole: float  # mean over a ridge
+# A ridge with a sinusoidal profile, for a duty cycle.
+#   r      1/d
+#   k      half periods of the sinusoid on a ridge
+#   h      1/sin(pi k/2)^2
+#   whole  mean over a ridge
+SineShape = namedtuple("SineShape", "d r k h whole")
 
 
 def sine_shape(p, duty):
@@ -350,14 +334,10 @@ class SineBump(Bump):
         return PlaceState(u[n], 0.0)
 
 
-class TableBumpParams(NamedTuple):
-    """Parameters of `TableBump` at a sample rate."""
-
-    area: float
-    values: np.ndarray  # at both ends of each piece
-    sums: np.ndarray  # of the pieces' means, up to each knot
-    pieces: float
-    whole: float
+# Parameters of `TableBump` at a sample rate.
+#   values  at both ends of each piece
+#   sums    of the pieces' means, up to each knot
+TableBumpParams = namedtuple("TableBumpParams", "area values sums pieces whole")
 
 
 def piece(p, z):
@@ -583,16 +563,9 @@ def held_place(v):
     return where(v > -FAR, where(v < FAR, v, FAR), -FAR)
 
 
-class Cell(NamedTuple):
-    """One cell of an octave, with its three spline coefficients."""
-
-    n0: float
-    n1: float
-    n2: float
-    place: float  # of its beginning
-    scale: float
-    at: float
-    amplitude: float
+# One cell of an octave, with its three spline coefficients.
+#   place  of its beginning
+Cell = namedtuple("Cell", "n0 n1 n2 place scale at amplitude")
 
 
 def inside(q, before, v, y):
@@ -602,12 +575,8 @@ def inside(q, before, v, y):
     )
 
 
-class Octave(NamedTuple):
-    """An octave whose cells are all longer than the path of a sample."""
-
-    scale: float
-    at: float
-    amplitude: float
+# An octave whose cells are all longer than the path of a sample.
+Octave = namedtuple("Octave", "scale at amplitude")
 
 
 def near(q, before, v, n0, n1, n2, n3, y):
@@ -622,14 +591,12 @@ def near(q, before, v, n0, n1, n2, n3, y):
     return y + q.amplitude * where(f == g, one, two / r)
 
 
-class SpatialParams(NamedTuple):
-    """Parameters of `SpatialNoise` at a sample rate."""
-
-    scale: float  # finest cells in a unit of length
-    keys: np.ndarray
-    at: np.ndarray  # place of 0, in cells
-    own: np.ndarray  # a^2
-    finer: np.ndarray  # what all finer octaves together have at low frequencies, as a^2
+# Parameters of `SpatialNoise` at a sample rate.
+#   scale  finest cells in a unit of length
+#   at     place of 0, in cells
+#   own    a^2
+#   finer  what all finer octaves together have at low frequencies, as a^2
+SpatialParams = namedtuple("SpatialParams", "scale keys at own finer")
 
 
 @dataclass(frozen=True, eq=False)
@@ -850,12 +817,10 @@ def sinc(d):
     return where(d < 1.0, 1.0 - gap(near), sine_of_turns(0.5 * d) / (PI * where(d < 1.0, 1.0, d)))
 
 
-class GratingParams(NamedTuple):
-    """Parameters of `Grating` at a sample rate."""
-
-    depth: np.ndarray
-    per: np.ndarray  # periods in a unit of length
-    start: np.ndarray  # phase in turns
+# Parameters of `Grating` at a sample rate.
+#   per    periods in a unit of length
+#   start  phase in turns
+GratingParams = namedtuple("GratingParams", "depth per start")
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections import namedtuple
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,13 +25,11 @@ STEEP = "lut: the knots are too unequal, or too close for their values; check bo
 POLICY = {"hold": (0.0, 1.0), "zero": (0.0, 0.0), "error": (math.nan, 0.0)}
 
 
-class TableParams(NamedTuple):
-    """Parameters of `Table` at a sample rate."""
-
-    knots: np.ndarray
-    c: np.ndarray  # 4 coefficients of each piece, highest power of (x - knot) first
-    outside: float  # value added outside: 0, or nan
-    keep: float  # 0: nothing is left of the value outside
+# Parameters of `Table` at a sample rate.
+#   c        4 coefficients of each piece, highest power of (x - knot) first
+#   outside  value added outside: 0, or nan
+#   keep     0: nothing is left of the value outside
+TableParams = namedtuple("TableParams", "knots c outside keep")
 
 
 class Table(Block, abstract=True):
@@ -86,14 +84,11 @@ class Lut(Table):
         return TableParams(np.array(self.knots), c.T.ravel().copy(), *POLICY[self.outside]), ()
 
 
-class PolynomialParams(NamedTuple):
-    """Parameters of `Polynomial` at a sample rate."""
-
-    # the ends first, then each as far as possible from those before: that rounds least
-    knots: np.ndarray
-    c: np.ndarray  # divided differences
-    outside: float
-    keep: float
+# Parameters of `Polynomial` at a sample rate.
+#   knots  the ends first, then each as far as possible from those before: that rounds
+#          least
+#   c      divided differences
+PolynomialParams = namedtuple("PolynomialParams", "knots c outside keep")
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,17 +237,12 @@ U = np.uint64
 GRID_KINDS = ("linear", "cubic")
 
 
-class GridParams(NamedTuple):
-    """Parameters of `Grid` at a sample rate."""
-
-    c: np.ndarray  # coefficients, row by row
-    width: float  # of a row
-    x0: float
-    y0: float
-    px: float  # points in a unit of length
-    py: float
-    nx: float  # pieces
-    ny: float
+# Parameters of `Grid` at a sample rate.
+#   c      coefficients, row by row
+#   width  of a row
+#   px     points in a unit of length
+#   nx     pieces
+GridParams = namedtuple("GridParams", "c width x0 y0 px py nx ny")
 
 
 def piece(v, origin, per, n):

@@ -8,8 +8,8 @@ Kuchenbecker, IEEE Trans. Haptics 7 (2014); the models themselves are in
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,50 +25,33 @@ from .noise import white_noise
 INT = np.int64
 
 
-class TextureParams(NamedTuple):
-    """Parameters of `Texture` at a sample rate."""
+# Parameters of `Texture` at a sample rate.
+#   every      samples of this clock to one of the model
+#   rows       of the interpolator, one for each of these
+#   per_speed  1/largest
+#   ax         weight of the first corner of each triangle: ax x + ay z + a, x and z
+#              from 0 to 1
+#   bx         of the second
+#   corners    numbers of models, three for each triangle
+#   lsf        in half turns, of each model those of the AR part and then of the MA part
+#   poles      how many those are
+TextureParams = namedtuple(
+    "TextureParams",
+    "every rows per_speed per_force ax ay a bx by b corners lsf poles zeros variance gain",
+)
 
-    every: float  # samples of this clock to one of the model
-    rows: np.ndarray  # of the interpolator, one for each of these
-    per_speed: float  # 1/largest
-    per_force: float
-    # weight of the first corner of each triangle: ax x + ay z + a, x and z from 0 to 1
-    ax: np.ndarray
-    ay: np.ndarray
-    a: np.ndarray
-    bx: np.ndarray  # of the second
-    by: np.ndarray
-    b: np.ndarray
-    corners: np.ndarray  # numbers of models, three for each triangle
-    lsf: np.ndarray  # in half turns, of each model those of the AR part and then of the MA part
-    poles: float  # how many those are
-    zeros: float
-    variance: np.ndarray
-    gain: np.ndarray
+# State of `Texture` between samples.
+#   v    what drove the model, the newest first
+#   y    what it gave
+#   out  the same for the interpolator
+#   n    samples since the model's last
+TextureState = namedtuple("TextureState", "v y out n")
 
+# A point among the measured models: scaled speed and force.
+Place = namedtuple("Place", "x z")
 
-class TextureState(NamedTuple):
-    """State of `Texture` between samples."""
-
-    v: np.ndarray  # what drove the model, the newest first
-    y: np.ndarray  # what it gave
-    out: np.ndarray  # the same for the interpolator
-    n: float  # samples since the model's last
-
-
-class Place(NamedTuple):
-    """A point among the measured models: scaled speed and force."""
-
-    x: float
-    z: float
-
-
-class Weights(NamedTuple):
-    """Weights of three models at a speed and force."""
-
-    a: float
-    b: float
-    c: float
+# Weights of three models at a speed and force.
+Weights = namedtuple("Weights", "a b c")
 
 
 def part(v, per_largest):

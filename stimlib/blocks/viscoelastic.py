@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -108,20 +109,14 @@ def time_constant(name: str, k, b, tau) -> float:
     return plain(name, "tau", plain(name, "b", b) / stiffness if tau is None else tau)
 
 
-class ArmsParams(NamedTuple):
-    """Parameters of `MaxwellArms` at a sample rate."""
+# Parameters of `MaxwellArms` at a sample rate.
+#   e  leaks; padded with ones
+#   r  k g; padded with zeros
+ArmsParams = namedtuple("ArmsParams", "e r")
 
-    e: np.ndarray  # leaks; padded with ones
-    r: np.ndarray  # k g; padded with zeros
-
-
-class ArmsState(NamedTuple):
-    """State of `MaxwellArms` between samples."""
-
-    q: np.ndarray
-    low: np.ndarray  # second words of q
-    last: float
-    cold: float
+# State of `MaxwellArms` between samples.
+#   low  second words of q
+ArmsState = namedtuple("ArmsState", "q low last cold")
 
 
 @dataclass(frozen=True, eq=False)
@@ -410,20 +405,14 @@ def standard_linear_solid(
 # the springpot with ``scheme="l1"``, are exact for that force; ``scheme="gl"`` comes
 # near it as 1/fs.
 # Springs and dampers ------------------------------------------------------------------
-class ChainParams(NamedTuple):
-    """Parameters of `KelvinChain` at a sample rate."""
+# Parameters of `KelvinChain` at a sample rate.
+#   e  leaks; padded with ones
+#   r  e g/k; padded with zeros
+#   d  direct
+ChainParams = namedtuple("ChainParams", "e r d")
 
-    e: np.ndarray  # leaks; padded with ones
-    r: np.ndarray  # e g/k; padded with zeros
-    d: float  # direct
-
-
-class ChainState(NamedTuple):
-    """State of `KelvinChain` between samples."""
-
-    q: np.ndarray
-    low: np.ndarray
-    last: float
+# State of `KelvinChain` between samples.
+ChainState = namedtuple("ChainState", "q low last")
 
 
 @dataclass(frozen=True, eq=False)
@@ -807,30 +796,18 @@ def compliance(
 # A springpot in series --------------------------------------------------------------
 # A springpot in series with a spring or a dashpot: one force, two displacements that
 # add up.
-class SeriesParams(NamedTuple):
-    """Parameters of `Series` at a sample rate."""
+# Parameters of `Series` at a sample rate.
+#   e        of the springpot, see fractional.SpringpotParams
+#   pot      chi fs^alpha
+#   newest   v_0
+#   other    k, or b fs
+#   dashpot  1: the other element is a dashpot
+SeriesParams = namedtuple("SeriesParams", "e r taps constant pot newest other dashpot alpha fs")
 
-    e: np.ndarray  # of the springpot, see fractional.SpringpotParams
-    r: np.ndarray
-    taps: np.ndarray
-    constant: float
-    pot: float  # chi fs^alpha
-    newest: float  # v_0
-    other: float  # k, or b fs
-    dashpot: float  # 1: the other element is a dashpot
-    alpha: float
-    fs: float
-
-
-class SeriesState(NamedTuple):
-    """State of `Series` between samples."""
-
-    line: np.ndarray  # the springpot's last nine displacements
-    q: np.ndarray
-    low: np.ndarray
-    first: float
-    last: float  # y
-    cold: float
+# State of `Series` between samples.
+#   line  the springpot's last nine displacements
+#   last  y
+SeriesState = namedtuple("SeriesState", "line q low first last cold")
 
 
 @dataclass(frozen=True, eq=False)

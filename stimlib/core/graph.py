@@ -12,9 +12,10 @@ import inspect
 import math
 import operator
 import sys
+from collections import namedtuple
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache, partial
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -508,12 +509,9 @@ def constant(value: float, unit: str = "") -> Const:
     return Const(value, unit)
 
 
-class ParamState(NamedTuple):
-    """State of `Param`: its value, its target, and the samples left of a ramp."""
-
-    y: float
-    target: float
-    left: float  # samples of ramp still to go
+# State of `Param`: its value, its target, and the samples left of a ramp.
+#   left  samples of ramp still to go
+ParamState = namedtuple("ParamState", "y target left")
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -810,17 +808,11 @@ def enabled(block: Block, by: Block) -> Block:
     return Enabled(as_block(block), as_block(by))
 
 
-class IntervalParams(NamedTuple):
-    """Parameters of `Interval`: the first sample and the one after the last."""
+# Parameters of `Interval`: the first sample and the one after the last.
+IntervalParams = namedtuple("IntervalParams", "first end")
 
-    first: float
-    end: float
-
-
-class IntervalState(NamedTuple):
-    """State of `Interval`: the number of the sample."""
-
-    n: float
+# State of `Interval`: the number of the sample.
+IntervalState = namedtuple("IntervalState", "n")
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -964,18 +956,13 @@ def reach(roots: Iterable[Block], closed: type | tuple[()] = ()) -> list[Block]:
     return list(done.values())
 
 
-class GuardParams(NamedTuple):
-    """Parameters of `Guard`: the length of its fade in samples."""
+# Parameters of `Guard`: the length of its fade in samples.
+GuardParams = namedtuple("GuardParams", "m")
 
-    m: float
-
-
-class GuardState(NamedTuple):
-    """State of `Guard`: the last finite value, the fade's progress, and the fault."""
-
-    last: float
-    left: float  # -1 while healthy, then samples of ramp to go
-    at: np.uint64  # samples seen while healthy: where the fault is
+# State of `Guard`: the last finite value, the fade's progress, and the fault.
+#   left  -1 while healthy, then samples of ramp to go
+#   at    samples seen while healthy: where the fault is
+GuardState = namedtuple("GuardState", "last left at")
 
 
 @dc.dataclass(frozen=True, eq=False)

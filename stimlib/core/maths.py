@@ -109,7 +109,9 @@ def settle(x):
 
 def as_float(u):
     """Convert a uint64 to the nearest float64."""
-    return F(u)
+    if isinstance(u, float):
+        raise TypeError("as_float converts a np.uint64, not a float")
+    return F(np.uint64(u))
 
 
 def bits(x):
@@ -119,6 +121,8 @@ def bits(x):
 
 def unbits(u):
     """Return the float64 with these 64 bits."""
+    if isinstance(u, float):
+        raise TypeError("unbits takes the bits of a float as np.uint64, not a float")
     return np.uint64(u).view(F)
 
 

@@ -71,6 +71,7 @@ _REMEDIES = {  # by what Python says when a step runs
     ),
     "invalid index to scalar": "only arrays have an index",
     "local variable": "give it a value above this line",
+    "read-only": "a step may write only into arrays of its own state, and a tile into its outputs",
 }
 
 
@@ -407,7 +408,8 @@ def check_design(cls: Any, made: Any) -> None:
             if isinstance(v, np.ndarray):
                 kept, shape = v.ndim == 1 and v.dtype.kind in "iuf", f" {v.shape} of {v.dtype}"
             else:
-                kept, shape = isinstance(v, (int, float, np.number)), ""
+                kept, shape = isinstance(v, (float, np.number)), ""
+                kept |= isinstance(v, int) and abs(v) < 2.0**1023
             if not kept:
                 refuse(
                     f"{what} {name!r} is a {type(v).__name__}{shape}; floats, np.uint64 and arrays"
@@ -595,7 +597,7 @@ def sample(
             y, s = cls.step(p, s, *x)
             return tuple(np.float64(v) for v in y) if cls.outputs else np.float64(y), s
         tile = np.empty((max(1, len(cls.outputs)), 1))
-        s = cls.tile(p, s, *(np.array([v]) for v in x), *tile, *work)
+        s = cls.tile(p, s, *(np.frombuffer(np.float64(v)) for v in x), *tile, *work)
         return tuple(tile[:, 0]) if cls.outputs else tile[0, 0], s
     except Exception as e:
         if isinstance(e, StimlibError) or ours(cls):
@@ -658,6 +660,9 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
     """
     cls = type(block)
     p, s = unpack(p, pack(p)), unpack(s, pack(s))
+    for v in p:
+        if isinstance(v, np.ndarray):
+            v.flags.writeable = False  # compiled code would keep what a step writes there
     words = _with_words(p), _with_words(s)
     x = [np.float64(0.0)] * (len(signals(cls)) - cls.resettable)
     work = (np.zeros(block.work(p)),) if block.work else ()

@@ -398,7 +398,9 @@ class Translator:
             chosen = (v.text if kind == WORD else as_double(v) for v in (a, b))
             return Value(f"({c.text} ? {' : '.join(chosen)})", kind)
         if target in (maths.as_float, np.float64):
-            return Value(f"((double)({self.value(node.args[0]).text}))", DOUBLE)
+            of = self.value(node.args[0])
+            word = "(uint64_t)" * (target is maths.as_float and of.kind == WHOLE)
+            return Value(f"((double){word}({of.text}))", DOUBLE)
         if target is maths.each or target is maths.pairs:
             return self.loop(target, node)
         if isinstance(target, type) and hasattr(target, "_fields"):

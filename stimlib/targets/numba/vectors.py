@@ -229,11 +229,11 @@ def bind(f: python.FunctionType) -> Callable | None:
     )
 
 
-def number(b: ir.IRBuilder, v: Any) -> ir.Value:
-    """Return a helper's result, lanes or a single number, as a vector."""
+def number(b: ir.IRBuilder, v: Any, width: int = 8) -> ir.Value:
+    """Return a helper's result, lanes or a single number, as a vector of a width."""
     if isinstance(v, Lanes) and v.v.type.element != DOUBLE:
         raise TypeError("it must return a number; write where(c, 1.0, 0.0)")
-    return v.v if isinstance(v, Lanes) else Lanes(b, kernels.zeros(kernels.V8)).like(v)
+    return v.v if isinstance(v, Lanes) else splat(b, ir.Constant(DOUBLE, float(v)), width)
 
 
 def fault(helper: Callable | None, p_type: Any, p_kinds: str, kinds: str) -> str:
@@ -465,7 +465,7 @@ def _stages(b, W, helper, types, fields, count, x, y, n):
         v = shuffle(b, v, splat(b, b.load(b.gep(x, [at])), W), [W, *range(W - 1)])
         own = (t(*(Lanes(b, u) for u in one)) for t, one in zip(types, (p, old), strict=True))
         out, new = helper(*own, Lanes(b, v))
-        out, *new = [number(b, u) for u in (out, *new)]
+        out, *new = [number(b, u, W) for u in (out, *new)]
         if part:
             runs = b.icmp_unsigned("<", b.sub(splat(b, i, W), lanes), splat(b, n, W))
             new = [b.select(runs, u, o) for u, o in zip(new, old, strict=True)]
