@@ -254,7 +254,8 @@ def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False
     if json_:
         return print_json(found)
     for s in found:
-        who = f"{'PILOT ' if s['pilot'] else ''}{s['participant']} session {s['session']}"
+        kind = "PILOT " * s["pilot"] + "SIMULATED " * s["simulated"]
+        who = f"{kind}{s['participant']} session {s['session']}"
         conditions = ", ".join(f"{k} {n}" for k, n in s["conditions"].items())
         old = ""
         if s["shared"]:
@@ -492,6 +493,8 @@ def analyse(
                 f"{who}, session {number}: {len(saved.records)} of {total} trials; finish it"
                 " (stimlib experiment resume), or move its folder away"
             )
+    if any(table["simulated"]):
+        note("a simulated observer gave these answers, and no participant")
     text = csv_of(table)
     if out is not None:
         safe_files.publish(out, text)

@@ -32,7 +32,7 @@ STARTS = "starts"
 # names of columns of the answers, which no question can have
 COLUMNS = frozenset(
     "participant session number condition track level chance outcome correct seconds replays"
-    " training".split()
+    " simulated training".split()
 )
 INTERVAL = re.compile(r"interval_\d+(_started|_stopped)?")
 

@@ -35,7 +35,7 @@ from ..files.log_writer import LogWriter, header
 from ..run.rendering import render
 from ..run.safety import Safety
 from .experiment import STARTS, Cursor, Experiment
-from .trial import Trial
+from .trial import FAST, Trial
 
 if TYPE_CHECKING:
     from ..devices.calibration import Calibration
@@ -207,10 +207,6 @@ def _moves(experiment: Experiment, scene: Scene) -> Any:
 
 
 # Sinks by name ------------------------------------------------------------------------
-FAST = ("offline", "file")
-"""Sinks without a clock: "offline" runs as fast as possible, and "file" also keeps
-delivered.caf in the log.
-"""
 SINKS = (*KINDS, *FAST)
 """Names of all sinks."""
 
@@ -305,9 +301,10 @@ def present(
         ``faults``, ``stale``); with a log also its name, and ``peak`` and ``rms`` of
         each output in each interval as delivered, after all limits; with a cursor also
         ``following``, see `followed`. ``started`` is the date and time of sample 0, ISO
-        8601, UTC. Of a self-paced interval ``interval`` is its number, and
-        ``intervals`` ends where the stimulus began to fade out; with ``timing.starts``
-        it begins at the sample at which that held, and ``held`` says whether it did.
+        8601, UTC; ``clock`` is whether the sink ran in real time from then on. Of a
+        self-paced interval ``interval`` is its number, and ``intervals`` ends where the
+        stimulus began to fade out; with ``timing.starts`` it begins at the sample at
+        which that held, and ``held`` says whether it did.
 
     Raises
     ------
@@ -401,7 +398,7 @@ def present(
         "params": params,
         "intervals": at,
     }
-    shown |= {"time": "own", "started": zero, **told}
+    shown |= {"time": "own", "started": zero, "clock": getattr(playing, "clock", True), **told}
     return shown if log is None else shown | {"log": Path(log).name} | measured(experiment, log, at)
 
 

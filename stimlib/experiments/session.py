@@ -295,13 +295,14 @@ class Session:
         ------
         BadValue
             A question has no answer or an invalid one, or an answer or display record
-            is not JSON data; nothing is written.
+            is not JSON data, or as `check_kind`; nothing is written.
         SinkError
             The answer cannot be written; another program replaced or changed
             ``trials.jsonl``; or this process is a fork (``os.fork``) of the one that
             opened the session.
         """
         self._check_kept()
+        self.check_kind(answer.simulated)
         trial = self._next()
         if trial is None:
             raise BadValue(f"{self.folder}: the session is over: it takes no more answers")
@@ -317,6 +318,15 @@ class Session:
         self.state = state
         self.records.append(record)
         return record
+
+    def check_kind(self, simulated: bool) -> None:
+        """Raise BadValue if a session would mix simulated answers with others."""
+        if self.records and self.records[0].answer.simulated != simulated:
+            kinds = ("of a participant", "of a simulated observer")
+            raise BadValue(
+                f"{self.folder} has answers {kinds[not simulated]}, and would get one"
+                f" {kinds[simulated]}; give another participant or folder"
+            )
 
     def blind(self, trial: Trial) -> str:
         """Return the blinded name of a trial's condition."""

@@ -2,8 +2,9 @@
 observer.
 """
 
+import dataclasses
+
 import stimlib
-import stimlib.experiments.random_streams
 from stimlib.experiments.designs import Interleaved, Staircase
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.questions import choice
@@ -58,12 +59,11 @@ def simulate(data, made=None, **options):
     return session
 
 
-def some(data, trials, made=None, **options):
-    """A session that was left after some trials."""
+def some(data, trials, made=None, by=observer, **options):
+    """A session that was left after some trials, of an observer or a person (None)."""
     with Session(made or experiment(), data, "P01", **options) as session:
         for _ in range(trials):
-            rng = stimlib.experiments.random_streams.stream(
-                session.seed, "observer", session.number
-            )
-            session.put(observer(session.due(), rng), [nothing(None, None)])
+            answer = Simulated(session, by or observer).answer(session.due())
+            answer = answer if by else dataclasses.replace(answer, simulated=False)
+            session.put(answer, [nothing(None, None)])
     return session

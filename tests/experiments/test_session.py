@@ -8,7 +8,9 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -902,6 +904,49 @@ def test_columns_have_the_trials_that_count(tmp_path):
     assert columns(found)["number"] == [3, 4, 5, 6] and not any(columns(found)["training"])
     assert columns(found, training=True)["training"] == 2 * [True] + 4 * [False]
     assert "secret" not in " ".join(p.name for p in tmp_path.rglob("*"))
+
+
+def test_times_of_a_sink_without_a_clock_are_unknown(tmp_path):
+    """Trial 1 would end at 1.7 s and trial 2 begin at 0.7 s, because nobody waits."""
+    made = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0))))
+
+    def fast(trial, folder):
+        return present(made, trial, partial(NullSink, clocked=False), folder)
+
+    for k, sink in enumerate(["offline", "file", fast, "null"]):
+        with Session(made, tmp_path / str(k), "P01") as session:
+            how = {"realtime": False} if sink == "null" else {}
+            run(session, Simulated(session, observer), sink, **how)
+        (saved,) = sessions("pair", tmp_path / str(k))
+        times = [t for r in saved.records for _, *t in r.intervals(saved.header["started"])]
+        if sink == "null":
+            assert np.diff(times).ravel() == pytest.approx([0.1] * 4, abs=1e-6)
+        else:
+            assert times == [[None, None]] * 4
+    old = {k: v for k, v in saved.records[0].displayed[0].items() if k != "clock"}
+    for sink, known in (("null", True), ("jack", True), ("offline", False), ("file", False)):
+        r = replace(saved.records[0], displayed=[old | {"sink": sink}])
+        assert all((t is not None) == known for t in r.intervals(old["started"])[0][1:])
+
+
+def test_a_session_has_simulated_answers_or_those_of_a_participant(tmp_path):
+    some(tmp_path / "person", 2, by=None)
+    some(tmp_path / "observer", 2)
+    face = Scripted()
+    with Session(experiment(), tmp_path / "person", "P01", resume=True) as session:
+        fake = Simulated(session, observer)
+        refused(BadValue, "would get one of a simulated", run, session, fake, nothing)
+        refused(BadValue, "would get", session.put, fake.answer(session.due()))
+    with Session(experiment(), tmp_path / "observer", "P01", resume=True) as session:
+        refused(BadValue, "would get one of a participant", run, session, face, nothing)
+    assert face.noted == [] and len(session.records) == 2
+    simulate(tmp_path / "person" / "two")
+    (saved,) = sessions("pair", tmp_path / "person" / "two")
+    assert saved.simulated and status(saved)["simulated"] and all(columns([saved])["simulated"])
+    assert (saved.folder / "trials.jsonl").read_text().count('"simulated": true') == len(saved.data)
+    with Session(experiment(), tmp_path / "person", "P02") as session:
+        run(session, Simulated(session, observer), nothing)
+    refused(BadValue, "P02-s1 has simulated answers, .*P01", sessions, "pair", tmp_path / "person")
 
 
 # Around the trials --------------------------------------------------------------------
