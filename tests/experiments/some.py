@@ -5,7 +5,7 @@ observer.
 import dataclasses
 
 import stimlib
-from stimlib.experiments.designs import Interleaved, Staircase
+from stimlib.experiments.designs import ConstantStimuli, Interleaved, Staircase
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.questions import choice
 from stimlib.experiments.runner import Simulated, run
@@ -28,11 +28,12 @@ def experiment(**other):
         "high": Staircase(TASK, (4.0, 5.0), (0.5, 8.0), reversals=8),
         "low": Staircase(TASK, (0.8, 1.0), (0.5, 8.0), reversals=8),
     }
+    design = Interleaved(tracks)
     told = {
         "name": "pair",
         "version": "1",
         "scenes": {"spring": SPRING},
-        "design": Interleaved(tracks),
+        "design": design if "spring" in other.get("scenes", ["spring"]) else Own(design),
         "questions": (QUESTION,),
         "fs": 1000.0,
         "safety": 10.0,
@@ -41,6 +42,15 @@ def experiment(**other):
         "timing": Timing(interval=0.1, gap=0.05, before=0.0, ramp=0.0),
     }
     return Experiment(**(told | other))
+
+
+class Own:
+    """A design that does not say which levels it may reach."""
+
+    def __init__(self, design):
+        self.init, self.next, self.update = design.init, design.next, design.update
+        if isinstance(design, ConstantStimuli):
+            self.trials = design.trials
 
 
 def observer(trial, rng):

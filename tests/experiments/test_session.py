@@ -19,6 +19,7 @@ from experiments.some import (
     QUESTION,
     SPRING,
     TASK,
+    Own,
     experiment,
     nothing,
     observer,
@@ -264,14 +265,15 @@ def test_a_channel_is_the_same_in_every_trial():
 
 
 def test_bounds_hold_for_what_a_stimulus_leaves_as_it_is(tmp_path):
-    with Session(experiment(design=ConstantStimuli(((TASK, 9.0),))), tmp_path, "P01") as session:
+    high = Own(ConstantStimuli(((TASK, 9.0),)))
+    with Session(experiment(design=high), tmp_path, "P01") as session:
         # before anything is displayed
         refused(BadValue, "k = 9 is beyond its bounds", session.due)
     refused(
         BadValue,
         "k = 2 is beyond its bounds, 0.5 to 1.5",
         program,
-        experiment(bounds={"k": (0.5, 1.5)}),
+        experiment(bounds={"k": (0.5, 1.5)}, design=high),
         Trial("a", (Stimulus("spring"),), ("softer",)),
     )
 
@@ -452,8 +454,10 @@ def test_what_cannot_be_prepared_is_told_when_it_is_due(tmp_path):
         def update(self, state, answer):
             return {}["no answer of this kind"]
 
-    tried = Sequential(
-        {"high": ConstantStimuli(((high, None),)), "then": ConstantStimuli(((TASK, 4.0),))}
+    tried = Own(
+        Sequential(
+            {"high": ConstantStimuli(((high, None),)), "then": ConstantStimuli(((TASK, 4.0),))}
+        )
     )
     for design, kinds in ((tried, 2), (Odd(((TASK, 4.0),)), 1)):
         with Session(experiment(design=design), tmp_path / type(design).__name__, "P01") as session:
@@ -772,17 +776,17 @@ def test_a_design_that_gives_other_trials_is_refused(tmp_path, monkeypatch):
 
 def test_trials_are_checked_ahead_where_they_do_not_depend_on_answers(tmp_path):
     good, bad = (TASK, 4.0), (TASK, 80.0)
-    fixed = experiment(design=ConstantStimuli((good, bad), shuffle="none"))
+    fixed = experiment(design=Own(ConstantStimuli((good, bad), shuffle="none")))
     with pytest.raises(BadValue, match="k = 80 is beyond its bounds"):
         Session(fixed, tmp_path, "P01").check_ahead()
-    beyond = Staircase(TASK, (7.9, 8.0), (0.5, 80.0), reversals=8)
+    beyond = Own(Staircase(TASK, (7.9, 8.0), (0.5, 80.0), reversals=8))
     known = {"red": Stimulus("spring")}
     Session(experiment(design=beyond, familiarisation=known), tmp_path, "P01").check_ahead()
-    first = Staircase(TASK, (70.0, 80.0), (0.5, 80.0), reversals=8)
+    first = Own(Staircase(TASK, (70.0, 80.0), (0.5, 80.0), reversals=8))
     with pytest.raises(BadValue, match="is beyond its bounds"):
         Session(experiment(design=first, familiarisation=known), tmp_path, "P01").check_ahead()
     odd = OneInterval("a", "odd", {"red": Stimulus("spring"), "green": Stimulus("spring")})
-    unknown = experiment(design=ConstantStimuli(((odd, "red"),)))
+    unknown = experiment(design=Own(ConstantStimuli(((odd, "red"),))))
     with pytest.raises(UnknownName, match="no question 'odd'"):
         Session(unknown, tmp_path, "P01").check_ahead()
     assert not list(tmp_path.iterdir())
