@@ -169,13 +169,12 @@ def played(
             print("PILOT: these answers are kept apart from the data")
         elif sink == "null":
             note("--sink null: no device plays the stimuli; name one, such as --sink portaudio")
-        if sink not in presentation.FAST:
-            print("preparing what will be displayed", flush=True)
+        print("preparing what will be displayed", flush=True)
         try:
             with terminable():
                 if page:
                     with on_page(host, port, made.texts, running.folder / "page.jsonl") as asking:
-                        presentation.prepare(running, sink, options.get("calibration"))
+                        presentation.prepare(running, sink, **options)
                         experiments.run(running, asking, asking.display(made, sink, **options))
                 else:
                     with terminal(made.texts) as front_end:

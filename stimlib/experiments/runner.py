@@ -80,8 +80,9 @@ def run(
     SinkError, FaultError
         The device has failed, or the disk is full; all answers so far are kept, and the
         session can be resumed.
-    BadValue
-        As `Session.check_kind`.
+    BadValue, UnknownName
+        As `stimlib.experiments.presentation.prepare` and `Session.check_kind`, before
+        the participant reads anything.
 
     Examples
     --------
@@ -111,7 +112,7 @@ def run(
         front_end.tell(say("all_done"))
         return
     if isinstance(sink, str):
-        prepare(session, sink, options.get("calibration"))
+        prepare(session, sink, **options)
     if session.records or any(session.folder.glob("trial-*.stimlog")):  # it was begun before
         front_end.tell(say("resumed"))
     else:

@@ -98,7 +98,7 @@ def designs(draw, depth=2):
     return ConstantStimuli(tuple((task, level) for level in levels), repeats=2), values
 
 
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=150, deadline=None, derandomize=True)
 @given(
     designs(), st.sampled_from([-0.25, 0, 0.25]), st.sampled_from([-0.25, 0, 0.25]), st.booleans()
 )

@@ -32,11 +32,12 @@ from refusals import refused
 
 import stimlib
 import stimlib.experiments.random_streams
-from stimlib.blocks import timeline
+from stimlib.blocks import lowpass, timeline
 from stimlib.design.texture import made_up
+from stimlib.devices.calibration import Calibration
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
-from stimlib.errors import BadValue, SinkError, UnitError, UnknownName
+from stimlib.errors import BadValue, SinkError, StimlibError, UnitError, UnknownName
 from stimlib.experiments.designs import ConstantStimuli, Sequential, Staircase
 from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
 from stimlib.experiments.presentation import prepare, present, program, spans
@@ -416,11 +417,11 @@ def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(
             Simulated(session, lambda trial, rng: Answer({"softer": "first"})),
             session.state,
         )
-        assert prepare(session, "offline") == 0 and not opened
-        told = prepare(session, "null")
-        assert (
-            told == len(opened) and not started and session.state == state and session.number == 1
-        )
+        for sink in ("offline", "null"):
+            opened.clear()
+            told = prepare(session, sink)
+            assert told == len(opened) > 2 and not started
+        assert session.state == state and session.number == 1
         before = forms(opened)
         picks = iter(["soft", None])
         monkeypatch.setattr(face, "pick", lambda names: next(picks), raising=False)
@@ -444,24 +445,51 @@ def test_one_full_scale_for_several_units_is_refused_before_the_session(tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_what_cannot_be_prepared_is_told_when_it_is_due(tmp_path):
-    """A trial that is not allowed, and a design that fails on an answer, end no session
-    before its first trial.
-    """
+class Odd(ConstantStimuli):
+    """A design that fails on every answer."""
+
+    def update(self, state, answer):
+        return {}["no answer of this kind"]
+
+
+def failing():
+    """What a session lacks: words of the experiment, sink, its options, and the error."""
+    x = SPRING.outputs["force"]
+    fast = {"spring": SPRING, "fast": stimlib.Scene({"force": lowpass(x, 600.0)})}
+    task = Rate("a", ("softer",), Stimulus("fast"))
+    late = {"scenes": fast, "design": ConstantStimuli(((TASK, 4.0), (task, None)), shuffle="none")}
     high = Rate("a", ("softer",), Stimulus("spring", {"k": 9.0}))
+    items = ((TASK, 4.0), (high, None))
+    beyond = {"design": Own(ConstantStimuli(items, shuffle="none"))}
+    explored = {"scenes": fast, "familiarisation": {"soft": Stimulus("fast")}}
+    ones = np.ones(3)
+    motor = Calibration(np.array([10.0, 100.0, 400.0]), ones + 0j, 0.01 * ones, "m/s^2")
+    cut = "lowpass: cutoff = 600 Hz does not fit below fs/2"
+    return {
+        "no server": ({}, "jack", {"server": "none_of_this_name"}, "none_of_this_name|jack"),
+        "no card": ({}, "portaudio", {"name": "none of this"}, "none of this|sounddevice"),
+        "no rack": ({}, "nidaq", {"name": "Dev9/ao0"}, "nidaqmx|Dev9"),
+        "a filter above fs/2 in trial 2": (late, "null", {}, cut),
+        "the same without a clock": (late, "offline", {}, cut),
+        "what is explored first": (explored, "offline", {}, cut),
+        "a level beyond the bounds in trial 2": (beyond, "offline", {}, "k = 9 is beyond"),
+        "a calibration of another unit": ({}, "offline", {"calibration": motor}, "force is in N"),
+    }
 
-    class Odd(ConstantStimuli):
-        def update(self, state, answer):
-            return {}["no answer of this kind"]
 
-    tried = Own(
-        Sequential(
-            {"high": ConstantStimuli(((high, None),)), "then": ConstantStimuli(((TASK, 4.0),))}
-        )
-    )
-    for design, kinds in ((tried, 2), (Odd(((TASK, 4.0),)), 1)):
-        with Session(experiment(design=design), tmp_path / type(design).__name__, "P01") as session:
-            assert prepare(session, "null") == kinds
+@pytest.mark.parametrize("what", failing())
+def test_what_fails_fails_before_the_participant_reads_a_word(what, tmp_path):
+    words, sink, options, says = failing()[what]
+    face = Scripted("first", "first")
+    with Session(experiment(instructions="Read this.", **words), tmp_path, "P01") as session:
+        refused(StimlibError, says, run, session, face, sink, **options)
+    assert face.noted == [] and not list(tmp_path.rglob("*.stimlog"))
+    assert read(session.folder).records == []
+
+
+def test_a_design_that_fails_on_a_guess_begins(tmp_path):
+    with Session(experiment(design=Odd(((TASK, 4.0),))), tmp_path, "P01") as session:
+        assert prepare(session, "null") == 1
 
 
 @pytest.mark.parametrize(
