@@ -169,13 +169,12 @@ def played(
             print("PILOT: these answers are kept apart from the data")
         elif sink == "null":
             note("--sink null: no device plays the stimuli; name one, such as --sink portaudio")
-        if sink not in presentation.FAST:
-            print("preparing what will be displayed", flush=True)
+        print("preparing what will be displayed", flush=True)
         try:
             with terminable():
                 if page:
                     with on_page(host, port, made.texts, running.folder / "page.jsonl") as asking:
-                        presentation.prepare(running, sink, options.get("calibration"))
+                        presentation.prepare(running, sink, **options)
                         experiments.run(running, asking, asking.display(made, sink, **options))
                 else:
                     with terminal(made.texts) as front_end:
@@ -254,7 +253,8 @@ def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False
     if json_:
         return print_json(found)
     for s in found:
-        who = f"{'PILOT ' if s['pilot'] else ''}{s['participant']} session {s['session']}"
+        kind = "PILOT " * s["pilot"] + "SIMULATED " * s["simulated"]
+        who = f"{kind}{s['participant']} session {s['session']}"
         conditions = ", ".join(f"{k} {n}" for k, n in s["conditions"].items())
         old = ""
         if s["shared"]:
@@ -492,6 +492,8 @@ def analyse(
                 f"{who}, session {number}: {len(saved.records)} of {total} trials; finish it"
                 " (stimlib experiment resume), or move its folder away"
             )
+    if any(table["simulated"]):
+        note("a simulated observer gave these answers, and no participant")
     text = csv_of(table)
     if out is not None:
         safe_files.publish(out, text)

@@ -6,6 +6,7 @@ the specification is version 1.10. Psych-DS: https://psych-ds.github.io, version
 
 from __future__ import annotations
 
+import csv
 import gzip
 import io
 import json
@@ -24,8 +25,8 @@ from ..files.log_replay import delivered, replay, without_inverse
 from ..system import safe_files
 from ..version import __version__
 from .experiment import Experiment
-from .reader import Saved, columns, csv_of
-from .trial import Record
+from .reader import Saved, check_apart, columns, csv_of
+from .trial import Record, in_real_time
 
 COLUMNS = {
     "number": {"Description": "Number of the trial in its session, from 1"},
@@ -37,11 +38,16 @@ COLUMNS = {
     "correct": {"Description": "Whether all right answers were given"},
     "seconds": {"Description": "Time from the first question to the last answer", "Units": "s"},
     "replays": {"Description": "How often the stimuli were presented again"},
+    "simulated": {"Description": "Whether a simulated observer answered, and no participant"},
     "training": {"Description": "Whether the trial was for training and does not count"},
     # the columns of any interval, and of any question
     "interval": {"Description": "Stimulus of this interval: its name, or its scene"},
-    "_started": {"Description": "Begin of this interval, since the session began", "Units": "s"},
-    "_stopped": {"Description": "End of this interval, since the session began", "Units": "s"},
+    "_started": {
+        "Description": "Begin of this interval, since the session began; n/a where the sink had no"
+        " clock, so that the trial was not in real time",
+        "Units": "s",
+    },
+    "_stopped": {"Description": "End of this interval, as its begin", "Units": "s"},
     "_rt": {"Description": "Time from when the question was asked to its answer", "Units": "s"},
 }
 TRACKED = {"m": "POS", "m/s": "VEL", "m/s**2": "ACCEL"}  # types of motion channels, by unit
@@ -84,8 +90,9 @@ def to_bids(
     Raises
     ------
     BadValue
-        No trials; a folder that has files; two participants whose labels are the same
-        without signs.
+        No trials; a folder that has files; two sessions of the same participant and
+        number; two participants whose labels differ by signs or capitals alone;
+        simulated sessions together with those of participants.  Nothing is written.
     SinkError
         The folder cannot be written; a log is missing or damaged.
 
@@ -93,10 +100,7 @@ def to_bids(
     --------
     See docs/howto/experiments.rst.
     """
-    at, told = Path(folder), _told("to_bids", experiment, found, folder)
-    labels = {s.header["participant"]: label(s.header["participant"]) for s in told}
-    if len(set(labels.values())) < len(labels):
-        raise BadValue(f"to_bids: participants have one label without signs: {labels}")
+    tables, note = _tables("to_bids", experiment, found, folder)
     task = label(experiment.name)
     files: dict[str, str | bytes] = {
         "dataset_description.json": _json(
@@ -109,14 +113,14 @@ def to_bids(
             }
         ),
         "README.md": f"# {experiment.name}\n\nVersion {experiment.version} of the experiment, run"
-        f" with stimlib {__version__}. Each row of a `_beh.tsv` is a trial.\n",
-        "participants.tsv": _tsv({"participant_id": [f"sub-{x}" for x in labels.values()]}),
+        f" with stimlib {__version__}. Each row of a `_beh.tsv` is a trial.{note}\n",
+        "participants.tsv": _tsv(
+            {"participant_id": list(dict.fromkeys(f"sub-{who}" for who, _ in tables))}
+        ),
     }
-    for s in told:
-        who, session = s.header["participant"], s.header["session"]
-        name = f"sub-{labels[who]}_ses-{session}_task-{task}"
-        table = columns([s], training=True)
-        place = f"sub-{labels[who]}/ses-{session}"
+    for (who, session), (s, table) in tables.items():
+        name = f"sub-{who}_ses-{session}_task-{task}"
+        place = f"sub-{who}/ses-{session}"
         rows = {k: v for k, v in table.items() if k not in ("participant", "session")}
         files[f"{place}/beh/{name}_beh.tsv"] = _tsv(rows)
         facts = _described(experiment, rows)
@@ -133,7 +137,7 @@ def to_bids(
             for run, shown in last.items():
                 if "log" in shown:
                     files |= _run(experiment, s, r, shown, place, run)
-    return _written(at, files)
+    return _written(Path(folder), files, tables.values())
 
 
 def _run(
@@ -157,7 +161,9 @@ def _run(
         "scene": kinds,
     }
     task = {"TaskName": experiment.name}
+    since = "of the log" if in_real_time(shown) else "of the log, not in real time"
     told = {
+        "onset": {"Description": f"Begin of the stimulus, since sample 0 {since}", "Units": "s"},
         "trial_type": COLUMNS["condition"],
         "scene": {"Description": "Scene of the experiment that was displayed"},
     }
@@ -224,7 +230,7 @@ def to_psych_ds(
     Raises
     ------
     BadValue
-        No trials; a folder that has files.
+        As `to_bids`.
     SinkError
         The folder cannot be written.
 
@@ -232,12 +238,10 @@ def to_psych_ds(
     --------
     See docs/howto/experiments.rst.
     """
-    told = _told("to_psych_ds", experiment, found, folder)
+    tables, note = _tables("to_psych_ds", experiment, found, folder)
     variables = dict[str, None]()
     files: dict[str, str | bytes] = {}
-    for s in told:
-        who, session = label(s.header["participant"]), s.header["session"]
-        table = columns([s], training=True)
+    for (who, session), (_, table) in tables.items():
         name = f"study-{label(experiment.name)}_subject-{who}_session-{session}_data.csv"
         files[f"data/{name}"] = csv_of(table)
         variables |= dict.fromkeys(table)
@@ -254,17 +258,21 @@ def to_psych_ds(
         "@type": "Dataset",
         "name": experiment.name,
         "description": f"Version {experiment.version} of the experiment, run with stimlib"
-        f" {__version__}; a row is a trial",
+        f" {__version__}; a row is a trial.{note}",
         "author": [{"@type": "Person", "name": a} for a in authors],
         "variableMeasured": measured,
     }
-    return _written(Path(folder), {"dataset_description.json": _json(about), **files})
+    files = {"dataset_description.json": _json(about), **files}
+    return _written(Path(folder), files, tables.values())
 
 
-def _told(
+def _tables(
     what: str, experiment: Experiment, found: Sequence[Saved], folder: str | os.PathLike[str]
-) -> list[Saved]:
-    """Return the sessions that have answers; raise BadValue if the folder has files."""
+) -> tuple[dict[tuple[str, int], tuple[Saved, dict[str, list[Any]]]], str]:
+    """Return the answered sessions and their trials by label and number, and a note.
+
+    The note says whether the answers are simulated.
+    """
     at = Path(folder)
     if at.is_dir() and any(at.iterdir()):
         raise BadValue(f"{what}: {at} has files: give a new folder")
@@ -274,9 +282,18 @@ def _told(
     names = {s.header["experiment"].get("name", experiment.name) for s in told}
     if others := names - {experiment.name}:
         raise BadValue(f"{what}: sessions of {others.pop()}, and not of {experiment.name}")
-    if len({(s.folder, s.header["participant"]) for s in told}) < len(told):
-        raise BadValue(f"{what}: a session is there twice")
-    return told
+    check_apart(told)
+    labels = {s.header["participant"]: label(s.header["participant"]) for s in told}
+    # not every file system tells p1 from P1
+    if len({v.casefold() for v in labels.values()}) < len(labels):
+        raise BadValue(
+            f"{what}: participants have one label without signs and capitals: {labels}; export each"
+            " by itself"
+        )
+    return {
+        (labels[s.header["participant"]], s.header["session"]): (s, columns([s], training=True))
+        for s in told
+    }, " All answers are simulated." if told[0].simulated else ""
 
 
 def _described(experiment: Experiment, names: Iterable[str]) -> dict[str, dict[str, str]]:
@@ -292,8 +309,25 @@ def _described(experiment: Experiment, names: Iterable[str]) -> dict[str, dict[s
     }
 
 
-def _written(at: Path, files: Mapping[str, str | bytes]) -> list[Path]:
-    """Write all files; after an error, remove the folder."""
+def _written(
+    at: Path,
+    files: Mapping[str, str | bytes],
+    told: Iterable[tuple[Saved, dict[str, list[Any]]]],
+) -> list[Path]:
+    """Write all files if no trial is lost; after an error, remove the folder."""
+    wanted = sum(bool(r.trial.stimuli) for s, _ in told for r in s.records)
+    lines = [
+        list(csv.reader(io.StringIO(str(text), newline="")))
+        if name.endswith("_data.csv")
+        else str(text).splitlines()  # a cell of a .tsv has no end of line
+        for name, text in files.items()
+        if name.endswith(("_beh.tsv", "_data.csv"))
+    ]
+    if (rows := sum(map(len, lines)) - len(lines)) != wanted:
+        raise BadValue(
+            f"{at}: {wanted} trials would be {rows} rows, so nothing is written; export each"
+            " session by itself"
+        )
     try:
         for name, data in files.items():
             safe_files.make_folder((at / name).parent)

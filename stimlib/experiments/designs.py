@@ -75,6 +75,14 @@ def turn_of(participant: str, turns: int) -> int:
     return (int(digits.group()) - 1) % turns
 
 
+def reach_of(*designs: Design) -> list[tuple[Task, Any]]:
+    """Return the tasks of designs, each with the levels that bound those of its trials.
+
+    A design of your own states them as ``reach``.
+    """
+    return [pair for d in designs for pair in getattr(d, "reach", ())]
+
+
 def _counts(v: Any) -> bool:
     """Return whether a value is a whole number from 1 on."""
     return isinstance(v, Integral) and not isinstance(v, bool) and int(v) >= 1
@@ -286,6 +294,11 @@ class Staircase:
                 f" at or below {chance:.3g}, the chance level of this task; give down=3, which"
                 " settles at 79.4 %, or a target above chance"
             )
+
+    @property
+    def reach(self) -> list[tuple[Task, float]]:
+        """The levels between which all trials are, with the task."""
+        return [(self.task, level) for level in self.bounds]
 
     @property
     def _start(self) -> tuple[float, float]:
@@ -526,6 +539,11 @@ class ConstantStimuli:
             )
 
     @property
+    def reach(self) -> Sequence[tuple[Task, Any]]:
+        """The levels, with their tasks."""
+        return self.items
+
+    @property
     def trials(self) -> int:
         """Number of trials."""
         return len(self.items) * self.repeats
@@ -603,6 +621,11 @@ class Interleaved:
     def trials(self) -> int | None:
         """Number of trials, or None if it depends on the answers."""
         return trials_of(*self.tracks.values())
+
+    @property
+    def reach(self) -> list[tuple[Task, Any]]:
+        """The levels that bound those of all tracks, with their tasks."""
+        return reach_of(*self.tracks.values())
 
     def init(self, seed: int) -> State:
         """Give each track a seed of its own."""
@@ -691,6 +714,11 @@ class Sequential:
     def trials(self) -> int | None:
         """Number of trials, or None if it depends on the answers."""
         return trials_of(*self.parts.values())
+
+    @property
+    def reach(self) -> list[tuple[Task, Any]]:
+        """The levels that bound those of all parts, with their tasks."""
+        return reach_of(*self.parts.values())
 
     def init(self, seed: int) -> State:
         """Give each part a seed of its own."""

@@ -21,8 +21,10 @@ from ..core.units import Unit, pretty
 from ..errors import BadValue, UnitError, UnknownName, public
 from ..run.safety import Safety
 from ..system import fields
+from .designs import reach_of
 from .questions import Question
 from .random_streams import seed_of, stream
+from .tasks import extremes
 from .texts import Texts, texts_of
 from .trial import Answer, Design, Observer, Stimulus, Trial, observed
 from .user_code import called
@@ -32,7 +34,7 @@ STARTS = "starts"
 # names of columns of the answers, which no question can have
 COLUMNS = frozenset(
     "participant session number condition track level chance outcome correct seconds replays"
-    " training".split()
+    " simulated training".split()
 )
 INTERVAL = re.compile(r"interval_\d+(_started|_stopped)?")
 
@@ -275,8 +277,8 @@ class Experiment:
     ------
     BadValue, UnknownName
         Something is missing or of a wrong kind, two questions have the same name, no
-        scene has a parameter with bounds, or feedback is wanted where no trial has a
-        right answer.
+        scene has a parameter with bounds, the design may reach a level that violates
+        them, or feedback is wanted where no trial has a right answer.
 
     Notes
     -----
@@ -322,7 +324,9 @@ class Experiment:
         self._check_names()
         assert self.texts  # or a language that is none is found in the first session
         if isinstance(self.design, Design):
-            self._check_feedback(self.design)
+            self._check_design(self.design)
+        for known in () if callable(self.familiarisation) else self.familiarisation.values():
+            self.check(Trial("familiarisation", (known,), (self.questions[0].name,)))
 
     def _check_questions_and_scenes(self) -> None:
         if not isinstance(self.questions, (tuple, list)) or not all(
@@ -453,15 +457,21 @@ class Experiment:
                 f"experiment {self.name!r}: design({participant!r}, {session}) gives {made!r:.80},"
                 " no design"
             )
-        self._check_feedback(made)
+        self._check_design(made)
         return made
 
     def guess(self, trial: Trial, rng: np.random.Generator) -> Answer:
         """Return the answer of somebody who ignores the stimuli; an `Observer`."""
         return Answer({name: self.question(name).guess(rng) for name in trial.questions})
 
-    def _check_feedback(self, design: Design) -> None:
-        """Raise BadValue if feedback is wanted, and no trial has a right answer."""
+    def _check_design(self, design: Design) -> None:
+        """Raise an error unless all levels that a design may reach can be presented.
+
+        If feedback is wanted, a trial must have a right answer.
+        """
+        for task, level in reach_of(design):
+            for trial in extremes(task, level):
+                self.check(trial)
         guessed = observed(design, 0, self.guess, stream(0, "feedback"))
         if self.feedback and not any(trial.right for trial, _ in islice(guessed, 1000)):
             raise BadValue(
@@ -550,7 +560,8 @@ class Experiment:
                 if not low <= value <= high:
                     raise BadValue(
                         f"condition {trial.condition!r}: {name} = {value:g} is beyond its bounds,"
-                        f" {low:g} to {high:g}"
+                        f" {low:g} to {high:g}; keep all levels that the design may reach, and the"
+                        " standard, within the bounds of the experiment"
                     )
 
     def facts(self) -> dict[str, Any]:

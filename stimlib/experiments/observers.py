@@ -247,7 +247,8 @@ class Listener:
             if attends
             else 0.5 + coin * self.most
         )
-        return Answer({trial.questions[0]: int(min(max(round(rating), 1), self.most))})
+        value = int(min(max(round(rating), 1), self.most))
+        return Answer({trial.questions[0]: value}, simulated=True)
 
     def _more(self, trial: Trial, felt: Mapping[str, float]) -> bool:
         if len(felt) == 1:
@@ -295,7 +296,7 @@ def _answer(trial: Trial, more: bool) -> Answer:
     """Return the answer whose choice scores as "more", or as "less"."""
     for choice, score in trial.scores.items():
         if (score > 0.5) == more:
-            return Answer({trial.questions[0]: choice})
+            return Answer({trial.questions[0]: choice}, simulated=True)
     raise BadValue(
         f"condition {trial.condition!r}: the trial has no scores that say which choice counts for"
         " more, and for less"
@@ -315,7 +316,7 @@ def _of(v: By, condition: str, name: str) -> float:
 # Many of them -------------------------------------------------------------------------
 COLUMNS = (
     *("participant", "number", "condition", "track", "level", "chance"),
-    *("outcome", "correct", "seconds"),
+    *("outcome", "correct", "seconds", "simulated"),
 )
 
 
@@ -354,8 +355,9 @@ def simulate(
     dict of str to list
         Columns ``participant``, ``number`` (of the trial, from 1), ``condition``,
         ``track``, ``level``, ``chance`` (of the task), ``outcome``, ``correct``,
-        ``seconds`` (of the observer's answer), and each question by its name; training
-        is left out.  The same on every run and with any number of workers.
+        ``seconds`` (of the observer's answer), ``simulated`` (True), and each question
+        by its name; training is left out.  The same on every run and with any number of
+        workers.
 
     Raises
     ------
@@ -452,6 +454,7 @@ def _participant(
                     outcome(trial, answer),
                     correct(trial, answer),
                     answer.seconds,
+                    answer.simulated,
                     *asked,
                 )
             )

@@ -11,9 +11,9 @@ import dataclasses as dc
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,20 +25,18 @@ from ..core.graph import Block, constant
 from ..core.parts import Part, Span
 from ..core.scene import Scene
 from ..devices.available import SINKS as KINDS, make
-from ..devices.null import NullSink
 from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
-from ..errors import BadValue, StimlibError, UnknownName, public
+from ..errors import BadValue, UnknownName, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered, without_inverse
 from ..files.log_writer import LogWriter, header
 from ..run.rendering import render
 from ..run.safety import Safety
 from .experiment import STARTS, Cursor, Experiment
-from .trial import Trial
+from .trial import FAST, Trial
 
 if TYPE_CHECKING:
-    from ..devices.calibration import Calibration
     from .session import Session
 
 TOLD = {"produced", "delivered", "lost", "underruns", "clips", "faults", "stale", "rise", "fall"}
@@ -207,50 +205,55 @@ def _moves(experiment: Experiment, scene: Scene) -> Any:
 
 
 # Sinks by name ------------------------------------------------------------------------
-FAST = ("offline", "file")
-"""Sinks without a clock: "offline" runs as fast as possible, and "file" also keeps
-delivered.caf in the log.
-"""
 SINKS = (*KINDS, *FAST)
 """Names of all sinks."""
 
 
 @public
-def prepare(session: Session, sink: str, calibration: Calibration | None = None) -> int:
-    """Compile all programs of a session before it begins.
+def prepare(session: Session, sink: str, **options: Any) -> int:
+    """Compile all programs of a session, and open its sink once, before it begins.
 
     Compiling them later would delay the first stimulus of each kind, which reveals the
-    kind.
+    kind.  What fails here would fail after the participant has begun.
 
     Parameters
     ----------
     session : Session
         Opened by ``with``; it is not changed.
     sink : str
-        Name in ``SINKS``; for one without a clock nothing is compiled.
-    calibration : Calibration, optional
-        Calibration of the sink.
+        Name in ``SINKS``; another name is that of a display of its own, which is not
+        opened.
+    **options
+        More for the sink, as `present` takes them.
 
     Returns
     -------
     int
         Number of compiled programs; trials with the same scenes share one.
+
+    Raises
+    ------
+    SinkError
+        The device cannot be opened; as `Session.due`.
+    BadValue, UnknownName
+        A trial that the session may come to is not allowed, or its scene cannot be
+        compiled at this rate; a calibration does not fit the outputs.
     """
-    e, done = session.experiment, set()
-    with suppress(Exception):  # of a design, on an answer that nobody may give
-        for trial in session.ahead() if sink not in FAST else ():
-            kind = tuple(s.scene for s in trial.stimuli)
-            if kind in done:
-                continue
-            done.add(kind)
-            with suppress(StimlibError):  # it is told when that trial is due
-                scene, params = program(e, trial)
-                # starts
-                options: dict[str, Any] = {"params": params, "calibration": calibration}
-                with NullSink(
-                    scene, _protection(e, scene), motion=Live(), clocked=False, **options
-                ) as never:
-                    never.open(e.fs)
+    e, done = session.experiment, set[tuple[str, ...]]()
+    calibration = options.get("calibration")
+    for trial in filter(None, chain([session.due()], session.ahead())):
+        if not trial.stimuli or (kind := tuple(s.scene for s in trial.stimuli)) in done:
+            continue
+        scene, params = program(e, trial)
+        how: dict[str, Any] = {"params": params, "calibration": calibration}
+        if done or sink not in KINDS:
+            how |= {"motion": Live(), "clocked": False}
+        else:
+            how |= {"motion": _moves(e, scene), **options}
+        with make("null" if "clocked" in how else sink, scene, _protection(e, scene), **how) as one:
+            channels = [name for name in scene.outputs if name != STARTS]
+            one.open(e.fs, channels if len(channels) < len(scene.outputs) else None)
+        done.add(kind)
     return len(done)
 
 
@@ -305,9 +308,10 @@ def present(
         ``faults``, ``stale``); with a log also its name, and ``peak`` and ``rms`` of
         each output in each interval as delivered, after all limits; with a cursor also
         ``following``, see `followed`. ``started`` is the date and time of sample 0, ISO
-        8601, UTC. Of a self-paced interval ``interval`` is its number, and
-        ``intervals`` ends where the stimulus began to fade out; with ``timing.starts``
-        it begins at the sample at which that held, and ``held`` says whether it did.
+        8601, UTC; ``clock`` is whether the sink ran in real time from then on. Of a
+        self-paced interval ``interval`` is its number, and ``intervals`` ends where the
+        stimulus began to fade out; with ``timing.starts`` it begins at the sample at
+        which that held, and ``held`` says whether it did.
 
     Raises
     ------
@@ -401,7 +405,7 @@ def present(
         "params": params,
         "intervals": at,
     }
-    shown |= {"time": "own", "started": zero, **told}
+    shown |= {"time": "own", "started": zero, "clock": getattr(playing, "clock", True), **told}
     return shown if log is None else shown | {"log": Path(log).name} | measured(experiment, log, at)
 
 

@@ -155,6 +155,11 @@ class Quest:
                 " trials are to determine"
             )
 
+    @property
+    def reach(self) -> list[tuple[Task, float]]:
+        """The levels that a trial may have, with the task."""
+        return [(self.task, level) for level in self.levels]
+
     def init(self, seed: int) -> State:
         """Return an empty history."""
         return {"seed": seed, "levels": [], "outcomes": []}

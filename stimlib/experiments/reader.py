@@ -127,6 +127,11 @@ class Saved:
         return [r for r in self.records if not r.trial.training]
 
     @property
+    def simulated(self) -> bool:
+        """Whether an observer gave the answers, and no participant."""
+        return any(r.answer.simulated for r in self.records)
+
+    @property
     def after(self) -> dict[str, Any]:
         """Answers to the questions after the last trial, by name; empty before."""
         return {
@@ -246,8 +251,8 @@ def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False)
     Raises
     ------
     SinkError, BadValue
-        As `read`; sessions with different definitions; or a folder with another
-        session's name, such as a copy.
+        As `read`; sessions with different definitions; a folder with another session's
+        name, such as a copy; or simulated sessions next to those of participants.
     """
     folders = sorted(p.parent for p in (Path(data) / experiment).glob("*/session.json"))
     found = [read(p, pilot) for p in folders if p.name.startswith("PILOT-") == pilot]
@@ -263,7 +268,26 @@ def sessions(experiment: str, data: str | os.PathLike[str], pilot: bool = False)
             f"{Path(data) / experiment} has sessions of different versions of the experiment:"
             " analyse each by itself"
         )
+    check_apart(found)
     return found
+
+
+def check_apart(found: Sequence[Saved]) -> None:
+    """Raise BadValue if sessions have one name, or only some of them are simulated."""
+    named: dict[tuple[str, int], Saved] = {}
+    for s in found:
+        if (name := (s.header["participant"], s.header["session"])) in named:
+            raise BadValue(
+                f"{named[name].folder} and {s.folder} are both session {name[1]} of {name[0]}, and"
+                " their trials could not be told apart; analyse or export each by itself"
+            )
+        named[name] = s
+    kinds = {s.simulated: s.folder for s in found if s.records}
+    if len(kinds) > 1:
+        raise BadValue(
+            f"{kinds[True]} has simulated answers, {kinds[False]} those of a participant; analyse"
+            " or export each kind by itself: move one of them to another folder"
+        )
 
 
 @public
@@ -275,12 +299,13 @@ def status(saved: Saved) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``participant``, ``session``, ``pilot``, ``trials``, ``training``,
-        ``conditions`` (trials by blinded name), ``replays``, ``unanswered`` (logs of
-        presentations without an answer, because the device failed or the session was
-        interrupted), ``shared`` (trials whose intervals share one time axis, as in
-        older sessions: see `stimlib.experiments.trial.Record.time`), ``lost`` samples,
-        ``limited`` samples, ``last`` (date and time).
+        ``participant``, ``session``, ``pilot``, ``simulated``, ``trials``,
+        ``training``, ``conditions`` (trials by blinded name), ``replays``,
+        ``unanswered`` (logs of presentations without an answer, because the device
+        failed or the session was interrupted), ``shared`` (trials whose intervals share
+        one time axis, as in older sessions: see
+        `stimlib.experiments.trial.Record.time`), ``lost`` samples, ``limited`` samples,
+        ``last`` (date and time).
     """
     counts: dict[str, int] = {}
     trials = [r for r in saved.records if r.trial.stimuli]
@@ -291,6 +316,7 @@ def status(saved: Saved) -> dict[str, Any]:
     logs = {p.name for p in saved.folder.glob("trial-*.stimlog")}
     return {
         **{k: saved.header[k] for k in ("participant", "session", "pilot")},
+        "simulated": saved.simulated,
         "trials": len(trials),
         "training": len(trials) - len(saved.data),
         "conditions": dict(sorted(counts.items())),
@@ -322,12 +348,20 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
     dict of str to list
         ``participant``, ``session``, ``number``, ``condition``, ``track``, ``level``,
         ``chance`` (of the task), ``outcome``, ``correct`` (True or False, None without
-        a right answer), ``seconds``, ``replays``, ``training``; each question under its
-        name, and its response time in s, such as ``softer_rt``; ``interval_1`` (name
-        of its stimulus, or scene), ``interval_1_started`` and ``interval_1_stopped`` in
-        s since the session began, and so on; and each question after the last trial,
-        with one answer in all rows of a session. None is unknown, or not asked.
+        a right answer), ``seconds``, ``replays``, ``simulated``, ``training``; each
+        question under its name, and its response time in s, such as ``softer_rt``;
+        ``interval_1`` (name of its stimulus, or scene), ``interval_1_started`` and
+        ``interval_1_stopped`` in s since the session began, and so on; and each
+        question after the last trial, with one answer in all rows of a session. None is
+        unknown (such as times of a sink without a clock), or not asked.
+
+    Raises
+    ------
+    BadValue
+        Two sessions of the same participant and number, as from two folders of data;
+        simulated sessions together with those of participants.
     """
+    check_apart(found)
     rows = [
         *((s, r) for s in found for r in (s.records if training else s.data) if r.trial.stimuli)
     ]
@@ -344,7 +378,7 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
         },
         "outcome": [r.outcome for _, r in rows],
         "correct": [correct(r.trial, r.answer) for _, r in rows],
-        **{k: [getattr(r.answer, k) for _, r in rows] for k in ("seconds", "replays")},
+        **{k: [getattr(r.answer, k) for _, r in rows] for k in ("seconds", "replays", "simulated")},
         "training": [r.trial.training for _, r in rows],
         **{q: [r.answer.values.get(q) for _, r in rows] for q in questions},
         **{f"{q}_rt": [r.answer.times.get(q) for _, r in rows] for q in questions},
@@ -371,5 +405,9 @@ def csv_of(table: Mapping[str, Sequence[Any]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table)
-    writer.writerows(zip(*table.values(), strict=True))
+    # csv quotes no carriage return alone, and who reads it takes that for a new row
+    writer.writerows(
+        [re.sub("\r\n?", "\n", v) if isinstance(v, str) else v for v in row]
+        for row in zip(*table.values(), strict=True)
+    )
     return text.getvalue()

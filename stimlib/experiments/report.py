@@ -178,6 +178,7 @@ def _counts(columns: Columns) -> dict[str, str]:
     return {
         "participants": f"{len(people)}: {', '.join(map(str, people))}",
         "conditions": ", ".join(map(str, conditions)),
+        **({"answers": "simulated, all or some"} if any(columns.get("simulated", ())) else {}),
         "trials": (
             f"{sum(trials)}; of a participant {min(trials, default=0)} to {max(trials, default=0)}"
         ),

@@ -80,6 +80,9 @@ def run(
     SinkError, FaultError
         The device has failed, or the disk is full; all answers so far are kept, and the
         session can be resumed.
+    BadValue, UnknownName
+        As `stimlib.experiments.presentation.prepare` and `Session.check_kind`, before
+        the participant reads anything.
 
     Examples
     --------
@@ -104,11 +107,12 @@ def run(
                 )
         return shown
 
+    session.check_kind(_simulates(front_end))
     if (trial := session.due()) is None:
         front_end.tell(say("all_done"))
         return
     if isinstance(sink, str):
-        prepare(session, sink, options.get("calibration"))
+        prepare(session, sink, **options)
     if session.records or any(session.folder.glob("trial-*.stimlog")):  # it was begun before
         front_end.tell(say("resumed"))
     else:
@@ -205,7 +209,12 @@ def _one(
         if asked == replays:
             ask()
     seconds = lasts if lasts and e.timing.until == "answer" else round(sum(times.values()), 3)
-    return session.put(Answer(values, seconds, replays, times), shown)
+    answer = Answer(values, seconds, replays, times, _simulates(front_end))
+    return session.put(answer, shown)
+
+
+def _simulates(front_end: FrontEnd) -> bool:
+    return getattr(front_end, "simulated", False)
 
 
 @public
@@ -221,7 +230,15 @@ class Simulated:
         ``observer(trial, rng) -> Answer``; its draws for a trial depend on the
         session's seed and the trial's number alone, so that a resumed session continues
         as it would have without the interruption.
+
+    Notes
+    -----
+    Each answer is stored as simulated (``Answer.simulated``), and a session has either
+    such answers or those of a participant.  A front end of your own that simulates has
+    an attribute ``simulated = True``, as this one has.
     """
+
+    simulated = True
 
     def __init__(self, session: Session, observer: Observer):
         self._session, self._observer = session, observer

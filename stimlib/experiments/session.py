@@ -39,14 +39,14 @@ from datetime import UTC, datetime
 from itertools import islice
 from typing import Any, Self
 
-from ..errors import BadValue, SinkError, UnknownName, public
+from ..errors import BadValue, SinkError, public
 from ..system import safe_files
 from ..version import __version__
 from .designs import trials_of
 from .experiment import Experiment
 from .random_streams import stream
 from .reader import VERSION, Saved, blinded, folder_of, read, sealed
-from .trial import Answer, Record, Trial, observed
+from .trial import Answer, Record, Trial
 
 AHEAD = 1000  # trials that are looked at before a session begins
 SPARE = 65536  # bytes; the line of a trial has about 2000
@@ -240,13 +240,19 @@ class Session:
     def ahead(self) -> Iterator[Trial]:
         """Return possible future trials, and the stimuli for familiarisation.
 
-        The trials are those that a guessing participant would get, 1000 at most.
+        The trials are those that a guessing participant would get, 1000 at most, up to
+        an answer that the design does not take.
         """
         e, rng = self.experiment, stream(self.seed, "ahead")
         for known in e.familiar(self.participant, self.session).values():
             yield Trial("familiarisation", (known,), (e.questions[0].name,))
-        guessed = observed(self.design, self.seed, e.guess, rng)
-        yield from (trial for trial, _ in islice(guessed, AHEAD))
+        with suppress(Exception):  # of a design, on an answer that nobody may give
+            state = self.design.init(self.seed)
+            for _ in range(AHEAD):
+                if (trial := self.design.next(state)) is None:
+                    return
+                yield trial
+                state = self.design.update(state, e.guess(trial, rng))
 
     def check_ahead(self) -> None:
         """Check the first trial, and all others that do not depend on the answers.
@@ -263,16 +269,7 @@ class Session:
         self.experiment.check_safety()
         known = len(self.experiment.familiar(self.participant, self.session))
         fixed = trials_of(self.design) is not None
-        trials = islice(self.ahead(), None if fixed else known + 1)
-        while True:
-            try:
-                trial = next(trials, None)
-            except UnknownName:  # a question that is none
-                raise
-            except Exception:  # of a design, on an answer that nobody may give
-                return
-            if trial is None:
-                return
+        for trial in islice(self.ahead(), None if fixed else known + 1):
             self.experiment.check(trial)
 
     def rest(self, trial: Trial) -> float:
@@ -295,13 +292,14 @@ class Session:
         ------
         BadValue
             A question has no answer or an invalid one, or an answer or display record
-            is not JSON data; nothing is written.
+            is not JSON data, or as `check_kind`; nothing is written.
         SinkError
             The answer cannot be written; another program replaced or changed
             ``trials.jsonl``; or this process is a fork (``os.fork``) of the one that
             opened the session.
         """
         self._check_kept()
+        self.check_kind(answer.simulated)
         trial = self._next()
         if trial is None:
             raise BadValue(f"{self.folder}: the session is over: it takes no more answers")
@@ -317,6 +315,15 @@ class Session:
         self.state = state
         self.records.append(record)
         return record
+
+    def check_kind(self, simulated: bool) -> None:
+        """Raise BadValue if a session would mix simulated answers with others."""
+        if self.records and self.records[0].answer.simulated != simulated:
+            kinds = ("of a participant", "of a simulated observer")
+            raise BadValue(
+                f"{self.folder} has answers {kinds[not simulated]}, and would get one"
+                f" {kinds[simulated]}; give another participant or folder"
+            )
 
     def blind(self, trial: Trial) -> str:
         """Return the blinded name of a trial's condition."""

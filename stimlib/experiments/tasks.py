@@ -10,6 +10,8 @@ import dataclasses as dc
 from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
+import numpy as np
+
 from ..errors import BadValue, UnknownName, public
 from .random_streams import seed_of, stream
 from .trial import Stimulus, Trial
@@ -25,6 +27,15 @@ class Task(Protocol):
 
     def trial(self, level: Any, seed: int, n: int) -> Trial:
         """Return the trial for a level."""
+
+
+def extremes(task: Task, level: Any) -> list[Trial]:
+    """Return the trials between which all trials of a level are.
+
+    A task that draws a parameter has a method ``extremes(level)``, as `Roved` has.
+    """
+    own = getattr(task, "extremes", None)
+    return own(level) if own else [task.trial(level, 0, 0)]
 
 
 @public
@@ -296,6 +307,16 @@ class Roved:
         """Return the task's trial, its stimuli with the parameter multiplied."""
         trial = self.task.trial(level, seed, n)
         powers = stream(seed, "roving", self.condition, n).uniform(-1, 1, len(trial.stimuli))
+        return self._roved(trial, powers)
+
+    def extremes(self, level: Any) -> list[Trial]:
+        """Return the trials with the smallest and the largest factor."""
+        trials = extremes(self.task, level)
+        return [
+            self._roved(t, power * np.ones(len(t.stimuli))) for t in trials for power in (-1, 1)
+        ]
+
+    def _roved(self, trial: Trial, powers: np.ndarray) -> Trial:
         roved = []
         for stimulus, power in zip(trial.stimuli, powers, strict=True):
             if self.varies not in stimulus.params:

@@ -28,6 +28,11 @@ from .user_code import called
 State = dict[str, Any]
 """State of a design, as JSON data."""
 
+FAST = ("offline", "file")
+"""Sinks without a clock: "offline" runs as fast as possible, and "file" also keeps
+delivered.caf in the log.
+"""
+
 
 @public
 @dc.dataclass(frozen=True)
@@ -72,12 +77,16 @@ class Answer:
         Number of replays.
     times : dict of str to float
         Response time in s of each question: from when it was asked to its answer.
+    simulated : bool
+        Whether an observer gave it, and no participant.  `observed` and the front end
+        `Simulated` set it.
     """
 
     values: Mapping[str, Any]
     seconds: float | None = None
     replays: int = 0
     times: Mapping[str, float] = dc.field(default_factory=dict)
+    simulated: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Return the answer as plain JSON data; ``Answer(**data)`` restores it."""
@@ -217,7 +226,8 @@ class Record:
     def intervals(self, since: str) -> list[tuple[str, float | None, float | None]]:
         """Return stimulus, begin and end of each interval of the last presentation.
 
-        Times are in s after a date and time, ISO 8601, and None if they are not known.
+        Times are in s after a date and time, ISO 8601, and None if they are not known:
+        a sink without a clock gives none, because it does not run in real time.
         """
         at = {
             k: [
@@ -231,7 +241,7 @@ class Record:
                 for n in ab
             ]
             for d in self.displayed
-            if "started" in d
+            if "started" in d and in_real_time(d)
             for k, ab in enumerate(d["intervals"], d.get("interval", 1) - 1)
         }
         return [
@@ -242,6 +252,11 @@ class Record:
     def outcome(self) -> Any:
         """Score of the answer to the first question; see `outcome`."""
         return outcome(self.trial, self.answer)
+
+
+def in_real_time(shown: Mapping[str, Any]) -> bool:
+    """Return whether a presentation ran by a clock; of old ones the sink says it."""
+    return shown.get("clock", shown.get("sink") not in FAST)
 
 
 @runtime_checkable
@@ -293,7 +308,7 @@ def outcome(trial: Trial, answer: Answer) -> Any:
 
 
 def answered(observer: Observer, trial: Trial, rng: np.random.Generator) -> Answer:
-    """Return an observer's answer to a trial.
+    """Return an observer's answer to a trial, marked as simulated.
 
     Raises
     ------
@@ -307,7 +322,7 @@ def answered(observer: Observer, trial: Trial, rng: np.random.Generator) -> Answ
             f"the observer gives {answer!r:.80} where it must give an Answer, such as"
             " Answer({'softer': 'first'})"
         )
-    return answer
+    return dc.replace(answer, simulated=True)
 
 
 @public

@@ -2,9 +2,10 @@
 observer.
 """
 
+import dataclasses
+
 import stimlib
-import stimlib.experiments.random_streams
-from stimlib.experiments.designs import Interleaved, Staircase
+from stimlib.experiments.designs import ConstantStimuli, Interleaved, Staircase
 from stimlib.experiments.experiment import Experiment, Timing
 from stimlib.experiments.questions import choice
 from stimlib.experiments.runner import Simulated, run
@@ -27,11 +28,12 @@ def experiment(**other):
         "high": Staircase(TASK, (4.0, 5.0), (0.5, 8.0), reversals=8),
         "low": Staircase(TASK, (0.8, 1.0), (0.5, 8.0), reversals=8),
     }
+    design = Interleaved(tracks)
     told = {
         "name": "pair",
         "version": "1",
         "scenes": {"spring": SPRING},
-        "design": Interleaved(tracks),
+        "design": design if "spring" in other.get("scenes", ["spring"]) else Own(design),
         "questions": (QUESTION,),
         "fs": 1000.0,
         "safety": 10.0,
@@ -40,6 +42,15 @@ def experiment(**other):
         "timing": Timing(interval=0.1, gap=0.05, before=0.0, ramp=0.0),
     }
     return Experiment(**(told | other))
+
+
+class Own:
+    """A design that does not say which levels it may reach."""
+
+    def __init__(self, design):
+        self.init, self.next, self.update = design.init, design.next, design.update
+        if isinstance(design, ConstantStimuli):
+            self.trials = design.trials
 
 
 def observer(trial, rng):
@@ -58,12 +69,11 @@ def simulate(data, made=None, **options):
     return session
 
 
-def some(data, trials, made=None, **options):
-    """A session that was left after some trials."""
+def some(data, trials, made=None, by=observer, **options):
+    """A session that was left after some trials, of an observer or a person (None)."""
     with Session(made or experiment(), data, "P01", **options) as session:
         for _ in range(trials):
-            rng = stimlib.experiments.random_streams.stream(
-                session.seed, "observer", session.number
-            )
-            session.put(observer(session.due(), rng), [nothing(None, None)])
+            answer = Simulated(session, by or observer).answer(session.due())
+            answer = answer if by else dataclasses.replace(answer, simulated=False)
+            session.put(answer, [nothing(None, None)])
     return session

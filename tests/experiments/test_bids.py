@@ -1,14 +1,18 @@
 """Sessions as BIDS and Psych-DS datasets: their files, and what a validator says."""
 
 import csv
+import io
 import json
 import shutil
 import subprocess
+import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from experiments.some import experiment, observer, simulate
+from experiments.some import experiment, observer, simulate, some
+from hypothesis import given, settings, strategies as st
 from typer.testing import CliRunner
 
 from stimlib import BadValue, SinkError
@@ -89,6 +93,8 @@ def test_a_trial_with_a_log_is_a_run(signals):
             assert np.abs(x[a:b] - 0.5 - np.arange(a, b) / 1000).max() < 1e-9
             assert np.abs(y[a:b] - stiffness * x[a:b]).max() < 1e-6
         assert events == Path(f"{motion}_events.tsv").read_text()
+    told = json.loads(Path(f"{beh}_events.json").read_text())
+    assert told["onset"]["Description"].endswith("since sample 0 of the log, not in real time")
     told = json.loads(Path(f"{beh}_stim.json").read_text())
     assert told == {
         "TaskName": "pair",
@@ -202,15 +208,94 @@ def test_what_cannot_be_a_dataset_is_refused(data, tmp_path):
     with pytest.raises(BadValue, match="have no answers yet"):
         to_bids(experiment(), [], tmp_path / "a")
     (one,) = sessions("pair", data)
-    from dataclasses import replace
-
-    twin = replace(one, header=one.header | {"participant": "P-01"})
-    with pytest.raises(BadValue, match="one label without signs"):
-        to_bids(experiment(), [one, twin], tmp_path / "a")
-    with pytest.raises(BadValue, match="a session is there twice"):
-        to_bids(experiment(), [one, one], tmp_path / "a")
     with pytest.raises(BadValue, match="sessions of pair, and not of other"):
         to_bids(experiment(name="other"), [one], tmp_path / "a")
     with pytest.raises(BadValue, match="no letter or digit"):
         label("--")
     assert not (tmp_path / "a").exists()
+
+
+# Each trial is a row, or nothing is written -------------------------------------------
+@pytest.fixture(scope="module")
+def kinds(tmp_path_factory):
+    """Sessions of 3 and 5 trials: of a simulated observer, and of a participant."""
+    found = []
+    for by in (observer, None):
+        folder = tmp_path_factory.mktemp("kind")
+        some(folder, 3 if by else 5, by=by)
+        found += sessions("pair", folder)
+    assert [s.simulated for s in found] == [True, False]
+    return found
+
+
+def bids_rows(found, folder):
+    """Return the rows of a BIDS dataset where capitals do not count in names."""
+    kept = {str(p).casefold(): p for p in to_bids(experiment(), found, folder, signals=False)}
+    whose = {p.parts[-4] for p in kept.values() if p.name.endswith("_beh.tsv")}
+    listed = (folder / "participants.tsv").read_text().split()[1:]
+    assert len({w.casefold() for w in whose}) == len(listed) and {*listed} == whose
+    return [
+        dict(zip(head.split("\t"), row.split("\t"), strict=True))
+        for p in kept.values()
+        if p.name.endswith("_beh.tsv")
+        for head, *rows in [p.read_text(encoding="utf-8").splitlines()]
+        for row in rows
+    ]
+
+
+def psych_rows(found, folder):
+    kept = {str(p).casefold(): p for p in to_psych_ds(experiment(), found, folder)}
+    tables = [p for p in kept.values() if p.suffix == ".csv"]
+    return [
+        row
+        for p in tables
+        for row in csv.DictReader(io.StringIO(p.read_bytes().decode(), newline=""), strict=True)
+    ]
+
+
+def table_rows(found, folder):
+    table = columns(found, training=True)
+    return [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
+
+
+ANY = st.tuples(
+    st.sampled_from(["P1", "p1", "P01", "P-1", "Q1"]),
+    st.integers(1, 2),
+    st.sampled_from(["a", "b"]),
+    st.integers(0, 1),
+    st.text("x\r\n\t\"',\x0b\u2028", max_size=5),
+)
+
+
+@pytest.mark.parametrize("export", [bids_rows, psych_rows, table_rows])
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(drawn=st.lists(ANY, min_size=1, max_size=4))
+def test_each_trial_is_a_row_of_every_export_or_it_is_refused(export, kinds, drawn):
+    found = []
+    for who, number, place, kind, words in drawn:
+        one = kinds[kind]
+        records = [
+            replace(
+                r,
+                trial=replace(r.trial, questions=("softer", "words")),
+                answer=replace(r.answer, values={**r.answer.values, "words": words}),
+            )
+            for r in one.records
+        ]
+        header = one.header | {"participant": who, "session": number}
+        found.append(replace(one, folder=Path(place), header=header, records=records))
+    names = {(who, number) for who, number, *_ in drawn}
+    alike = {label(who).casefold() for who, _ in names}
+    good = len(names) == len(drawn) and len({kind for *_, kind, _ in drawn}) == 1
+    if export is not table_rows:
+        good = good and len(alike) == len({who for who, _ in names})
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "out"
+        try:
+            rows = export(found, folder)
+        except BadValue:
+            assert not good and not folder.exists()
+            return
+    assert good and len(rows) == sum(len(s.records) for s in found)
+    mark = {str(row["simulated"]).lower() for row in rows}
+    assert mark == {str(found[0].simulated).lower()}

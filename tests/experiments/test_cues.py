@@ -165,7 +165,13 @@ def test_the_analysis_prints_both_tables(session):
         [dataclasses.replace(r, trial=dataclasses.replace(r.trial, condition=c)) for r in four]
         for c in PAIRS
     ]
-    told = analysis([dataclasses.replace(saved, records=records) for records in named]).splitlines()
+    heads = [saved.header | {"session": k} for k in range(1, 1 + len(named))]
+    told = analysis(
+        [
+            dataclasses.replace(saved, records=records, header=header)
+            for records, header in zip(named, heads, strict=True)
+        ]
+    ).splitlines()
     assert told[0].startswith("alpha = 0     JND") and told[6].startswith(
         "normalised distance over d', mean over sessions"
     )

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 from laws import STRESS
 from refusals import refused
 
@@ -28,7 +29,7 @@ from stimlib.experiments.observers import Psychometric
 from stimlib.experiments.quest import Quest
 from stimlib.experiments.questions import analogue, choice, places, ranking, rating
 from stimlib.experiments.random_streams import seed_of, stream
-from stimlib.experiments.tasks import OneInterval, Rate, TwoInterval
+from stimlib.experiments.tasks import OneInterval, Rate, Roved, TwoInterval
 from stimlib.experiments.trial import Answer, Stimulus, Trial, observed
 
 PAIR = TwoInterval(
@@ -63,6 +64,84 @@ def levels(design, answers, seed=1):
             says(trial, answers(trial.level) if callable(answers) else answers[len(found) - 1]),
         )
     return found
+
+
+# The levels that a design may reach -------------------------------------------------
+K = st.integers(1, 300).map(float)
+LEVELS = st.lists(K, min_size=2, max_size=4, unique=True).map(sorted).map(tuple)
+
+
+@st.composite
+def designs(draw, depth=2):
+    """Return a design over a spring, and all values that bound those of its trials."""
+    standard, levels, rove = draw(K), draw(LEVELS), draw(st.sampled_from([1.0, 1.2]))
+    kind = draw(st.sampled_from(["stairs", "quest", "constant", "one", "both"][: 3 + depth]))
+    if kind == "both":
+        parts = {"a": draw(designs(depth=0)), "b": draw(designs(depth=0))}
+        made = draw(st.sampled_from([Interleaved, Sequential]))
+        return made({k: d for k, (d, _) in parts.items()}), [
+            v for _, w in parts.values() for v in w
+        ]
+    spring = Stimulus("spring", {"k": standard})
+    task = TwoInterval("a", "softer", spring, Stimulus("spring"), "k")
+    values = [standard, *levels]
+    if kind == "one":  # and a catch trial
+        two = {"first": spring, "second": Stimulus("spring", {"k": levels[0]})}
+        task, levels, values = OneInterval("a", "softer", two), tuple(two), values[:2]
+    if rove > 1 and kind != "quest":
+        task, values = Roved(task, "k", rove), [v * f for v in values for f in (1 / rove, rove)]
+    if kind == "stairs":
+        return Staircase(task, levels[0], (levels[0], levels[-1]), stuck=5, max_trials=30), values
+    if kind == "quest":
+        means, n = (levels[0], levels[-1]), 3
+        return Quest(task, levels, means=means, deviations=(10.0, 90.0), trials=n), values
+    return ConstantStimuli(tuple((task, level) for level in levels), repeats=2), values
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(
+    designs(), st.sampled_from([-0.25, 0, 0.25]), st.sampled_from([-0.25, 0, 0.25]), st.booleans()
+)
+def test_a_design_stays_within_the_bounds_of_its_experiment_or_is_refused(
+    drawn, below, above, called
+):
+    """A staircase of 1 to 300 ended an experiment of 0 to 100 at trial 48."""
+    design, values = drawn
+    low = min(values) - below
+    high = max(max(values) + above, low + 0.1)
+    words = {"scenes": {"spring": SPRING}, "bounds": {"k": (low, high)}, "fs": 1000.0}
+    words |= {"questions": (choice("softer", "?", "first", "second"),), "safety": 10.0}
+
+    def make():
+        if not called:
+            return Experiment("a", "1", design=design, **words)
+        made = Experiment("a", "1", design=lambda who, session: design, **words)
+        return made.designed("P01") and made
+
+    if min(below, above) < 0:
+        refused(BadValue, "is beyond its bounds, .*; keep all levels", make)
+        return
+    made = make()
+    for who in (made.guess, lambda trial, rng: says(trial, True), lambda t, rng: says(t, False)):
+        for trial, _ in observed(design, 1, who, stream(1, "who")):
+            made.check(trial)
+
+
+def test_what_is_explored_before_the_session_is_within_the_bounds():
+    words = {"scenes": {"spring": SPRING}, "bounds": {"k": (1.0, 50.0)}, "fs": 1000.0}
+    words |= {"questions": (choice("softer", "?", "first", "second"),), "safety": 10.0}
+    task = Rate("a", ("softer",), Stimulus("spring", {"k": 2.0}))
+    words |= {"design": ConstantStimuli(((task, None),))}
+    known = {"red": Stimulus("spring")}  # which leaves its 100 N/m
+    refused(
+        BadValue,
+        "familiarisation': k = 100 is",
+        Experiment,
+        "a",
+        "1",
+        **words,
+        familiarisation=known,
+    )
 
 
 # The up-down rule as PsychoPy's StairHandler has it, written down from its documentatio

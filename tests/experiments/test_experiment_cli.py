@@ -174,11 +174,13 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
     assert "2 sessions" in stimlib("simulate", f"{file}:made", "--participants", 2, *where)
     said = stimlib("analyse", f"{file}:made", *where, status=2)
     assert "has no sessions of pair; it has 2 pilots" in said
-    table = stimlib("analyse", f"{file}:made", *where, "--pilot")
+    note, table = stimlib("analyse", f"{file}:made", *where, "--pilot").split("\n", 1)
+    assert note == "note: a simulated observer gave these answers, and no participant"
     assert (
         table.startswith("participant,session,number,condition,track,level,chance,outcome,")
         and table.count("\n") == 9
     )
+    assert "PILOT SIMULATED P1 session 1: 4 trials" in stimlib("status", f"{file}:made", *where)
     told = json.loads(stimlib("status", f"{file}:made", *where, "--json"))
     assert [(s["participant"], s["pilot"], s["trials"]) for s in told] == [
         ("P1", True, 4),

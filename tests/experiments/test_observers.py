@@ -130,6 +130,7 @@ def test_a_participant_more_changes_no_other():
         "outcome",
         "correct",
         "seconds",
+        "simulated",
         "softer",
     }
     assert {name: column[: len(two["level"])] for name, column in three.items()} == two

@@ -8,7 +8,9 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,7 @@ from experiments.some import (
     QUESTION,
     SPRING,
     TASK,
+    Own,
     experiment,
     nothing,
     observer,
@@ -29,11 +32,12 @@ from refusals import refused
 
 import stimlib
 import stimlib.experiments.random_streams
-from stimlib.blocks import timeline
+from stimlib.blocks import lowpass, timeline
 from stimlib.design.texture import made_up
+from stimlib.devices.calibration import Calibration
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
-from stimlib.errors import BadValue, SinkError, UnitError, UnknownName
+from stimlib.errors import BadValue, SinkError, StimlibError, UnitError, UnknownName
 from stimlib.experiments.designs import ConstantStimuli, Sequential, Staircase
 from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
 from stimlib.experiments.presentation import prepare, present, program, spans
@@ -262,14 +266,15 @@ def test_a_channel_is_the_same_in_every_trial():
 
 
 def test_bounds_hold_for_what_a_stimulus_leaves_as_it_is(tmp_path):
-    with Session(experiment(design=ConstantStimuli(((TASK, 9.0),))), tmp_path, "P01") as session:
+    high = Own(ConstantStimuli(((TASK, 9.0),)))
+    with Session(experiment(design=high), tmp_path, "P01") as session:
         # before anything is displayed
         refused(BadValue, "k = 9 is beyond its bounds", session.due)
     refused(
         BadValue,
         "k = 2 is beyond its bounds, 0.5 to 1.5",
         program,
-        experiment(bounds={"k": (0.5, 1.5)}),
+        experiment(bounds={"k": (0.5, 1.5)}, design=high),
         Trial("a", (Stimulus("spring"),), ("softer",)),
     )
 
@@ -412,11 +417,11 @@ def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(
             Simulated(session, lambda trial, rng: Answer({"softer": "first"})),
             session.state,
         )
-        assert prepare(session, "offline") == 0 and not opened
-        told = prepare(session, "null")
-        assert (
-            told == len(opened) and not started and session.state == state and session.number == 1
-        )
+        for sink in ("offline", "null"):
+            opened.clear()
+            told = prepare(session, sink)
+            assert told == len(opened) > 2 and not started
+        assert session.state == state and session.number == 1
         before = forms(opened)
         picks = iter(["soft", None])
         monkeypatch.setattr(face, "pick", lambda names: next(picks), raising=False)
@@ -440,22 +445,51 @@ def test_one_full_scale_for_several_units_is_refused_before_the_session(tmp_path
     assert not list(tmp_path.iterdir())
 
 
-def test_what_cannot_be_prepared_is_told_when_it_is_due(tmp_path):
-    """A trial that is not allowed, and a design that fails on an answer, end no session
-    before its first trial.
-    """
+class Odd(ConstantStimuli):
+    """A design that fails on every answer."""
+
+    def update(self, state, answer):
+        return {}["no answer of this kind"]
+
+
+def failing():
+    """What a session lacks: words of the experiment, sink, its options, and the error."""
+    x = SPRING.outputs["force"]
+    fast = {"spring": SPRING, "fast": stimlib.Scene({"force": lowpass(x, 600.0)})}
+    task = Rate("a", ("softer",), Stimulus("fast"))
+    late = {"scenes": fast, "design": ConstantStimuli(((TASK, 4.0), (task, None)), shuffle="none")}
     high = Rate("a", ("softer",), Stimulus("spring", {"k": 9.0}))
+    items = ((TASK, 4.0), (high, None))
+    beyond = {"design": Own(ConstantStimuli(items, shuffle="none"))}
+    explored = {"scenes": fast, "familiarisation": {"soft": Stimulus("fast")}}
+    ones = np.ones(3)
+    motor = Calibration(np.array([10.0, 100.0, 400.0]), ones + 0j, 0.01 * ones, "m/s^2")
+    cut = "lowpass: cutoff = 600 Hz does not fit below fs/2"
+    return {
+        "no server": ({}, "jack", {"server": "none_of_this_name"}, "none_of_this_name|jack"),
+        "no card": ({}, "portaudio", {"name": "none of this"}, "none of this|sounddevice"),
+        "no rack": ({}, "nidaq", {"name": "Dev9/ao0"}, "nidaqmx|Dev9"),
+        "a filter above fs/2 in trial 2": (late, "null", {}, cut),
+        "the same without a clock": (late, "offline", {}, cut),
+        "what is explored first": (explored, "offline", {}, cut),
+        "a level beyond the bounds in trial 2": (beyond, "offline", {}, "k = 9 is beyond"),
+        "a calibration of another unit": ({}, "offline", {"calibration": motor}, "force is in N"),
+    }
 
-    class Odd(ConstantStimuli):
-        def update(self, state, answer):
-            return {}["no answer of this kind"]
 
-    tried = Sequential(
-        {"high": ConstantStimuli(((high, None),)), "then": ConstantStimuli(((TASK, 4.0),))}
-    )
-    for design, kinds in ((tried, 2), (Odd(((TASK, 4.0),)), 1)):
-        with Session(experiment(design=design), tmp_path / type(design).__name__, "P01") as session:
-            assert prepare(session, "null") == kinds
+@pytest.mark.parametrize("what", failing())
+def test_what_fails_fails_before_the_participant_reads_a_word(what, tmp_path):
+    words, sink, options, says = failing()[what]
+    face = Scripted("first", "first")
+    with Session(experiment(instructions="Read this.", **words), tmp_path, "P01") as session:
+        refused(StimlibError, says, run, session, face, sink, **options)
+    assert face.noted == [] and not list(tmp_path.rglob("*.stimlog"))
+    assert read(session.folder).records == []
+
+
+def test_a_design_that_fails_on_a_guess_begins(tmp_path):
+    with Session(experiment(design=Odd(((TASK, 4.0),))), tmp_path, "P01") as session:
+        assert prepare(session, "null") == 1
 
 
 @pytest.mark.parametrize(
@@ -770,17 +804,17 @@ def test_a_design_that_gives_other_trials_is_refused(tmp_path, monkeypatch):
 
 def test_trials_are_checked_ahead_where_they_do_not_depend_on_answers(tmp_path):
     good, bad = (TASK, 4.0), (TASK, 80.0)
-    fixed = experiment(design=ConstantStimuli((good, bad), shuffle="none"))
+    fixed = experiment(design=Own(ConstantStimuli((good, bad), shuffle="none")))
     with pytest.raises(BadValue, match="k = 80 is beyond its bounds"):
         Session(fixed, tmp_path, "P01").check_ahead()
-    beyond = Staircase(TASK, (7.9, 8.0), (0.5, 80.0), reversals=8)
+    beyond = Own(Staircase(TASK, (7.9, 8.0), (0.5, 80.0), reversals=8))
     known = {"red": Stimulus("spring")}
     Session(experiment(design=beyond, familiarisation=known), tmp_path, "P01").check_ahead()
-    first = Staircase(TASK, (70.0, 80.0), (0.5, 80.0), reversals=8)
+    first = Own(Staircase(TASK, (70.0, 80.0), (0.5, 80.0), reversals=8))
     with pytest.raises(BadValue, match="is beyond its bounds"):
         Session(experiment(design=first, familiarisation=known), tmp_path, "P01").check_ahead()
     odd = OneInterval("a", "odd", {"red": Stimulus("spring"), "green": Stimulus("spring")})
-    unknown = experiment(design=ConstantStimuli(((odd, "red"),)))
+    unknown = experiment(design=Own(ConstantStimuli(((odd, "red"),))))
     with pytest.raises(UnknownName, match="no question 'odd'"):
         Session(unknown, tmp_path, "P01").check_ahead()
     assert not list(tmp_path.iterdir())
@@ -902,6 +936,49 @@ def test_columns_have_the_trials_that_count(tmp_path):
     assert columns(found)["number"] == [3, 4, 5, 6] and not any(columns(found)["training"])
     assert columns(found, training=True)["training"] == 2 * [True] + 4 * [False]
     assert "secret" not in " ".join(p.name for p in tmp_path.rglob("*"))
+
+
+def test_times_of_a_sink_without_a_clock_are_unknown(tmp_path):
+    """Trial 1 would end at 1.7 s and trial 2 begin at 0.7 s, because nobody waits."""
+    made = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0))))
+
+    def fast(trial, folder):
+        return present(made, trial, partial(NullSink, clocked=False), folder)
+
+    for k, sink in enumerate(["offline", "file", fast, "null"]):
+        with Session(made, tmp_path / str(k), "P01") as session:
+            how = {"realtime": False} if sink == "null" else {}
+            run(session, Simulated(session, observer), sink, **how)
+        (saved,) = sessions("pair", tmp_path / str(k))
+        times = [t for r in saved.records for _, *t in r.intervals(saved.header["started"])]
+        if sink == "null":
+            assert np.diff(times).ravel() == pytest.approx([0.1] * 4, abs=1e-6)
+        else:
+            assert times == [[None, None]] * 4
+    old = {k: v for k, v in saved.records[0].displayed[0].items() if k != "clock"}
+    for sink, known in (("null", True), ("jack", True), ("offline", False), ("file", False)):
+        r = replace(saved.records[0], displayed=[old | {"sink": sink}])
+        assert all((t is not None) == known for t in r.intervals(old["started"])[0][1:])
+
+
+def test_a_session_has_simulated_answers_or_those_of_a_participant(tmp_path):
+    some(tmp_path / "person", 2, by=None)
+    some(tmp_path / "observer", 2)
+    face = Scripted()
+    with Session(experiment(), tmp_path / "person", "P01", resume=True) as session:
+        fake = Simulated(session, observer)
+        refused(BadValue, "would get one of a simulated", run, session, fake, nothing)
+        refused(BadValue, "would get", session.put, fake.answer(session.due()))
+    with Session(experiment(), tmp_path / "observer", "P01", resume=True) as session:
+        refused(BadValue, "would get one of a participant", run, session, face, nothing)
+    assert face.noted == [] and len(session.records) == 2
+    simulate(tmp_path / "person" / "two")
+    (saved,) = sessions("pair", tmp_path / "person" / "two")
+    assert saved.simulated and status(saved)["simulated"] and all(columns([saved])["simulated"])
+    assert (saved.folder / "trials.jsonl").read_text().count('"simulated": true') == len(saved.data)
+    with Session(experiment(), tmp_path / "person", "P02") as session:
+        run(session, Simulated(session, observer), nothing)
+    refused(BadValue, "P02-s1 has simulated answers, .*P01", sessions, "pair", tmp_path / "person")
 
 
 # Around the trials --------------------------------------------------------------------
