@@ -129,6 +129,25 @@ class Evidence:
         return self.all or self.x.shape[1]
 
     @property
+    def differences(self) -> list[str]:
+        """The parameters that are not those of the scene, first and then over time."""
+        own = self.scene.params
+        found = [
+            f"{n} = {v:.10g} (in the scene {own[n].value:.10g})"
+            for n, v in self.params.items()
+            if v != own[n].value
+        ]
+        return found + [
+            f"{c.name} to {c.value:.10g} at {c.at / self.fs:g} s within {c.ramp:g} s"
+            for c in self.moves
+        ]
+
+    @property
+    def moves(self) -> list[Change]:
+        """The changes of parameters after those with which the recording begins."""
+        return [c for c in self.changes if c.at or c.ramp * self.fs > 1]
+
+    @property
     def end(self) -> int:
         """The index of the sample after the last of the rows."""
         return self.at + self.x.shape[1]
@@ -335,6 +354,27 @@ def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
     free = seen[n + 2 * len(found) :]
     for name, y, on in zip(free_noises(e.scene), free[::2], free[1::2], strict=True):
         e.whites[name] = y[on > 0]
+
+
+def stated(e: Evidence, params: Mapping[str, float] | None, seed: int | None) -> list[Check]:
+    """Check the parameters at every sample, and the seed, against those stated.
+
+    Parameters without a stated value must be those of the scene; None states nothing.
+    """
+    wrong = [] if seed in (None, e.seed) else [f"seed = {e.seed} for {seed}"]
+    if params is not None:
+        asked = Processor(e.scene, e.fs, seed=e.seed, begun=e.proc)
+        for name, value in params.items():
+            asked.set(name, value, ramp=0.0)
+        later = [(c.name, c.value, f" from sample {c.at} on") for c in e.moves]
+        wrong += [
+            f"{name} = {value:.10g} for {asked.params[name]:.10g}{where}"
+            for name, value, where in [*((n, v, "") for n, v in e.params.items()), *later]
+            if value != asked.params[name]
+        ]
+    nothing = params is None and seed is None
+    title, text = "parameters and seed: as they were stated", "; ".join(wrong) or "that differ"
+    return [] if nothing else [Check("e", title, len(wrong), 0, text)]
 
 
 def last_of(changes: Iterable[Change]) -> list[Change]:
