@@ -137,6 +137,7 @@ def _lawful(e: Evidence) -> tuple[Evidence, int]:
             fingers={},
             curves={},
             wanted={},
+            terms={key: row[:n] for key, row in s.terms.items()},
             all=cut,
             later=None,
         )
