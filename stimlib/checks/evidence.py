@@ -18,7 +18,7 @@ import numpy as np
 from ..analysis import spectra
 from ..blocks.noise import White
 from ..core.graph import Block, Enabled, Segment, constant, reach
-from ..core.parts import Part
+from ..core.parts import Part, Term, signal
 from ..core.scene import Scene
 from ..design.responses import Law
 from ..errors import BadValue
@@ -102,10 +102,12 @@ class Evidence:
     curves: dict[str, np.ndarray] = field(default_factory=dict)  # what else a law computed
     # the samples in which these are best seen
     closeup: slice = field(default_factory=lambda: slice(None))
-    wanted: dict[str, Callable[[], tuple[np.ndarray, float]]] = field(default_factory=dict)
+    wanted: dict[Any, Callable[[], tuple[np.ndarray, Any]]] = field(default_factory=dict)
     """By output, what a law gives for every sample, and how far from it a correct
-    rendering may be.
+    rendering may be; of a term of a sum, by output and term.
     """
+    # of sums that are outputs, by output and path
+    terms: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
     # that stand in the graph alone, as the law reads them
     numbers: list[str] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
@@ -127,6 +129,25 @@ class Evidence:
     def frames(self) -> int:
         """Number of samples of the whole recording."""
         return self.all or self.x.shape[1]
+
+    @property
+    def differences(self) -> list[str]:
+        """The parameters that are not those of the scene, first and then over time."""
+        own = self.scene.params
+        found = [
+            f"{n} = {v:.10g} (in the scene {own[n].value:.10g})"
+            for n, v in self.params.items()
+            if v != own[n].value
+        ]
+        return found + [
+            f"{c.name} to {c.value:.10g} at {c.at / self.fs:g} s within {c.ramp:g} s"
+            for c in self.moves
+        ]
+
+    @property
+    def moves(self) -> list[Change]:
+        """The changes of parameters after those with which the recording begins."""
+        return [c for c in self.changes if c.at or c.ramp * self.fs > 1]
 
     @property
     def end(self) -> int:
@@ -264,7 +285,8 @@ def seen_by(
         new = replace(
             e, at=at, x=x, y=y, shown=y if shown is None else shown[:, at:stop], all=whole, **empty
         )
-        keep_taps(new, seen, found)
+        new.terms = dict(zip(reversed(terms_in(e.scene)), reversed(seen), strict=False))
+        keep_taps(new, seen[: len(seen) - len(new.terms)], found)
         return new
 
     first = part(watch, 0, edges[0])
@@ -337,6 +359,27 @@ def keep_taps(e: Evidence, seen: np.ndarray, found: list[tuple]) -> None:
         e.whites[name] = y[on > 0]
 
 
+def stated(e: Evidence, params: Mapping[str, float] | None, seed: int | None) -> list[Check]:
+    """Check the parameters at every sample, and the seed, against those stated.
+
+    Parameters without a stated value must be those of the scene; None states nothing.
+    """
+    wrong = [] if seed in (None, e.seed) else [f"seed = {e.seed} for {seed}"]
+    if params is not None:
+        asked = Processor(e.scene, e.fs, seed=e.seed, begun=e.proc)
+        for name, value in params.items():
+            asked.set(name, value, ramp=0.0)
+        later = [(c.name, c.value, f" from sample {c.at} on") for c in e.moves]
+        wrong += [
+            f"{name} = {value:.10g} for {asked.params[name]:.10g}{where}"
+            for name, value, where in [*((n, v, "") for n, v in e.params.items()), *later]
+            if value != asked.params[name]
+        ]
+    nothing = params is None and seed is None
+    title, text = "parameters and seed: as they were stated", "; ".join(wrong) or "that differ"
+    return [] if nothing else [Check("e", title, len(wrong), 0, text)]
+
+
 def last_of(changes: Iterable[Change]) -> list[Change]:
     """Return the changes of parameters, only the last of several at one sample."""
     return list({(c.at, c.name): c for c in changes}.values())
@@ -374,8 +417,19 @@ def with_taps(scene: Scene, fs: float):
             )
     for both in free_noises(scene).values():
         more += both
+    more += terms_in(scene).values()
     names = (f"tap{k}" for k in range(1 << 62) if f"tap{k}" not in scene.outputs)
     return Scene(scene.outputs | dict(zip(names, more, strict=False))), found
+
+
+def terms_in(scene: Scene) -> dict[tuple[str, str], Block]:
+    """Return the terms of sums that laws are about, by output and path."""
+    return {
+        (part.outputs[name], term.path): signal(scene.outputs[part.outputs[name]], term)
+        for part in scene.parts
+        for name, term in part.terms.items()
+        if part.outputs.get(name) in scene.outputs
+    }
 
 
 def placed(scene: Scene) -> Iterator[tuple[str, Block, tuple[Segment, ...]]]:
@@ -544,7 +598,11 @@ class Asked:
 
     def title(self, name: str) -> str:
         """Return the name of an output, for the name of a check."""
-        return f"{self.output(name)}{f' from {self.part.span.start:g} s' if self.part.span else ''}"
+        of = f" of {self.part.name or self.part.law}" * (name in self.part.terms)
+        return (
+            f"{self.output(name)}{of}"
+            f"{f' from {self.part.span.start:g} s' if self.part.span else ''}"
+        )
 
     def apart(self, name: str, want: np.ndarray) -> float:
         """Return the largest difference between an output and its expected row."""
@@ -555,14 +613,14 @@ class Asked:
 
         Differences are weighted by the window of the trial's interval.
         """
-        apart = np.abs(difference)
-        apart *= self.window
-        return float(np.max(apart, where=self.window > 0, initial=0.0))
+        return worst(difference, 0.0, self.window)[0]
 
-    def expect(self, name: str, want: np.ndarray | Callable[[], np.ndarray], tol: float) -> None:
+    def expect(self, name: str, want: np.ndarray | Callable[[], np.ndarray], tol: Any) -> None:
         """Store the expected row of an output, or a function that returns it."""
+        term = self.part.terms.get(name)
         if self.part.span is None:
-            self.e.wanted[self.output(name)] = lambda: (want() if callable(want) else want, tol)
+            key = (self.output(name), term) if term else self.output(name)
+            self.e.wanted[key] = lambda: (want() if callable(want) else want, tol)
 
     def near(
         self,
@@ -584,7 +642,7 @@ class Asked:
         )
         self.kept[name, text] = top  # for the stretches after this one
         top = max(top, least)
-        self.expect(name, want, tol * top)
+        self.expect(name, want, (tol + self.slack) * top)
         return Check(
             group,
             f"{self.title(name)}: {text}",
@@ -639,6 +697,16 @@ class Asked:
         return samples(proc, x, n, [])[0]
 
 
+def worst(difference: np.ndarray, tol: Any, window: Any = 1.0) -> tuple[float, float]:
+    """Return the difference that exceeds its tolerance most, and that tolerance.
+
+    NaN exceeds every tolerance; where the window is 0 nothing is compared.
+    """
+    apart = np.where(window > np.float64(0), np.abs(difference) * window, 0.0)
+    at = int(np.argmax(apart - tol))
+    return float(apart[at]), float(np.broadcast_to(tol, apart.shape)[at])
+
+
 SceneLaw = Callable[[Asked], list[Check]]
 SCENES: dict[str, SceneLaw] = {}  # the law of each shipped scene, by the scene's name
 
@@ -673,11 +741,12 @@ def asked(e: Evidence, part: Part, kept: dict[Any, Any] | None = None) -> Asked:
         inside = np.clip(np.minimum(t, long - t) / ramp if ramp else t * 0 + 1, 0, 1)
         window = (np.sin(np.pi * inside / 2) ** 2).astype(float)
     inputs = dict(zip(e.proc.inputs, e.x, strict=True))
-    outputs = dict(zip(e.scene.outputs, e.y, strict=True))
+    rows = e.terms | {(n, ""): row for n, row in zip(e.scene.outputs, e.y, strict=True)}
     own = part.inputs or {n: n for n in inputs}
     x = {n: inputs[name][at] for n, name in own.items() if name not in e.params}
-    own = part.outputs or {n: n for n in outputs}
-    y, seed = {n: outputs[name][at] for n, name in own.items()}, e.seed
+    own, none = part.outputs or {n: n for n in e.scene.outputs}, Term("", 1.0, 1)
+    y = {n: rows[name, part.terms.get(n, none).path][at] for n, name in own.items()}
+    seed = e.seed
     if part.span:
         with np.errstate(divide="ignore", invalid="ignore"):
             y = {n: np.where(window > 0, row / window, np.nan) for n, row in y.items()}

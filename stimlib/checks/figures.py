@@ -105,7 +105,7 @@ def spectra_of(e: Evidence) -> dict[str, Against]:
             )
             # of so much at every sample, with a sign that alternates: no other
             # difference has a higher line under the Hann window
-            most = np.sqrt(np.square(apart) * size / 1.5 / e.fs)
+            most = np.sqrt(np.square(np.max(apart)) * size / 1.5 / e.fs)
             low, high = np.maximum(np.sqrt(model) - most, 0) ** 2, (np.sqrt(model) + most) ** 2
         if not np.isfinite([measured, high]).all():
             continue

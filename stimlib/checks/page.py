@@ -113,8 +113,8 @@ def headline(passed: bool, e: Evidence) -> str:
     lawless *= all(p.outputs for p in parts)  # the others do not say which are theirs
     free = sum(bool(h.why) for h in e.held)
     against = (
-        f"the law{'s' if len(known) > 1 else ''} of {_some(list(known))}"
-        + (f"; no law of {_some(lawless)} as a whole is known" if lawless else "")
+        f"the law{'s' if len(known) > 1 else ''} of {some(list(known))}"
+        + (f"; no law of {some(lawless)} as a whole is known" if lawless else "")
         if known
         else f"the laws of its {len(e.held) - free} blocks, each by itself"
         + (f" ({free} more have none)" if free else "")
@@ -124,10 +124,10 @@ def headline(passed: bool, e: Evidence) -> str:
     return f"{word}{', held' if e.unknown else ''} against: {against}"
 
 
-def _some(names: list[str]) -> str:
+def some(names: list[str], most: int = MANY) -> str:
     """Return the first names, and how many there are besides."""
-    more = f" and {len(names) - MANY} more" if len(names) > MANY else ""
-    return ", ".join(names[:MANY]) + more
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def _laws(e: Evidence) -> str:
@@ -307,13 +307,8 @@ def _displayed(e: Evidence) -> dict[str, str]:
         "motion": "; ".join(f"{n}: {_spec(m)}" for n, m in e.motion.items()) or "none",
         "seed": str(e.seed),
     }
-    if later := [c for c in e.changes if c.at or c.ramp * e.fs > 1]:
-        told = [
-            f"{c.name} to {c.value:g} at {c.at / e.fs:g} s within {c.ramp:g} s" for c in later[:20]
-        ]
-        rows["changes of parameters"] = "; ".join(told) + (
-            f"; and {len(later) - 20} more" if len(later) > 20 else ""
-        )
+    if e.differences:
+        rows["differences from the scene's parameters"] = some(e.differences, 20)
     if e.sidecar:
         scales = ", ".join(
             f"{c['name']} {c['full_scale']:g} {pretty(c['unit'])}" for c in e.sidecar["channels"]
@@ -454,11 +449,7 @@ def _program(e: Evidence, signal: str) -> str:
     This is possible if neither arrays nor later changes are needed.
     """
     own = definitions(e.scene)
-    if (
-        "__main__" in own
-        or any(c.at or c.ramp * e.fs > 1 for c in e.changes)
-        or not all(map(_has_text, e.motion.values()))
-    ):
+    if "__main__" in own or e.moves or not all(map(_has_text, e.motion.values())):
         return (
             "<p>No text here makes the samples again: they need motion, changes of parameters and"
             " blocks as they were.</p>"

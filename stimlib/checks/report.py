@@ -14,9 +14,10 @@ from ..errors import shown
 from ..system import safe_files
 from .evidence import Check, Evidence
 from .figures import spectra_of
-from .page import items, page, table_of, verdict
+from .page import items, page, some, table_of, verdict
 from .power import Shows, certainty
 
+TITLE = 8  # so many parameters that differ from the scene's are in a title
 PAGES = (".html", ".htm")  # a page must not take the place of the sound file or its sidecar
 
 
@@ -134,7 +135,8 @@ class Report:
     def what(self) -> str:
         """Return a one-line description of the recording."""
         e = self.evidence
-        return f"{shown(e.source)}, {e.frames / e.fs:g} s at {e.fs:g} Hz, seed {e.seed}"
+        more = some([f"seed {e.seed}", *e.differences], TITLE)
+        return f"{shown(e.source)}, {e.frames / e.fs:g} s at {e.fs:g} Hz, {shown(more)}"
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain JSON data; a number that is not finite is None.
@@ -183,6 +185,7 @@ class Report:
         more = {"numbers": list(e.numbers), "skipped": list(e.skipped), "blocks": blocks}
         return {
             "passed": self.passed,
+            "differences": e.differences,
             "unknown": list(self.unknown),
             **about,
             "checks": checks,

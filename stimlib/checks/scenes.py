@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import copy
 import dataclasses as dc
+import inspect
 import math
-from numbers import Real
+from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,9 +26,10 @@ from ..errors import BadValue
 from . import (
     families as families,  # it enters laws of scenes into ``SCENES``
 )
-from .evidence import SCENES, Asked, Check, Evidence, SceneLaw, asked
+from .evidence import SCENES, Asked, Check, Evidence, SceneLaw, asked, worst
 
 OWN_TOL = 1e-9  # of the largest value, where a law of a user's own states none
+SUMMED = 1e-15  # of the sum of sizes, the rounding of each term
 ONWARD = {"squeeze": 0, "bumps": 1, "grating": 1, "wall": 1}
 """Laws that go on from one stretch of a long recording to the next, and how many
 samples before it they must see.
@@ -42,7 +45,7 @@ def scene_law(e: Evidence) -> list[Check]:
     if not e.scene.parts:
         e.skipped.append("no law of the whole scene is known")
     known_laws = _known_laws(e)
-    last = e
+    last, sums = e, list[Check]()
     for s in e.stretches() if known_laws else ():
         for part, law, kept, found in known_laws:
             if _begins(part, s) or (s.at and part.span is None and part.law in ONWARD):
@@ -58,8 +61,30 @@ def scene_law(e: Evidence) -> list[Check]:
                 if s.at and part.span:
                     e.numbers += s.numbers[lines[0] :]
                     e.skipped += s.skipped[lines[1] :]
+        _worst(sums, [*_sums(s)])
         last = s
-    return [c for *_, found in known_laws for c in found]
+    return [*(c for *_, found in known_laws for c in found), *sums]
+
+
+def _sums(e: Evidence) -> Iterator[Check]:
+    """Check outputs against the sum of what laws give for their terms."""
+    for name, y in zip(e.scene.outputs, e.y, strict=True):
+        found = [(*k[1][1:], *e.wanted.pop(k)()) for k in [*e.wanted] if k[0] == name != k]
+        if found and len(found) < found[0][1]:
+            e.skipped.append(
+                f"{name}: {len(found)} of its {found[0][1]} terms have a law here, so their sum was"
+                " not compared"
+            )
+        elif found:
+            n, most = y.size, SUMMED * len(found)
+            want = sum(w * row[-n:] for w, _, row, _ in found)
+            tol = sum(
+                abs(w) * (np.broadcast_to(tol, row.shape)[-n:] + most * np.abs(row).max())
+                for w, _, row, tol in found
+            )
+            e.wanted[name] = partial(tuple, (want, tol))
+            text = f"of the laws of its {len(found)} terms, with their tolerances"
+            yield Check("d", f"{name}: sum", *worst(y - want, tol), text)
 
 
 def _known_laws(e: Evidence) -> list[tuple[Part, SceneLaw, dict[str, Any], list[Check]]]:
@@ -110,6 +135,7 @@ def _led(e: Evidence, last: Evidence, part: Part) -> Evidence:
     rows: dict[str, Any] = {
         n: np.hstack([getattr(last, n)[:, -1:], getattr(e, n)]) for n in ("x", "y", "shown")
     }
+    rows["terms"] = {key: np.r_[last.terms[key][-1], row] for key, row in e.terms.items()}
     return dc.replace(e, at=e.at - 1, led=1, **rows)
 
 
@@ -185,9 +211,10 @@ def own_law(a: Asked) -> list[Check]:
     x = {own: row.view() for own, row in a.x.items()}
     for row in x.values():
         row.flags.writeable = False  # the law of another output, and the figures, have the same row
-    wanted = OWN[a.part.law][0](
-        x, p, a.fs, **copy.deepcopy({n: v for n, v in a.given.items() if n not in p})
-    )
+    law = OWN[a.part.law][0]
+    words = {"seed": a.seed} if "seed" in inspect.signature(law).parameters else {}
+    words |= copy.deepcopy({n: v for n, v in a.given.items() if n not in p})
+    wanted = law(x, p, a.fs, **words)
     if (
         not isinstance(wanted, dict)
         or not wanted
@@ -211,17 +238,14 @@ def own_law(a: Asked) -> list[Check]:
         row, stated = _stated(name, made, a.y[name].shape)
         top = float(np.abs(row).max(initial=0.0)) or 1e-300
         tol = OWN_TOL * top if stated is None else stated
-        a.expect(name, row, tol)
+        a.expect(name, row, tol + a.slack * top)
+        far = worst(a.y[name] - row, tol + a.slack * top, a.window)
         text = "the law that came with the scene"
-        checks.append(
-            Check(
-                "d", f"{a.title(name)}: {a.part.law}", a.apart(name, row), tol + a.slack * top, text
-            )
-        )
+        checks.append(Check("d", f"{a.title(name)}: {a.part.law}", *far, text))
     return checks
 
 
-def _stated(name: str, made: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, float | None]:
+def _stated(name: str, made: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, Any]:
     """Return an output's row and tolerance as a user's law gives them, checked."""
     if isinstance(made, tuple) and len(made) != 2:
         raise BadValue(
@@ -237,12 +261,17 @@ def _stated(name: str, made: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, f
         raise BadValue(f"{name} has values that are not finite; return finite ones")
     if limit is None:
         return row, None
-    if not (isinstance(limit, Real) and 0 <= float(limit) < math.inf):
+    tol = np.asarray(limit)
+    if (
+        tol.dtype.kind not in "iuf"
+        or tol.shape not in ((), shape)
+        or not (np.isfinite(tol) & (tol >= 0)).all()
+    ):
         raise BadValue(
             f"{name} has the tolerance {limit!r:.40}; return one finite number of 0 or above for"
-            " all samples"
+            " all samples, or one for each"
         )
-    return row, float(limit)
+    return row, tol.astype(float)
 
 
 def motor_limits(e: Evidence) -> list[Check]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from ..files.log_reader import MotionFile, SessionLog
 from ..files.log_replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
 from ..run.driver import walk
 from ..run.safety import GAIN, Watch, protect, to_device
-from .evidence import Check, Evidence, at_first, last_of, seen_by, with_taps
+from .evidence import Check, Evidence, at_first, last_of, seen_by, stated, with_taps
 from .local import blocks_held
 from .noise import generator, noise
 from .report import Report
@@ -22,7 +23,13 @@ from .verification import limits_kept, linear_blocks, same_samples, say_felt
 
 
 @public
-def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
+def verify_log(
+    log: SessionLog,
+    scene: Scene | None = None,
+    *,
+    params: Mapping[str, float] | None = None,
+    seed: int | None = None,
+) -> Report:
     """Verify the delivered samples of a session from its log.
 
     The scene is run again on the logged motion, with the same changes of parameters.
@@ -37,6 +44,10 @@ def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
         Of ``stimlib.files.log_reader.read_log``.
     scene : Scene, optional
         What is expected to have been played.
+    params : dict of str to float, optional
+        Parameters that are expected at every sample, as for ``verify``.
+    seed : int, optional
+        The seed that is expected.
 
     Returns
     -------
@@ -59,7 +70,8 @@ def verify_log(log: SessionLog, scene: Scene | None = None) -> Report:
         raise SinkError(f"{log.folder}: {why}, so there is nothing to verify")
     e = _evidence(log)
     law, cut = _lawful(e)
-    checks = [*_delivered(e, log), *linear_blocks(e), *same_samples(e), *generator(e), *noise(e)]
+    checks = [*stated(e, params, seed), *_delivered(e, log)]
+    checks += [*linear_blocks(e), *same_samples(e), *generator(e), *noise(e)]
     if cut:
         checks += scene_law(law)
     checks += [*limits_kept(e), *blocks_held(e)]
@@ -125,6 +137,7 @@ def _lawful(e: Evidence) -> tuple[Evidence, int]:
             fingers={},
             curves={},
             wanted={},
+            terms={key: row[:n] for key, row in s.terms.items()},
             all=cut,
             later=None,
         )

@@ -25,7 +25,7 @@ from ..files.sidecar import told
 from ..run.driver import samples
 from ..run.processor import Processor, compile
 from ..run.rendering import Rendering
-from .evidence import Check, Evidence, gather
+from .evidence import Check, Evidence, gather, stated
 from .local import blocks_held
 from .noise import generator, noise
 from .report import Report
@@ -38,15 +38,31 @@ STRETCH = 512  # samples that the interpreter makes again
 
 
 @overload
-def verify(scene: str | os.PathLike[str], /) -> Report: ...
+def verify(
+    scene: str | os.PathLike[str],
+    /,
+    *,
+    params: Mapping[str, float] | None = None,
+    seed: int | None = None,
+) -> Report: ...
 @overload
 def verify(
     scene: Scene | None,
     motion: Mapping[str, Any] | None,
     rendering: Rendering | str | os.PathLike[str],
+    *,
+    params: Mapping[str, float] | None = None,
+    seed: int | None = None,
 ) -> Report: ...
 @public
-def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any = None) -> Report:
+def verify(
+    scene: Any,
+    motion: Mapping[str, Any] | None = None,
+    rendering: Any = None,
+    *,
+    params: Mapping[str, float] | None = None,
+    seed: int | None = None,
+) -> Report:
     """Verify a rendering, or a file, against its scene and motion.
 
     If no scene is given, a file is verified by what its sidecar says.
@@ -63,6 +79,13 @@ def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any =
         which must still be at its path.
     rendering : Rendering or path
         What was displayed.
+    params : dict of str to float, optional
+        Parameters that are expected at every sample; all others must be those of the
+        scene.  Another value in the rendering is a failed check that names it.  By
+        default none are expected: those that differ from the scene's are listed in the
+        first line of the report.
+    seed : int, optional
+        The seed that is expected.
 
     Returns
     -------
@@ -122,7 +145,7 @@ def verify(scene: Any, motion: Mapping[str, Any] | None = None, rendering: Any =
             " yours, give it: stimlib verify mine.py:scene --wav FILE"
         )
     groups = linear_blocks, same_samples, generator, noise, scene_law, limits_kept, blocks_held
-    checks = [check for group in groups for check in group(e)]
+    checks = [*stated(e, params, seed), *(check for group in groups for check in group(e))]
     say_felt(e)
     return Report(checks, e)
 

@@ -52,6 +52,11 @@ def verify_(
             help="Also write the report as one self-contained .html page, to attach to a paper."
         ),
     ] = None,
+    params: opt.Params = [],
+    seed: Annotated[
+        int | None,
+        typer.Option(help="Seed that you expect; by default that of the file.", show_default=False),
+    ] = None,
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
@@ -65,7 +70,9 @@ def verify_(
     Scene, parameters, seed and motion are read from the file's sidecar, a recording
     from the path that it names, if that file still has its SHA-256. If the sidecar
     cannot describe the motion (an array), pass it again with --motion. A log has all of
-    it. If you give SCENE, the file's scene must equal it.
+    it. If you give SCENE, the file's scene must equal it. Parameters that differ from
+    the scene's are listed first; if you give --set, the file must have these values,
+    and all other parameters those of the scene.
 
     [bold]stimlib verify squeeze.wav --report squeeze.html[/]
 
@@ -80,7 +87,7 @@ def verify_(
         check_place(report, "page", PAGES)
     run_files(import_)
     scene, wav = _what(scene, wav, log)
-    result = _of_log(log, scene, wav, motions) if log else _of_file(scene, wav, motions)
+    result = (_of_log if log else _of_file)(log, scene, wav, motions, params, seed)
     try:
         print_result(result, json_)
     # a disk that is full costs the page alone, and a reader that goes away the table
@@ -112,7 +119,9 @@ def _what(scene: str | None, wav: Path | None, log: Path | None) -> tuple[str | 
     return scene, wav
 
 
-def _of_log(log: Path, scene: str | None, wav: Path | None, motions: Any) -> Any:
+def _of_log(
+    log: Any, scene: str | None, wav: Path | None, motions: Any, params: list[str], seed: int | None
+) -> Any:
     """Return the verification report of a log, against the expected scene if given."""
     if wav is not None or given(motions):
         raise BadValue(
@@ -120,10 +129,14 @@ def _of_log(log: Path, scene: str | None, wav: Path | None, motions: Any) -> Any
         )
     # first: it may define blocks that the log names
     expected = None if scene is None else scene_of(scene)
-    return checks.verify_log(files.read_log(log), expected)
+    read = files.read_log(log)
+    stated = params_of(params, read.scene) if params else None
+    return checks.verify_log(read, expected, params=stated, seed=seed)
 
 
-def _of_file(scene: str | None, wav: Path | None, motions: Any) -> Any:
+def _of_file(
+    log: Any, scene: str | None, wav: Path | None, motions: Any, params: list[str], seed: int | None
+) -> Any:
     """Return the report of a file, checked against the scene and motion if given."""
     from ..checks.verification import scene_told
 
@@ -133,7 +146,8 @@ def _of_file(scene: str | None, wav: Path | None, motions: Any) -> Any:
     motion = None
     if given(motions):
         motion = motions(expected or scene_told(wav), contact=touching(scene or ""))[0]
-    return checks.verify(expected, motion, wav)
+    stated = params_of(params, expected or scene_told(wav)) if params else None
+    return checks.verify(expected, motion, wav, params=stated, seed=seed)
 
 
 def _names_a_scene(text: str) -> bool:

@@ -977,6 +977,7 @@ class Guard(Block):
 
     x: Block
     steps: float | None = None
+    begins_early = False  # it counts the samples of the run
 
     def through(self, p, fs, z, H, value):
         return H[0]

@@ -6,7 +6,8 @@ import dataclasses as dc
 import inspect
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from ..above import above
 from ..errors import BadValue, SceneFileError
 from ..system import fields
+from .graph import Add, Block, Const, Div, Mul, Neg, Sub
 from .source import source_of
 
 OWN: dict[str, tuple[Callable, str]] = {}
@@ -35,6 +37,18 @@ class Span(NamedTuple):
     seed: int | None  # of its noise; None: that of the run
 
 
+class Term(NamedTuple):
+    """The place of a law's output in a sum, which is an output of the scene.
+
+    ``path`` has the fields that lead from the sum to it: a and b of ``Add``, ``Sub``,
+    ``Mul`` and ``Div``, x of ``Neg``.
+    """
+
+    path: str
+    weight: float
+    terms: int  # of the sum
+
+
 @dc.dataclass(frozen=True)
 class Part:
     """A scene, or one of several combined scenes, as its reference law needs it.
@@ -54,6 +68,8 @@ class Part:
         the law has for it; empty where these are the same.
     span : Span, optional
         Of an interval of a trial.
+    terms : dict of str to Term
+        Of each output that is a term of a sum, by the name that the law has for it.
     """
 
     law: str
@@ -62,10 +78,12 @@ class Part:
     inputs: Mapping[str, str] = dc.field(default_factory=dict)
     outputs: Mapping[str, str] = dc.field(default_factory=dict)
     span: Span | None = None
+    terms: Mapping[str, Term] = dc.field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return JSON data as a copy that the caller may change."""
-        return {f.name: plain(getattr(self, f.name)) for f in dc.fields(self)}
+        names = [f.name for f in dc.fields(self) if f.name != "terms" or self.terms]
+        return {name: plain(getattr(self, name)) for name in names}
 
     @classmethod
     def from_dict(cls, data: Any, where: str) -> Part:
@@ -75,9 +93,11 @@ class Part:
             if more := sorted(set(data) - {f.name for f in dc.fields(cls)}):
                 raise ValueError(f"a law has no field {more[0]!r:.40}")
             kept(data["given"])
-        except (ValueError, BadValue) as e:
+            terms = {name: Term(*term) for name, term in data.get("terms", {}).items()}
+        except (ValueError, TypeError, AttributeError, BadValue) as e:
             raise SceneFileError(f"{where}: {e}") from None
-        return cls(**data | {"span": Span(*data["span"]) if data["span"] else None})
+        span = Span(*data["span"]) if data["span"] else None
+        return cls(**data | {"span": span, "terms": terms})
 
     def renamed(self, inputs: Mapping[str, str], outputs: Mapping[str, str]) -> Part:
         """Return the part under the new names of inputs, parameters and outputs."""
@@ -110,6 +130,65 @@ TEST = fields.record(
         "span": fields.maybe(fields.Test("start, duration, ramp and seed", _span)),
     }
 )
+
+
+def terms_of(law: Any, outputs: Mapping[str, Block]) -> tuple[Part, ...]:
+    """Return the parts of a scene whose outputs are terms of these outputs.
+
+    Terms may be added and subtracted, and multiplied or divided by a constant.
+    """
+    ends = [p.outputs or {n: n for n in law.outputs} for p in law.parts]
+    own = {
+        (k, n): id(signal(law.outputs[end], part.terms.get(n)))
+        for k, part in enumerate(law.parts)
+        for n, end in ends[k].items()
+    }
+    found: list[tuple[tuple[int, str], str, Term]] = []
+    for end, root in outputs.items():
+        leaves: dict[int, tuple[str, float]] = {}
+        for at, path, weight in _leaves(root, {*own.values()}):
+            leaves[at] = path, weight + leaves.get(at, ("", 0.0))[1]
+        found += [
+            (key, end, Term(*leaves[at], len(leaves))) for key, at in own.items() if at in leaves
+        ]
+    if wrong := sorted({n for key in own if sum(key == f[0] for f in found) != 1 for n in key[1:]}):
+        raise BadValue(
+            f"law: {', '.join(wrong)} of {law!r:.80} must be a term of one output; add or subtract"
+            " each once, multiplied or divided by a constant, or give another law"
+        )
+    return tuple(
+        dc.replace(
+            part,
+            inputs=part.inputs or {n: n for n in law.inputs | law.params},
+            outputs={n: end for (j, n), end, _ in found if j == k},
+            terms={n: term for (j, n), _, term in found if j == k and term.path},
+        )
+        for k, part in enumerate(law.parts)
+    )
+
+
+def signal(b: Any, term: Term | None) -> Block:
+    """Return the term of a sum; the sum itself if there is none."""
+    return reduce(lambda b, name: getattr(b, name, b), term.path if term else "", b)
+
+
+def _leaves(
+    b: Block, own: set[int], path: str = "", weight: float = 1.0
+) -> Iterator[tuple[int, str, float]]:
+    """Yield each term of a sum by its id, with its path and weight."""
+    match b:
+        case Add(one, other) | Sub(one, other) if id(b) not in own:
+            yield from _leaves(one, own, f"{path}a", weight)
+            yield from _leaves(other, own, f"{path}b", -weight if isinstance(b, Sub) else weight)
+        case Neg(one) if id(b) not in own:
+            yield from _leaves(one, own, f"{path}x", -weight)
+        case Mul(Const(value), one) if id(b) not in own:
+            yield from _leaves(one, own, f"{path}b", weight * value)
+        case Mul(one, Const(value)) | Div(one, Const(value)) if id(b) not in own:
+            by = 1 / value if isinstance(b, Div) else value
+            yield from _leaves(one, own, f"{path}a", weight * by)
+        case _:
+            yield id(b), path, weight
 
 
 def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:

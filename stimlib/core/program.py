@@ -339,11 +339,7 @@ def _layout(graph: _Graph, roots: list[int]):
             continue
         args = tuple(made[q] for q in need)
         kind = "close" if closes else _KINDS.get(type(b), kind)
-        autonomous = (
-            b.begins_early
-            and not isinstance(b, Guard)
-            and all(instances[a].autonomous for a in args)
-        )
+        autonomous = b.begins_early and all(instances[a].autonomous for a in args)
         made[key] = len(instances)
         instances.append(Instance(kind, b, clock, args, autonomous, child))
         todo.pop()

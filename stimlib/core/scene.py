@@ -17,7 +17,7 @@ from ..system import safe_files
 from ..system.fields import strict
 from ..system.limits import limits
 from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
-from .parts import Part, parts_of
+from .parts import Part, parts_of, terms_of
 from .program import Program, lower
 
 VERSION = 2
@@ -34,8 +34,11 @@ class Scene:
         What the outputs should be, for ``verify``: a function ``law(x, p, fs,
         **given)`` of the inputs and the parameters, two dictionaries with a row of
         samples for each, and of the sample rate in Hz.  It returns a dictionary with
-        the wanted row of each output that it is about, or (row, tolerance).  Or the
-        name of a shipped scene, whose law it is.
+        the wanted row of each output that it is about, or (row, tolerance), where the
+        tolerance is one number or a row.  A law with a parameter ``seed`` gets that of
+        the run.  Or the name of a shipped scene, whose law it is.  Or a scene whose
+        outputs are terms of these: its laws then hold for each term, and their sum for
+        the output.
     given : dict, optional
         What the scene was asked for: the numbers that the law needs besides, and by
         their names the values that parameters are to begin with.  They are kept in the
@@ -73,15 +76,15 @@ class Scene:
     def __init__(
         self,
         outputs: Mapping[str, Block],
-        law: str | Callable | Sequence[Part] | None = None,
+        law: str | Callable | Scene | Sequence[Part] | None = None,
         given: Mapping[str, Any] | None = None,
     ):
         if not isinstance(outputs, Mapping) or not outputs:
             raise SceneError('a scene needs named outputs, such as Scene({"force": force})')
         for name in outputs:
             check_name("output", name, SceneError)
-        self.parts = parts_of(law, given)
         self.outputs: dict[str, Block] = {name: as_block(b) for name, b in outputs.items()}
+        self.parts = parts_of(terms_of(law, self.outputs) if isinstance(law, Scene) else law, given)
         self._lowered: tuple[list[tuple[str, int]], Program] | None = None
         _ = self.program  # finds what is wrong with the graph now, where it was written
 

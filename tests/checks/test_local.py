@@ -1,5 +1,6 @@
 """Laws of single blocks: right in every composition, and blind to no change."""
 
+import dataclasses as dc
 import types
 from dataclasses import dataclass
 from fractions import Fraction
@@ -12,8 +13,10 @@ from stress import compositions, mutants
 import stimlib
 from stimlib import BadValue, Block, Input, Param, Scene, blocks as b, constant
 from stimlib.checks import local, rows
+from stimlib.core.graph import reach, signals
 from stimlib.motion.generators import sinusoid
 from stimlib.run.processor import Change
+from stimlib.run.safety import GAIN, Safety, protect
 
 N, FS = 1500, 8000.0
 # in ``local`` itself
@@ -318,6 +321,62 @@ def test_random_compositions_are_not_refused(seed):
     """The short form of ``tests/stress/compositions.py``."""
     found = compositions.refused(seed)
     assert found is None or not found[0]
+
+
+def noise(drive, key, unit):
+    """A signal that no input reaches, in the range of a drive of the table."""
+    w = b.white_noise(key)
+    if drive.__name__ == "sparse":
+        w = b.where(w > 2.0, w, 0.0)
+    y = abs(w) + 1e-3 if drive.__name__ == "positive" else b.tanh(w)
+    return y * constant(0.02 if unit == "m" else 1.0, unit)
+
+
+def of_the_table():
+    """Scenes of all blocks of the table, in groups that share no name and no noise."""
+    outputs, taken = {}, set()
+    for k, e in enumerate(e for e in entries() if e.name not in ("squeeze", "bumps")):
+        y = e.make(*(noise(d, 1000 + 10 * k + j, e.unit) for j, d in enumerate(e.drive)))
+        own = {v.noise_key or v.name for v in reach([y]) if v.noise_key or isinstance(v, Param)}
+        if own & taken:
+            yield Scene(outputs)
+            outputs, taken = {}, set()
+        outputs[e.name] = y
+        taken |= own
+    yield Scene(outputs)
+
+
+def drawn(seed):
+    """A drawn composition, with a noise in place of each input."""
+    scene, drives, _ = compositions.drawn(np.random.default_rng([seed, 41]))
+    new = {}
+    for k, v in enumerate(reach(scene.outputs.values())):
+        new[id(v)] = (
+            noise(drives[v.name], 1000 + k, v.unit)
+            if isinstance(v, Input)
+            else dc.replace(v, **{s: new[id(getattr(v, s))] for s in signals(type(v))})
+        )
+    return Scene({name: new[id(v)] for name, v in scene.outputs.items()})
+
+
+def guarded(scene):
+    return protect(scene, Safety(dict.fromkeys(scene.outputs, 2.0)))
+
+
+def test_each_block_is_held_behind_its_safety_stage_where_no_input_reaches_it():
+    for safe in map(guarded, of_the_table()):
+        run = local.Run(safe, FS, 3, {}, 64, {n: 1.0 for n in safe.params}, [], [(0, 64)])
+        assert not [h for h in local.held(run) if not h.error <= 1]
+
+
+@pytest.mark.parametrize("seed", [2, 5, 8])
+def test_what_no_input_reaches_passes_behind_its_safety_stage(seed):
+    """What is before the guards begins before sample 0, and what is behind does not."""
+    safe = guarded(drawn(seed))
+    rendering = stimlib.render(safe, {}, FS, 0.05, {GAIN: 1.0})
+    assert stimlib.verify(safe, {}, rendering).passed
+    rendering.y[0, 30] += 1e-9
+    assert not stimlib.verify(safe, {}, rendering).passed
 
 
 @pytest.mark.parametrize("cls", ["Delay", "Filter", "MaxwellArms", "Carrier", "OnceWithin", "Svf"])

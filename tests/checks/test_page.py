@@ -314,14 +314,13 @@ def test_no_program_is_claimed_of_a_function_of_ones_own(tmp_path, text_of):
 )
 def test_changes_are_told_and_then_no_program_makes_the_samples(bumped, text_of, change):
     text = text_of(dc.replace(bumped.evidence, changes=[change] * 22))
-    assert (
-        text.count(f"A to 2 at {change.at / 8000:g} s within {change.ramp:g} s") == 20
-        and "; and 2 more" in text
-    )
+    told = f"A to 2 at {change.at / 8000:g} s within {change.ramp:g} s"
+    assert f"{', '.join([told] * 20)} and 2 more" in text
+    assert text.count(told) == 20 + 7 * (text.count("seed 0, A to 2"))
     assert "import hashlib" not in text and "No text here makes the samples again" in text
     assert "import hashlib" in text_of(
         bumped.evidence
-    ) and "changes of parameters</th>" not in text_of(bumped.evidence)
+    ) and "differences from the scene" not in text_of(bumped.evidence)
 
 
 def test_motion_that_is_an_array_is_told_as_such_and_hashed_by_samples(squeezed, text_of):

@@ -184,6 +184,74 @@ def test_shipped_scenes_combine_and_keep_their_laws(names):
             np.testing.assert_array_equal(y[f"{name}_{output}"], alone[output])
 
 
+SUMS = {  # what is made of two signals of one unit, and the same with a wrong number
+    "a+b": (lambda a, b: a + b, lambda a, b: a + 1.001 * b),
+    "a-b/2": (lambda a, b: a - b / 2.0, lambda a, b: a + b / 2.0),
+    "-(3a-b)+a": (lambda a, b: -(3.0 * a - b) + a, lambda a, b: -(3.0 * a - b)),
+}
+FORCES = ["wall", "squeeze", "viscoelastic", "impact", "grating"]
+
+
+@pytest.mark.parametrize("names", [*itertools.pairwise(FORCES)], ids="-".join)
+@pytest.mark.parametrize("kind", SUMS)
+def test_a_sum_keeps_the_laws_of_its_terms(names, kind):
+    """Their sum is the law of the output; renamed, kept and combined again it stays."""
+    both, motion = combined(names)
+    rest = dict(both.outputs)
+    signals = [rest.pop(next(n for n in rest if n.startswith(f"{name}_force"))) for name in names]
+    right, wrong = (make(*signals) for make in SUMS[kind])
+    scene = Scene({"sum": right} | rest, law=both)
+    report = verified(scene, motion)
+    names_of = {c.name: c for c in report.checks}
+    assert report.passed and names_of["sum: sum"].measured <= names_of["sum: sum"].limit
+    assert all(f"sum of {name}" in str(names_of) for name in names)
+    bad = verified(Scene({"sum": wrong} | rest, scene.parts), motion)
+    assert not next(c for c in bad.checks if c.name == "sum: sum").passed
+    if kind == "a+b":
+        one = Scene.combine(p=again(scene).renamed(outputs={"sum": "f"}))
+        outputs = {"out": 2.0 * one.outputs["p_f"]} | {
+            f"p_{n}": one.outputs[f"p_{n}"] for n in rest
+        }
+        found = verified(Scene(outputs, one), {f"p_{n}": m for n, m in motion.items()})
+        assert found.passed and any(c.name == "out: sum" for c in found.checks)
+
+
+def test_a_term_without_a_law_is_said_and_one_in_no_sum_is_refused():
+    wall, x = SCENES["wall"], Input("x", "m")
+    force = wall.outputs["force"]
+    own = Scene({"y": force + constant(1.0, "N/m") * x}, wall)
+    report = verified(own, hands("wall"))
+    assert report.passed and any("1 of its 2 terms" in text for text in report.evidence.skipped)
+    for outputs in ({"y": abs(force)}, {"y": force, "z": -force}):
+        with pytest.raises(BadValue, match="force of .* must be a term of one output"):
+            Scene(outputs, wall)
+    wrong = own.parts[0].to_dict() | {"terms": {"force": ["a"]}}
+    with pytest.raises(SceneFileError):
+        Part.from_dict(wrong, "here")
+
+
+def envelope(x, p, fs, seed, *, size):
+    """Half a row may be off by 1e-3, the other by nothing."""
+    return {"y": (x["x"] + seed, np.where(np.arange(x["x"].size) < 50, size, 0.0))}
+
+
+@pytest.mark.parametrize(("at", "passes"), [(49, True), (50, False)])
+def test_a_law_gives_a_tolerance_for_each_sample_and_has_the_seed(at, passes):
+    scene = Scene({"y": Input("x") + 0.0}, law=envelope, given={"size": 1e-3})
+    rendering = stimlib.render(scene, {"x": np.ones(100)}, FS, seed=0)
+    rendering.y[0, at] += 9e-4
+    law = next(
+        c for c in stimlib.verify(scene, {"x": np.ones(100)}, rendering).checks if c.group == "d"
+    )
+    e = gather(scene, {"x": np.ones(100)}, rendering)
+    e.y[0, at] += 9e-4
+    (found,) = scene_law(e)
+    assert law.passed and found.passed is passes
+    assert passes or (found.measured, found.limit) == (pytest.approx(9e-4), 0.0)
+    seeded = stimlib.render(scene, {"x": np.ones(100)}, FS, seed=1)
+    assert not stimlib.verify(scene, {"x": np.ones(100)}, seeded).passed
+
+
 def test_a_wrong_part_is_refused_and_named():
     both = Scene.combine(edge=SCENES["wall"], knob=SCENES["detents"])
     motion = {"edge_x": hands("wall")["x"], "knob_angle": hands("detents")["angle"]}
@@ -563,7 +631,7 @@ def negative(x, p, fs):
 
 
 def by_sample(x, p, fs):
-    return {"y": (x["x"], np.full(x["x"].size, 1e-9))}
+    return {"y": (x["x"], np.full(7, 1e-9))}
 
 
 def three(x, p, fs):

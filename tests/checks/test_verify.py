@@ -18,9 +18,12 @@ from stimlib import BadValue, Input, Param, Scene, SinkError, constant
 from stimlib.blocks import delay, differentiator, enabled, fir, first_order, pink_noise, pinking
 from stimlib.checks import verification
 from stimlib.checks.evidence import Check
+from stimlib.checks.session import verify_log
 from stimlib.cli import app
-from stimlib.files import audio as file
+from stimlib.devices.null import NullSink
+from stimlib.files import audio as file, read_log
 from stimlib.motion.generators import jittered, minimum_jerk, quantised, ramp_and_hold, sinusoid
+from stimlib.run.safety import Safety
 
 MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
 
@@ -145,6 +148,70 @@ def test_a_file_that_began_in_the_middle_is_refused(tmp_path):
     proc.process(np.zeros((2, 10)))
     file.write(tmp_path / "a.wav", proc, MOTION, 0.1, progress=False)
     refused(BadValue, "begin at sample 0", stimlib.verify, scene, MOTION, tmp_path / "a.wav")
+
+
+def changed(folder, params, seed):
+    """A rendering, a file and the log of one scene, with parameters that move."""
+    scene, motion = stimlib.Scene({"y": stimlib.Param("g", 2.0) * stimlib.Input("x")}), np.ones(800)
+    rendering = stimlib.render(scene, {"x": motion}, 8000, params=params, seed=seed)
+    rendering.save(folder / "a.wav", subtype="DOUBLE", full_scale=50.0)
+    words = {"clocked": False, "seed": seed, "log": folder / "a.stimlog"}
+    with NullSink(scene, Safety(50.0), motion={"x": sinusoid(1.0, 3.0)}, **words) as sink:
+        sink.open(8000)
+        for name, value in params.items():
+            sink.set(name, value, ramp=0.0)
+        sink.start(0.1)
+        sink.wait()
+    log = read_log(folder / "a.stimlog")
+    yield lambda **words: stimlib.verify(scene, {"x": motion}, rendering, **words)
+    yield lambda **words: stimlib.verify(scene, {"x": motion}, folder / "a.wav", **words)
+    yield lambda **words: verify_log(log, scene, **words)
+
+
+@pytest.mark.parametrize(
+    ("params", "seed", "stated", "wrong"),
+    [
+        ({"g": 3.0}, 0, {}, ""),
+        ({"g": 3.0}, 7, {"params": {"g": 3.0}, "seed": 7}, ""),
+        ({"g": 3.0}, 7, {"params": {}}, "g = 3 for 2"),
+        ({"g": 3.0}, 7, {"params": {"g": 3.25}, "seed": 8}, "seed = 7 for 8; g = 3 for 3.25"),
+        ({}, 0, {"params": {"g": 3.0}}, "g = 2 for 3"),
+        ({}, 0, {"params": {"g": 2.0}, "seed": 0}, ""),
+    ],
+)
+def test_parameters_that_are_not_the_scenes_are_named_first(params, seed, stated, wrong, tmp_path):
+    """And refused where others were stated, in the table, the page and the JSON."""
+    for verify in changed(tmp_path, params, seed):
+        report = verify(**stated)
+        first, told = report.checks[0], report.to_dict()
+        assert report.passed is (not wrong)
+        assert told["differences"] == ["g = 3 (in the scene 2)"] * bool(params)
+        report.to_html(tmp_path / "a.html")
+        page = (tmp_path / "a.html").read_text().partition("</h1>")[2]
+        for text in (str(report).partition("┏")[0], page.partition("</p>")[0]):
+            assert ("g = 3" in text) is bool(params) and f"seed {seed}" in text
+        if stated:
+            assert first.name == "parameters and seed: as they were stated"
+            assert first.text == (wrong or "that differ")
+
+
+def test_a_parameter_that_moves_is_not_the_one_that_was_stated(tmp_path):
+    scene = stimlib.Scene({"y": stimlib.Param("g", 2.0) * stimlib.Input("x")})
+    proc = stimlib.compile(scene, 8000)
+    proc.set("g", 3.0, ramp=0.01)
+    file.write(tmp_path / "a.wav", proc, {"x": sinusoid(1.0, 3.0)}, 0.1, progress=False)
+    for params in ({"g": 2.0}, {"g": 3.0}):
+        report = stimlib.verify(scene, {"x": sinusoid(1.0, 3.0)}, tmp_path / "a.wav", params=params)
+        assert not report.passed and "g to 3 at 0 s within 0.01 s" in report.what()
+
+
+def test_the_command_line_states_parameters_and_seed(tmp_path):
+    write(
+        tmp_path / "a.wav", stimlib.scenes.wall(), {"x": sinusoid(0.002, 5.0)}, 0.1, 4, {"k": 9.0}
+    )
+    for words, code in (("", 0), ("--set k=9 --seed 4", 0), ("--set k=8", 1), ("--seed 0", 1)):
+        result = CliRunner().invoke(app, ["verify", str(tmp_path / "a.wav"), *words.split()])
+        assert result.exit_code == code and "k = 9 (in the scene" in result.output, result.output
 
 
 def test_ramps_at_the_start_are_repeated(tmp_path):

@@ -89,7 +89,7 @@ def _squeeze(a: Asked) -> list[Check]:
         rate = _alone(a, Z_n, f"Z_n of {name}", v=still.v) if Z_n else k / 8000 * still.v
         finger = laws.vibrating(still, noise, rate, A)
         del still  # whose force takes memory
-        if a.part.span is None:
+        if a.part.span is None and not a.part.terms:
             a.e.fingers[a.output(name)] = finger
         want = _held(finger.force, a.y[name], a.fs, its) if g["limits"] else finger.force
         acted = bool((want != finger.force).any())
@@ -116,6 +116,8 @@ def _squeeze(a: Asked) -> list[Check]:
         vibration = np.abs(finger.force - finger.mean).max()
         limit = 1e-9 + (4e-16 + slack) * scale / vibration if vibration > 0 else 1e-14 + slack
         error = a.apart(name, want) / (vibration or scale)
+        if a.part.terms:
+            a.expect(name, want, float(limit) * (vibration or scale))
         checks.append(
             Check(
                 "d",
@@ -152,7 +154,7 @@ def _squeeze(a: Asked) -> list[Check]:
                 f"{a.title(name)}: {'Z_c is no spring' if Z_c else why}, so the force over"
                 " position has no one slope"
             )
-        elif a.part.span is None and not a.e.at:
+        elif a.part.span is None and not a.part.terms and not a.e.at:
             model = noise_model(source, a.fs)
             rate *= A
             rate /= 8000

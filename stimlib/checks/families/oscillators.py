@@ -143,7 +143,7 @@ def _bumps(a: Asked) -> list[Check]:
     if g["limit"] is not None:
         want = _within(a, want, highest)
     top = float(highest.max()) or 1.0
-    a.expect("voltage", want, 1e-6 * top)
+    a.expect("voltage", want, (1e-6 + a.slack) * top)
     error = a.far((a.y["voltage"] - want) / (1 + lost * highest / top / 1e-6)) / top
     checks = [
         Check(
@@ -220,7 +220,7 @@ def _bump_grid(a: Asked) -> list[Check]:
             want, lost = want * shape, lost + less
             a.say(f"bumps of {1e3 * g[size] / g[n]:.4g} mm along {place}, {g['waveform']}")
     a.say(f"amplifier {g['gain']:g}")
-    a.expect("voltage", want, 1e-6 * top)
+    a.expect("voltage", want, (1e-6 + a.slack) * top)
     error = a.far((a.y["voltage"] - want) / (1 + lost / 1e-6)) / top
     text = "of the peak voltage, written again"
     return [Check("d", f"{name}: two envelopes times carrier", error, 1e-6, text)]

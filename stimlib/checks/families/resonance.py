@@ -100,7 +100,7 @@ def touch_screen(a: Asked) -> list[Check]:
             lost, np.abs(swapped(np.eye(1, x.size)[0], fs, resonance, q, g["swap"]))
         )[: x.size]
     top = max(float(asked.max(initial=0.0)), float(np.abs(v).max(initial=0.0)), 1e-300)
-    a.expect("voltage", v, TOL * top)
+    a.expect("voltage", v, (TOL + a.slack) * top)
     error = a.far((a.y["voltage"] - v) / (1 + lost / (TOL * top))) / top
     text = "of the largest voltage that is asked for"
     checks = [
