@@ -1,5 +1,7 @@
 """What is refused or warned of: one call, its error or warning and what that says."""
 
+from contextlib import contextmanager
+
 import pytest
 
 
@@ -17,3 +19,18 @@ def warned(warning, says, call, /, *given, **words):
     """Return what the call returns, which must warn so (see ``refused``)."""
     with pytest.warns(warning, match=says):
         return call(*given, **words)
+
+
+@contextmanager
+def largest_file(size):
+    """Files of this process cannot grow beyond size: the same short writes as on a full
+    disk.
+    """
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))  # Python ignores SIGXFSZ
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

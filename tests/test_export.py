@@ -2,10 +2,12 @@
 
 import inspect
 import json
+import os
 import re
 import shutil
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +24,7 @@ from exported import (
     exported,
     groups,
 )
-from refusals import refused
+from refusals import largest_file, refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, enabled
@@ -298,13 +300,27 @@ def test_what_is_refused(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def headers():
+    """Names of headers that a compiler finds for usual includes: with -I, it would read
+    ours.
+    """
+    heads = "stdio math pthread unistd complex threads netdb semaphore dirent tgmath spawn".split()
+    text = "".join(f"#include <{name}.h>\n" for name in heads)
+    found = subprocess.run(["gcc", "-H", "-E", "-"], input=text, capture_output=True, text=True)
+    paths = (Path(line.split()[-1]) for line in found.stderr.splitlines() if line[:1] == ".")
+    names = {p.stem for p in paths if p.parent.name == "include" or "-gnu" in p.parent.name}
+    assert {"stddef", "features", "sched"} <= names
+    return sorted(name for name in names if re.fullmatch("[a-z][a-z0-9_]*", name))
+
+
 def test_names_that_would_be_the_same_in_c_are_refused(tmp_path):
     x, way = Input("x"), {"x": np.ones(100)}
     for names in (["k", "K"], ["fs"], ["tile"]):
         scene = Scene({f"y{n}": x * Param(n, 1.0) for n in names})
         refused(BadValue, "is there already; rename", export_c, scene, 1000, tmp_path, way)
-    for name in ("math", "test", "stimlib"):
-        refused(BadValue, "is taken in C", export_c, Scene({"y": x}), 1000, tmp_path, way, name)
+    for name in ("math", "test", "stimlib", "stddef", "limits", "errno", "lpt3", *headers()):
+        says = f"name = '{name}' is taken.* give another, such as '{name}_stimulus'"
+        refused(BadValue, re.compile(says), export_c, Scene({"y": x}), 1000, tmp_path, way, name)
     short = {"x": np.ones(10)}
     refused(
         BadValue,
@@ -323,9 +339,29 @@ def test_files_from_elsewhere_are_kept_and_those_of_an_export_replaced(tmp_path)
     refused(SinkError, "from elsewhere", export_c, scene, 1000, tmp_path, x)
     assert [p.name for p in tmp_path.iterdir()] == ["README.md"]
     (tmp_path / "README.md").unlink()
+    os.truncate(os.open(tmp_path / "stimulus.c", os.O_CREAT | os.O_WRONLY), 2**28)
+    tracemalloc.start()
+    refused(SinkError, "from elsewhere", export_c, scene, 1000, tmp_path, x)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 2**27, "a file is read to its thousandth byte"
+    (tmp_path / "stimulus.c").unlink()
     for fs in (1000, 2000):
         export_c(scene, fs, tmp_path, x, seconds=0.05)
     assert "2000 Hz" in (tmp_path / "README.md").read_text()
+
+
+def test_an_export_is_whole_or_absent(tmp_path):
+    """A disk that is full before the last file, or a name that is a folder."""
+    scene, x = Scene({"y": Input("x") * 2.0}), {"x": np.ones(100)}
+    sizes = [len(p.read_bytes()) for p in export_c(scene, 1000, tmp_path / "a", x).files]
+    for most in sorted({min(sizes) - 1, max(sizes) - 1, sorted(sizes)[-2] - 1}):
+        with largest_file(most):
+            refused(SinkError, "cannot write", export_c, scene, 1000, tmp_path / "b", x)
+        assert not list((tmp_path / "b").iterdir())
+    (tmp_path / "b/README.md").mkdir()
+    refused(SinkError, "is a folder", export_c, scene, 1000, tmp_path / "b", x)
+    assert [p.name for p in (tmp_path / "b").iterdir()] == ["README.md"]
 
 
 def test_files_of_two_exports_do_not_compile_together(tmp_path):

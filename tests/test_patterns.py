@@ -5,6 +5,7 @@ the rules of each format, what is lost, and what is refused.
 import csv
 import json
 import runpy
+import tracemalloc
 from inspect import signature
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from stimlib.cli import convert
 from stimlib.errors import BadValue, FaultError, SceneFileError, UnitError
 from stimlib.files import PatternDevice, read_pattern, write_pattern
 from stimlib.files.pattern_analysis import analysed, analytic, loss
+from stimlib.files.pattern_text import INTENSITY, read_ahap, read_hjif
 
 ROOT = Path(__file__).parents[1]
 FILES = ROOT / "tests" / "patterns"
@@ -454,6 +456,32 @@ LINES = "signals", "continuous", "envelopes"
 def test_a_file_that_cannot_be_read_says_where_and_what_to_do(name, change, says, tmp_path):
     path = changed(name, change, tmp_path)
     refused(SceneFileError, says, read_pattern, path)
+
+
+@pytest.mark.parametrize("kind", ["hjif", "ahap"])
+def test_curves_of_too_many_points_are_refused_before_they_are_made(kind):
+    n, device = 40_000, PatternDevice(power=2.0)
+    if kind == "hjif":
+        frames = [{"relative_position": k, "amplitude_modulation": 0.5} for k in range(n)]
+        band = {"band_type": "Curve", "curve_type": "Cubic", "effects": [{"keyframes": frames}]}
+        call, tree = read_hjif, {"perceptions": [{"channels": [{"bands": [band]}]}]}
+    else:
+        points = [{"Time": k / n, "ParameterValue": 0.5} for k in range(n)]
+        event = {"EventType": "HapticContinuous", "EventDuration": 1.0}
+        curve = {"ParameterID": INTENSITY, "ParameterCurveControlPoints": points}
+        call, tree = read_ahap, {"Pattern": [{"ParameterCurve": curve}, {"Event": event}]}
+    tracemalloc.start()
+    refused(SceneFileError, "6400.. is more than limits.scene_blocks", call, tree, device)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 600 * n, "the points of the file, and not sixteen times as many"
+
+
+def test_points_of_cubic_curves_count_together():
+    frames = [{"relative_position": k, "amplitude_modulation": 0.5} for k in range(6000)]
+    band = {"band_type": "Curve", "curve_type": "Cubic", "effects": [{"keyframes": frames}] * 2}
+    tree = {"perceptions": [{"channels": [{"bands": [band]}]}]}
+    refused(SceneFileError, r"effects\[1\]: points so far", read_hjif, tree, PatternDevice())
 
 
 @pytest.mark.parametrize(

@@ -479,7 +479,8 @@ def check_level(
     Raises
     ------
     BadValue
-        A frequency outside the measured range; a level that the device does not reach.
+        A frequency outside the measured range; a level that the device does not reach;
+        more seconds than ``record_sweep`` records.
     RecordingError
         A level that differs by more than the tolerance; a recording that is clipped,
         silent or has lost frames.

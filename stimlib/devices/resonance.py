@@ -21,6 +21,7 @@ from ..motion.table import read_table
 from ..plate.identify import Sweep, check_taken, read_sweep
 from ..run.safety import Safety
 from ..system import safe_files
+from ..system.limits import limits
 from .sources import Signal, Signals
 
 TAKES = 3  # of a point, where somebody can be asked
@@ -121,8 +122,9 @@ def record_sweep(
     Raises
     ------
     BadValue
-        An amplitude above full scale, several points without ``ready``, or numbers that
-        do not define a chirp.
+        An amplitude above full scale, several points without ``ready``, numbers that do
+        not define a chirp, or recordings that take more memory than
+        ``stimlib.limits.recording_bytes``; its 4e9 bytes are 43 minutes at 48 kHz.
     RecordingError
         A take that is clipped, silent or has lost frames; a ``keep`` file of another
         sweep.
@@ -161,6 +163,8 @@ def record_sweep(
             " each of several"
         )
     inputs = {"response": response} | ({} if drive is None else {"voltage": drive})
+    kept_bytes = 16.0 * len(places) * (1 + len(inputs)) * (seconds + rest) * rate
+    limits.check("recording_bytes", kept_bytes, "record_sweep: bytes of the recordings in memory")
     played = constant(float(amplitude), "V") * chirp(float(band[0]), float(band[1]), float(seconds))
     scene = Scene({"drive": played} | {f"{name}_seen": Input(name) for name in inputs})
     safety = Safety({"drive": full_scale} | {f"{name}_seen": ANY for name in inputs})

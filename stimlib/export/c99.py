@@ -22,7 +22,7 @@ from ..run.driver import samples
 from ..run.processor import Change, Processor, compile
 from ..run.safety import GAIN, Safety, protect
 from ..system.limits import limits
-from ..system.safe_files import make_folder, publish
+from ..system.safe_files import make_folder, publish_all
 from .program import Writer
 
 MOST_ERROR = 1e-3
@@ -32,10 +32,19 @@ NAME = re.compile(r"[a-z][a-z0-9_]{0,40}")
 RAMP = 0.01  # seconds, of the parameters in the self test
 
 TAKEN = frozenset(
-    "st stimlib math string stdint stdio test all help clean install package con aux nul"
-    " prn".split()
-)
-"""Names of files that are included, of targets of CMake and of devices of Windows."""
+    # headers of C23 and of POSIX: with -I, the compiler would read ours in their place
+    "assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal"
+    " stdalign stdarg stdatomic stdbit stdbool stdckdint stddef stdint stdio stdlib"
+    " stdnoreturn string tgmath threads time uchar wchar wctype aio alloca byteswap cpio"
+    " dirent dlfcn elf endian err error execinfo fcntl features fmtmsg fnmatch ftw getopt glob"
+    " grp iconv ifaddrs io langinfo libgen libintl malloc memory monetary mqueue ndbm netdb"
+    " nl_types obstack paths poll process pthread pwd regex resolv sched search semaphore"
+    " shadow spawn strings stropts syslog tar termios ucontext ulimit unistd utime utmp utmpx"
+    " values varargs wait windows wordexp"
+    # ours, libraries, targets of CMake and devices of Windows
+    " st stimlib c m test all help clean install package con aux nul prn".split()
+) | {f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10)}
+"""Names that C, POSIX, CMake or Windows have for something else."""
 MACROS = ("export", "fs", "inputs", "outputs", "tile")  # of the header, beside those of parameters
 MARK = b"xported by stimlib"  # in each file
 
@@ -201,7 +210,10 @@ def export_c(
             " 'squeeze'"
         )
     if name in TAKEN:
-        raise BadValue(f"export_c: name = {name!r} is taken in C, CMake or Windows; give another")
+        raise BadValue(
+            f"export_c: name = {name!r} is taken: C, POSIX, CMake or Windows have a header, library"
+            f" or target of this name; give another, such as {name + '_stimulus'!r}"
+        )
     if not 1 <= tile <= 64:
         raise BadValue(f"export_c: tile = {tile} must be from 1 to 64")
     fs = rate(fs)
@@ -265,12 +277,15 @@ def export_c(
         "README.md": README.format(version=__version__, **facts) + more,
     }
     into = make_folder(folder)
-    for path in (into / file for file in texts):
-        if path.is_file() and MARK not in path.read_bytes()[:1000]:
-            raise SinkError(f"{path} is there already, from elsewhere; give another folder or name")
-    for file, text in texts.items():
-        publish(into / file, text)
-    return Exported(tuple(into / file for file in texts), writer.size, y.size, errors)
+    files = {into / file: text for file, text in texts.items()}
+    for path in filter(Path.is_file, files):
+        with open(path, "rb") as f:
+            if MARK not in f.read(1000):
+                raise SinkError(
+                    f"{path} is there already, from elsewhere; give another folder or name"
+                )
+    publish_all(files)
+    return Exported(tuple(files), writer.size, y.size, errors)
 
 
 def run_here(

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -36,6 +37,7 @@ from ..version import __version__
 from .commit import Put, check_place, check_size, publish
 from .formats import (
     BITS,
+    BYTES,
     FORMATS,
     Array,
     check_format,
@@ -49,6 +51,9 @@ from .partial import PIECE, reading, reason, sha256, soundfile
 from .sidecar import FileReport, describe, load, sidecar_of
 
 STEP = 1.0  # s of signal that is written at once, at most
+# in libsndfile's log, where a file is shorter than it says: the bytes stated and there
+CUT = r"^ *(?:data|SSND|BODY|Data Size|riff|Riff size) *: (\d+) \(should be (\d+)\)"
+DATA = r"^ *data : (\d+)"  # of CAF: the bytes stated, of which 4 count edits
 NEARLY = 1.79e308  # the largest float less more than what rounding a sample adds to it
 
 
@@ -557,7 +562,8 @@ class Stored:
                 # a FLAC file whose end was never written says 2**63 - 1 frames
                 if f.frames < frames or f.frames == 2**63 - 1:
                     raise SinkError(
-                        f"{path} is truncated: {sidecar} says {frames} frames, the file has fewer"
+                        f"{path} is truncated: {sidecar} says {frames} frames, the file has"
+                        f" {f.frames if f.frames < frames else 'fewer'}; copy it again"
                     )
                 if f.frames > frames:
                     raise SinkError(
@@ -614,7 +620,8 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
     Raises
     ------
     SinkError
-        As `read`; or the file is not a sound file, or has NaN or infinite samples.
+        As `read`; or the file is not a sound file, ends before the last frame of its
+        header, or has NaN or infinite samples.
     BadValue
         More samples than ``stimlib.limits.render_bytes``.
 
@@ -640,6 +647,11 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
                     "render_bytes", 8 * f.frames * f.channels, f"{path}: bytes of its samples"
                 )
                 y, info["fs"] = f.read(dtype="float64", always_2d=True).T, f.samplerate
+                if lost := lost_frames(f, y.shape[1]):
+                    raise SinkError(
+                        f"{path} is cut short: the last {lost} of its {y.shape[1] + lost} frames"
+                        " are missing; copy it again, or save what is left with a sound editor"
+                    )
         except soundfile().SoundFileError as e:
             raise SinkError(
                 f"{path} cannot be read: it is damaged, or no sound file ({reason(e)})"
@@ -652,6 +664,21 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
     units = units or {f"channel{k + 1}": "1" for k in range(len(y))}
     scene = Scene({n: Input(n, "" if unit == "1" else unit) for n, unit in units.items()})
     return scene, dict(zip(scene.outputs, np.ascontiguousarray(y), strict=True)), float(info["fs"])
+
+
+def lost_frames(f: Any, n: int) -> int:
+    """Return how many frames an open sound file lacks of those that its header states.
+
+    n: those that can be read. libsndfile reports the sizes in its log alone.
+    """
+    sizes = re.search(CUT, f.extra_info, re.M)
+    size = BYTES.get(f.subtype, 1) * f.channels
+    # what writes into a pipe states nearly 2**31 or 2**32 bytes: as many as come
+    known = sizes and (int(sizes[1]) + 4096) % 2**31 > 4096
+    lost = int(sizes[1]) - int(sizes[2]) if sizes and known else 0
+    if f.format == "CAF" and f.subtype in BYTES and (data := re.search(DATA, f.extra_info, re.M)):
+        lost = int(data[1]) - 4 - f.frames * size
+    return max(f.frames - n, -(-lost // size))
 
 
 def _samples(path: Path, f: Any, scales: Array, first: int, stop: int) -> Array:

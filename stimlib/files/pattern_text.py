@@ -12,6 +12,7 @@ Band, AhapEncoder).
 from __future__ import annotations
 
 import math
+from collections.abc import Sized
 from itertools import pairwise
 from typing import Any
 
@@ -168,6 +169,11 @@ def rising(points: list[Any], path: str) -> list[Any]:
     return points
 
 
+def few_enough(line: Sized, path: str) -> None:
+    """Raise SceneFileError before a line gets more points than a pattern may have."""
+    limits.check("scene_blocks", FINER * len(line), f"{path}: points of a curve", SceneFileError)
+
+
 def course(points: list[Point], start: float) -> list[Point]:
     """Return a curve from a time on; before its first point it has that value."""
     t, v = np.array(points).T
@@ -247,6 +253,7 @@ def modulated(
     inner = [x[np.searchsorted(x, t[0], "right") : np.searchsorted(x, t[-1])] for x, _ in lines]
     grid = np.unique(np.concatenate([t, *inner]))
     if device.power != 1.0 or (inner[0].size and v.min() < 1.0):  # not straight
+        few_enough(grid, "$.Pattern")
         k = np.arange(FINER * (grid.size - 1) + 1) / FINER
         grid = np.interp(k, np.arange(grid.size), grid)
     control, sharper = (np.interp(grid, *line) for line in lines)
@@ -406,6 +413,7 @@ def read_effect(
     elif band["band_type"] == "Curve":
         rising(amplitude, f"{path}.keyframes")
         if band.get("curve_type") == "Cubic":  # level at its points
+            few_enough(amplitude, path)
             z = np.arange(1, FINER + 1) / FINER
             amplitude[1:] = [
                 (a + (b - a) * p, x + (y - x) * p * p * (3 - 2 * p))
@@ -421,7 +429,7 @@ def read_effect(
         held = [(t, min(max(low, high), max(low, f))) for t, f in frequency]
         phase = effect.get("phase", 0.0) + turned
         pattern.voices.append(Voice(line, course(held, at), shape, phase))
-    return len(frames)
+    return max(len(frames), len(amplitude))
 
 
 def write_hjif(patterns: list[Pattern], device: PatternDevice) -> Tree:

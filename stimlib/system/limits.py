@@ -48,7 +48,9 @@ class Limits:
     render_bytes: float = 16_000_000_000
     """Samples that `render` keeps, and those that `verify` compares."""
     recording_bytes: float = 4_000_000_000
-    """Size of a recording, and of what is packed in it."""
+    """Size of a recording, of what is packed in it, and of what `record_sweep` keeps in
+    memory.
+    """
     recording_rows: float = 50_000_000
     """Rows of a recording."""
     recording_columns: float = 1000

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from importlib import import_module
 from io import FileIO
@@ -258,32 +259,48 @@ def publish(
     >>> path.read_text()
     'whole'
     """
-    path = Path(path)
-    if not os.path.islink(path):  # which takes any name
-        check(path, error)
-    part = path.with_name(path.name + ".part")
+    publish_all({path: data}, error)
+
+
+def publish_all(
+    files: Mapping[str | os.PathLike[str], bytes | str], error: type[StimlibError] = SinkError
+) -> None:
+    """Write small files that belong together, each as ``publish`` does.
+
+    All are on the disk before the first is moved into place, so that a full disk or a
+    name that is taken leaves what was there before.
+    """
+    parts: list[tuple[FileIO, Path, Path]] = []
     with ExitStack() as stack:
-        left = os.path.lexists(part)
-        raw = alone(stack, part, path, error)  # to the end: another run would take its name
-        if left:  # by a killed run: the new file shall not have its mode
-            let_go(raw)
-            with suppress(OSError):
-                os.unlink(part)
-            raw = alone(stack, part, path, error)
+        path = Path()
         try:
-            with open(raw.fileno(), "wb", closefd=False) as f:
-                f.truncate()
-                f.write(data if isinstance(data, bytes) else data.encode())
-            os.fsync(raw.fileno())
-            let_go(raw)
-            os.replace(part, path)
-            settle(path.parent)
-        except BaseException as e:
-            with suppress(OSError, ValueError):
-                # moved, the name is free for another run
-                if os.path.samestat(os.fstat(raw.fileno()), os.lstat(part)):
+            for path, data in ((Path(name), data) for name, data in files.items()):
+                if not os.path.islink(path):  # which takes any name
+                    check(path, error)
+                part = path.with_name(path.name + ".part")
+                left = os.path.lexists(part)
+                raw = alone(stack, part, path, error)  # to the end: another would take its name
+                if left:  # by a killed run: the new file shall not have its mode
                     let_go(raw)
-                    os.unlink(part)
+                    with suppress(OSError):
+                        os.unlink(part)
+                    raw = alone(stack, part, path, error)
+                parts.append((raw, part, path))
+                with open(raw.fileno(), "wb", closefd=False) as f:
+                    f.truncate()
+                    f.write(data if isinstance(data, bytes) else data.encode())
+                os.fsync(raw.fileno())
+            for raw, part, path in parts:
+                let_go(raw)
+                os.replace(part, path)
+                settle(path.parent)
+        except BaseException as e:
+            for raw, part, _ in parts:
+                with suppress(OSError, ValueError):
+                    # moved, the name is free for another run
+                    if os.path.samestat(os.fstat(raw.fileno()), os.lstat(part)):
+                        let_go(raw)
+                        os.unlink(part)
             if isinstance(e, (OSError, ValueError)) and not isinstance(e, StimlibError):
                 raise error(f"cannot write {path}: {_reason(e)}") from e
             raise

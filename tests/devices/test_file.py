@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile as sf
-from refusals import refused
+from refusals import largest_file, refused
 
 import stimlib
 from stimlib import Input, Param, Scene, constant
@@ -748,21 +748,6 @@ def test_of_two_faults_the_first_is_told(old):
     )
 
 
-@contextmanager
-def largest_file(size):
-    """Files of this process cannot grow beyond size: the same short writes as on a full
-    disk.
-    """
-    import resource
-
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))  # Python ignores SIGXFSZ
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-
-
 def fill(folder):
     for format, subtype in KINDS:
         path, proc = folder / f"a.{format.lower()}", forces(2)
@@ -1079,3 +1064,52 @@ def test_report_is_one_line(tmp_path):
         str(report) == f"{tmp_path}/a.wav: 4000 frames, 0.5 s, peak force0 {a:.4g}, force1 {b:.4g}"
     )
     assert report.sidecar == tmp_path / "a.wav.json"
+
+
+@pytest.mark.parametrize(
+    ("format", "subtypes"),
+    [
+        *((f, ("PCM_16", "PCM_24", "FLOAT", "DOUBLE")) for f in ("WAV", "RF64", "W64", "CAF")),
+        *((f, ("PCM_16", "FLOAT", "ULAW")) for f in ("WAVEX", "AIFF", "AU")),
+        ("FLAC", ("PCM_16", "PCM_24")),
+    ],
+)
+def test_a_sound_file_that_is_cut_short_says_what_is_missing(format, subtypes, tmp_path):
+    path, n = tmp_path / "a.snd", 4410
+    for subtype in subtypes:
+        noise = np.random.default_rng(3).uniform(-0.5, 0.5, (n, 2))
+        sf.write(path, noise, 44100, subtype, format=format)
+        whole = path.read_bytes()
+        frame = (len(whole) - 4096 if format == "CAF" else len(whole)) // n
+        for cut in (0, 1, 2 * frame, 7 * frame + 1, 1000 * frame):
+            path.write_bytes(whole[: len(whole) - cut] if cut else whole + bytes(16))
+            if not cut:
+                made = file.as_scene(path)[1]["channel1"].size
+                assert made - n in range(16)  # W64 takes them for frames
+            elif format == "FLAC":
+                refused(SinkError, "cannot be read", file.as_scene, path)
+            else:
+                with suppress(sf.SoundFileError):
+                    lost = n - sf.info(path).frames
+                    says = f"the last {lost} of its {n} frames are missing; copy it again"
+                    refused(SinkError, says, file.as_scene, path)
+                    assert lost >= cut // frame
+
+
+def test_a_sound_file_from_a_pipe_is_as_long_as_it_is(tmp_path):
+    path = tmp_path / "a.wav"
+    sf.write(path, np.linspace(-0.5, 0.5, 100), 8000)
+    whole = path.read_bytes()
+    for size in (2**32 - 1, 0x7FFFF000, 2**31):
+        path.write_bytes(whole.replace((200).to_bytes(4, "little"), size.to_bytes(4, "little")))
+        assert file.as_scene(path)[1]["channel1"].size == 100
+
+
+def test_a_file_that_has_fewer_frames_than_its_sidecar_says_how_many(tmp_path):
+    for name in ("a.wav", "a.w64", "a.rf64", "a.caf"):
+        path = tmp_path / name
+        y = stimlib.render(Scene({"y": Input("x")}), MOTION, fs=8000, seconds=0.2)
+        y.save(path, full_scale=1.0, subtype="PCM_16")
+        path.write_bytes(path.read_bytes()[:-40])
+        has = sf.info(path).frames
+        refused(SinkError, f"says 1600 frames, the file has {has}; copy", file.read, path)

@@ -144,6 +144,9 @@ def test_takes_that_tell_nothing_and_questions_without_sense_are_told(drive):
     )
     for more, match in (
         ({"amplitude": 11.0}, "at most full_scale"),
+        ({"seconds": 1e9}, "is more than limits.recording_bytes"),
+        ({"rest": 1e9}, "is more than limits.recording_bytes"),
+        ({"seconds": 4e4, "points": np.zeros((2, 2)), "ready": print}, "5.12.*e.09 is more"),
         ({"amplitude": float("nan")}, "amplitude = nan"),
         ({"points": np.zeros((2, 2))}, "2 points"),
         ({"points": []}, "0 points"),
