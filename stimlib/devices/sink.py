@@ -727,7 +727,8 @@ class Sink:
     def _received(self) -> dict[str, Any]:
         if not isinstance(self._feeder, Receiver):
             return {}
-        return {n: getattr(self._feeder, n) for n in ("rows", "rejected", "jitter")}
+        rejected = dict(self._feeder.rejected)
+        return {"rows": self._feeder.rows, "rejected": rejected, "jitter": self._feeder.jitter}
 
     def _delay(self) -> float:
         """Return the latency of the device, or its last one after it has closed."""

@@ -7,16 +7,18 @@ functions of time, it is a scripted source.  ``Live`` uses the motion passed to
 
 from __future__ import annotations
 
+import math
+import sys
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, SinkError, public, shortened
 from ..motion.source import check_names, positions, sources_of
 
 
@@ -83,8 +85,11 @@ class Live:
 
 SILENT = 0.05
 """Seconds without motion after which a source counts as silent."""
-Receive = Callable[[float], tuple[Sequence[Sequence[float]], Sequence[float]]]
+Receive = Callable[[float], tuple[Sequence[Any], ...]]
 JUMP = 1.0  # s: by more, a sender's clock was set
+LARGEST, NUMBERS = sys.float_info.max, (int, float, np.integer, np.floating)
+UNLIKE = {IndexError: "too short", KeyError: "no such label", TypeError: "no labels"}
+"""The reason why a row has no number for a column, by the error of looking it up."""
 SILENCES = ("fade", "hold", "stop")
 
 
@@ -101,14 +106,16 @@ class Stream(Live):
         ``receive(timeout)`` waits at most ``timeout`` seconds and returns rows of
         numbers and the sender's time of each in s (nan if it sends none), both empty if
         nothing came: ``lsl_motion``, ``osc_motion``, ``udp_motion``, ``serial_motion``
-        or your own function.  It may reconnect by itself.
+        or your own function.  It may reconnect by itself.  A function that rejects rows
+        returns, as a third, a list of ``(reason, received)`` pairs, one for each: a
+        short fixed phrase such as ``"no numbers"``, and the beginning of what came.
     columns : dict of str to int
         For each input, the index of its number in a row.
     scale : dict of str to float, optional
         Factor of an input where the sender has another unit, such as 1e-3 for mm.
     limits : dict of str to (float, float), optional
-        Range of an input, in its unit: a row outside the range is rejected like one
-        that is not a number, so that an outlier causes no motion.
+        Range of an input, in its unit: a row outside the range is rejected, so that an
+        outlier causes no motion.
     silence : {"fade", "hold", "stop"}
         After 50 ms without a row: fade out until there is one again, hold the last
         position, or end the session with an error.
@@ -296,16 +303,22 @@ class Receiver(threading.Thread):
     """
 
     turns = 0
-    rows = rejected = 0  # taken, and passed over because they are no numbers or too short
+    rows = 0  # taken
 
     def __init__(self, pump: Any, source: Stream, failed: Callable[..., None]):
         super().__init__(name="stimlib stream", daemon=True)
         self._pump, self._source, self._failed = pump, source, failed
-        names = pump.proc.inputs
-        self._columns = [source.columns[name] for name in names]
-        self._scale = np.array([[source.scale.get(name, 1.0)] for name in names])
-        limits = [source.limits.get(name, (-np.inf, np.inf)) for name in names]
-        self._low, self._high = np.array(limits, float).reshape(-1, 2).T
+        self.rejected: Counter[str] = Counter()  # rows, by the reason
+        self.examples: dict[str, str] = {}  # the first of each reason
+        self._columns = [
+            (
+                source.columns[n],
+                source.scale.get(n, 1.0),
+                *source.limits.get(n, (-LARGEST, LARGEST)),
+            )
+            for n in pump.proc.inputs
+        ]
+        self._newest: tuple[float, list[float]] = (-math.inf, [])  # the sender's time, positions
         self._late: deque[float] = deque(maxlen=10_000)  # arrival less the sender's time
         self._over = threading.Event()
 
@@ -320,9 +333,9 @@ class Receiver(threading.Thread):
         heard = None
         while not self._over.is_set():
             try:
-                rows, times = self._source.receive(0.02)  # type: ignore[misc]
+                found = self._source.receive(0.02)  # type: ignore[misc]
                 self.turns += 1
-                if self._take(rows, times):
+                if self._take(*found):
                     heard = time.monotonic()
                 elif self._source.silence == "stop" and heard and time.monotonic() - heard > SILENT:
                     raise SinkError(f"no motion has come for {1e3 * SILENT:g} ms")
@@ -330,23 +343,48 @@ class Receiver(threading.Thread):
                 self._failed(e, what="the stream failed")
                 return
 
-    def _take(self, rows: Sequence[Sequence[float]], times: Sequence[float]) -> int:
+    def _take(
+        self,
+        rows: Sequence[Any],
+        times: Sequence[float],
+        rejected: Sequence[tuple[str, str]] = (),
+    ) -> int:
         """Put the valid rows into the ring buffer, and return how many there were."""
-        now, need = time.monotonic(), max(self._columns) + 1
-        found = [[row[k] for k in self._columns] for row in rows if len(row) >= need]
-        x = np.array(found, np.float64).reshape(-1, len(self._columns)) * self._scale[:, 0]
-        with np.errstate(invalid="ignore"):
-            good = (np.isfinite(x) & (x >= self._low) & (x <= self._high)).all(axis=1)
-        taken = int(good.sum())
-        self.rejected += len(rows) - taken
-        self.rows += taken
-        for late in (now - t for t in times if np.isfinite(t)):
-            if self._late and abs(late - self._late[-1]) > JUMP:
-                self._late.clear()  # the sender has set its clock
-            self._late.append(late)
+        now, taken, refused = time.monotonic(), [], [*rejected]
+        for row, at in zip(rows, times, strict=True):
+            x = self._positions(row, at)
+            if isinstance(x, str):
+                refused.append((x, shortened(row, 40)))
+                continue
+            taken.append(x)
+            if math.isfinite(at):
+                self._newest = at, x
+                if self._late and abs(now - at - self._late[-1]) > JUMP:
+                    self._late.clear()  # the sender has set its clock
+                self._late.append(now - at)
+        for why, received in refused:
+            self.rejected[why] += 1
+            self.examples.setdefault(why, received[:40])
+        self.rows += len(taken)
         if taken:
-            self._pump.put_motion(np.ascontiguousarray(x[good].T))
-        return taken
+            self._pump.put_motion(np.array(taken, np.float64, order="F").T)
+        return len(taken)
+
+    def _positions(self, row: Any, at: float) -> list[float] | str:
+        """Return the positions of a row, or the reason why it is rejected."""
+        try:
+            found = [row[k] for k, *_ in self._columns]
+        except (LookupError, TypeError) as e:
+            return UNLIKE.get(type(e), "no numbers")
+        if not all(isinstance(v, NUMBERS) and -LARGEST <= v <= LARGEST for v in found):
+            return "not finite"
+        x = [float(v) * scale for v, (_, scale, *_) in zip(found, self._columns, strict=True)]
+        if not all(low <= v <= high for v, (_, _, low, high) in zip(x, self._columns, strict=True)):
+            return "outside its limits"
+        newest, last = self._newest
+        if 0.0 < newest - at <= JUMP:
+            return "out of order"
+        return "repeated" if (at, x) == (newest, last) else x
 
     def stop(self) -> None:
         """End the thread."""

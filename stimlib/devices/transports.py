@@ -17,12 +17,14 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
 from typing import Any
 
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, SinkError, public, shortened
 from ..system.packages import package
 from .markers import Marker
 
-Rows = tuple[list[list[float]], list[float]]
-"""Rows of numbers, with the sender's time of each in s, or nan if it sends none."""
+Rows = tuple[list[list[float]], list[float], list[tuple[str, str]]]
+"""Rows of numbers; the sender's time of each in s, or nan if it sends none; and for
+each row that was rejected the reason, and the beginning of what came.
+"""
 MOST = 256  # datagrams or lines that are taken at once
 
 
@@ -40,23 +42,23 @@ class Transport(AbstractContextManager["Transport"]):
         self.close()
 
 
-def row_of(line: bytes, timed: bool) -> tuple[list[float], float] | None:
-    """Return the numbers of a line and the sender's time, or None if it has no numbers.
+def row_of(line: bytes, timed: bool) -> tuple[list[float], float] | str:
+    """Return the numbers of a line and the sender's time, or why it is rejected.
 
     Examples
     --------
     >>> from stimlib.devices.transports import row_of
     >>> row_of(b"12.5, 0.01 0.02", timed=True)
     ([0.01, 0.02], 12.5)
-    >>> row_of(b"hello", timed=False) is None
-    True
+    >>> row_of(b"hello", timed=False)
+    'no numbers'
     """
     try:
         numbers = [float(text) for text in line.replace(b",", b" ").split()]
     except ValueError:
-        return None
+        return "no numbers"
     if len(numbers) <= timed:
-        return None
+        return "too short"
     return (numbers[1:], numbers[0]) if timed else (numbers, math.nan)
 
 
@@ -330,7 +332,7 @@ def receiver(text: str) -> Transport:
     >>> from stimlib.devices.transports import receiver
     >>> with receiver("udp:0") as receive:
     ...     receive(0.0)
-    ([], [])
+    ([], [], [])
     """
     kind, _, place = text.partition(":")
     if kind == "lsl" and place:
@@ -379,9 +381,9 @@ def lsl_motion(name: str, wait: float = 10.0) -> Transport:
     def receive(timeout: float) -> Rows:
         row, at = inlet[0].pull_sample(timeout=timeout)
         if row is None:
-            return [], []
+            return [], [], []
         rows, times = inlet[0].pull_chunk(timeout=0.0, max_samples=MOST)
-        return [row, *rows], [at, *times]
+        return [row, *rows], [at, *times], []
 
     return Transport(receive, inlet.clear)
 
@@ -447,15 +449,21 @@ def osc_motion(port: int, address: str, host: str = "127.0.0.1") -> Transport:
 
     def receive(timeout: float) -> Rows:
         rows: list[list[float]] = []
+        rejected: list[tuple[str, str]] = []
         for data in datagrams(here, timeout):
-            if not data.startswith((b"/", b"#bundle")):  # python-osc would print it
-                rows.append([])
+            try:
+                if not data.startswith((b"/", b"#bundle")):  # python-osc would print it
+                    raise ValueError(data)
+                messages = [timed.message for timed in osc.OscPacket(data).messages]
+            except Exception:  # of a parser that has several
+                rejected.append(("no OSC", shortened(data[:40], 40)))
                 continue
-            with suppress(osc.ParseError):
-                for timed in osc.OscPacket(data).messages:
-                    if timed.message.address == address:
-                        rows.append([_number(v) for v in timed.message.params])
-        return rows, [math.nan] * len(rows)
+            for message in messages:
+                if message.address == address:
+                    rows.append([_number(v) for v in message.params])
+                else:
+                    rejected.append(("another address", message.address[:40]))
+        return rows, [math.nan] * len(rows), rejected
 
     return Transport(receive, here.close)
 
@@ -494,7 +502,7 @@ def udp_motion(port: int, host: str = "127.0.0.1", timed: bool = False) -> Trans
     >>> from stimlib.devices import udp_motion
     >>> receive = udp_motion(0)
     >>> receive(0.0)
-    ([], [])
+    ([], [], [])
     >>> receive.close()
     """
     here = listening("udp_motion", host, port)
@@ -508,9 +516,16 @@ def udp_motion(port: int, host: str = "127.0.0.1", timed: bool = False) -> Trans
 
 
 def _rows(lines: list[bytes], timed: bool) -> Rows:
+    """Return the rows of lines; blank lines are nothing."""
+    lines = [line for line in lines if line.strip()]
     found = [row_of(line, timed) for line in lines]
-    rows = [row for row in found if row]
-    return [row for row, _ in rows], [at for _, at in rows]
+    rows = [row for row in found if not isinstance(row, str)]
+    rejected = [
+        (why, shortened(line[:40].decode("utf-8", "replace"), 40))
+        for line, why in zip(lines, found, strict=True)
+        if isinstance(why, str)
+    ]
+    return [row for row, _ in rows], [at for _, at in rows], rejected
 
 
 @public
@@ -551,7 +566,7 @@ def serial_motion(port: str, baudrate: int = 115200, timed: bool = False) -> Tra
             time.sleep(timeout)
             with suppress(SinkError):
                 line[0] = opened("serial_motion", port, baudrate)
-            return [], []
+            return [], [], []
         *lines, left[0] = (left[0] + data)[-65536:].split(b"\n")
         return _rows(lines, timed)
 
