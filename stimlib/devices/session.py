@@ -13,6 +13,7 @@ from ..errors import FaultError, SinkError
 from ..run.safety import Watch
 from .engine import Pump
 from .markers import Markers
+from .rows import REMEDIES
 
 
 @dataclass(frozen=True)
@@ -102,8 +103,8 @@ class SessionReport:
         more = [f"{sum(v.values())} samples limited ({k})" for k, v in self.clips.items()]
         more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
         unsent = f", {self.unsent_markers} not sent" if self.unsent_markers else ""
-        reasons = sorted(self.rejected.items(), key=lambda each: -each[1])
-        why = ", ".join(f"{n} {reason}" for reason, n in reasons)
+        reasons = sorted(self.rejected, key=lambda why: -self.rejected[why])
+        why = ", ".join(f"{self.rejected[why]} {why}" for why in reasons)
         rise = f"{self.rise} frames before sample 0" if self.rise else "the first samples"
         rest = (
             (self.stale, f"motion stale {self.stale} times"),
@@ -111,7 +112,11 @@ class SessionReport:
             (self.skipped, f"{self.skipped} columns of motion came too fast"),
             (self.markers, f"{self.markers} markers, {self.lost_markers} lost{unsent}"),
             (self.rows, f"{self.rows} rows of motion"),
-            (self.rejected, f"{sum(self.rejected.values())} rows rejected: {why}"),
+            (
+                self.rejected,
+                f"{sum(self.rejected.values())} rows rejected: {why}"
+                f" ({REMEDIES.get(''.join(reasons[:1]), 'see its receive')})",
+            ),
             (True, f"faded in over {rise}"),
             (self.fall, f"faded out over {self.fall} frames after the last sample"),
         )

@@ -8,7 +8,6 @@ functions of time, it is a scripted source.  ``Live`` uses the motion passed to
 from __future__ import annotations
 
 import math
-import sys
 import threading
 import time
 from collections import Counter, deque
@@ -87,9 +86,8 @@ SILENT = 0.05
 """Seconds without motion after which a source counts as silent."""
 Receive = Callable[[float], tuple[Sequence[Any], ...]]
 JUMP = 1.0  # s: by more, a sender's clock was set
-LARGEST, NUMBERS = sys.float_info.max, (int, float, np.integer, np.floating)
+NUMBERS: Any = (int, float, np.integer, np.floating)
 UNLIKE = {IndexError: "too short", KeyError: "no such label", TypeError: "no labels"}
-"""The reason why a row has no number for a column, by the error of looking it up."""
 SILENCES = ("fade", "hold", "stop")
 
 
@@ -109,8 +107,9 @@ class Stream(Live):
         or your own function.  It may reconnect by itself.  A function that rejects rows
         returns, as a third, a list of ``(reason, received)`` pairs, one for each: a
         short fixed phrase such as ``"no numbers"``, and the beginning of what came.
-    columns : dict of str to int
-        For each input, the index of its number in a row.
+    columns : dict of str to int or str
+        For each input, the index of its number in a row, from 0; or the label of the
+        number, in rows such as ``x:0.01`` or ``{"x": 0.01}``.
     scale : dict of str to float, optional
         Factor of an input where the sender has another unit, such as 1e-3 for mm.
     limits : dict of str to (float, float), optional
@@ -122,7 +121,7 @@ class Stream(Live):
     """
 
     receive: Receive | None = None
-    columns: Mapping[str, int] = field(default_factory=dict)
+    columns: Mapping[str, int | str] = field(default_factory=dict)
     scale: Mapping[str, float] = field(default_factory=dict)
     silence: str = "fade"
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -136,8 +135,10 @@ class Stream(Live):
                 f"Stream: silence = {self.silence!r}: choose one of {', '.join(SILENCES)}"
             )
         for name, k in self.columns.items():
-            if isinstance(k, bool) or not isinstance(k, int) or k < 0:
-                raise BadValue(f"Stream: columns[{name!r}] = {k!r} must be a whole number")
+            if not isinstance(k, str) and k < 0:
+                raise BadValue(
+                    f"Stream: columns[{name!r}] = {k!r} must be a whole number from 0, or a label"
+                )
         for what, given in (("scale", self.scale), ("limits", self.limits)):
             check_names(f"Stream: {what}", {**self.columns, **given}, tuple(self.columns), "column")
         for name, (low, high) in self.limits.items():
@@ -314,7 +315,7 @@ class Receiver(threading.Thread):
             (
                 source.columns[n],
                 source.scale.get(n, 1.0),
-                *source.limits.get(n, (-LARGEST, LARGEST)),
+                *source.limits.get(n, (-np.inf, np.inf)),
             )
             for n in pump.proc.inputs
         ]
@@ -352,9 +353,9 @@ class Receiver(threading.Thread):
         """Put the valid rows into the ring buffer, and return how many there were."""
         now, taken, refused = time.monotonic(), [], [*rejected]
         for row, at in zip(rows, times, strict=True):
-            x = self._positions(row, at)
-            if isinstance(x, str):
-                refused.append((x, shortened(row, 40)))
+            x, why = self._positions(row, at)
+            if why:
+                refused.append((why, shortened(row, 40)))
                 continue
             taken.append(x)
             if math.isfinite(at):
@@ -370,21 +371,26 @@ class Receiver(threading.Thread):
             self._pump.put_motion(np.array(taken, np.float64, order="F").T)
         return len(taken)
 
-    def _positions(self, row: Any, at: float) -> list[float] | str:
-        """Return the positions of a row, or the reason why it is rejected."""
+    def _positions(self, row: Any, at: float) -> tuple[list[float], str | None]:
+        """Return the positions of a row, and the reason why it is rejected."""
         try:
             found = [row[k] for k, *_ in self._columns]
-        except (LookupError, TypeError) as e:
-            return UNLIKE.get(type(e), "no numbers")
-        if not all(isinstance(v, NUMBERS) and -LARGEST <= v <= LARGEST for v in found):
-            return "not finite"
-        x = [float(v) * scale for v, (_, scale, *_) in zip(found, self._columns, strict=True)]
-        if not all(low <= v <= high for v, (_, _, low, high) in zip(x, self._columns, strict=True)):
-            return "outside its limits"
-        newest, last = self._newest
-        if 0.0 < newest - at <= JUMP:
-            return "out of order"
-        return "repeated" if (at, x) == (newest, last) else x
+        except (LookupError, TypeError) as e:  # the row is shorter, or of another kind
+            return [], UNLIKE.get(type(e), "no numbers")
+        x = [
+            float(v) * scale if isinstance(v, NUMBERS) and -1e308 < v < 1e308 else math.nan
+            for v, (_, scale, *_) in zip(found, self._columns, strict=True)
+        ]
+        wrong = {
+            "no numbers": not all(isinstance(v, NUMBERS) and v is not bool(v) for v in found),
+            "not finite": not all(map(math.isfinite, x)),
+            "outside its limits": not all(
+                low <= v <= high for v, (*_, low, high) in zip(x, self._columns, strict=True)
+            ),
+            "out of order": 0.0 < self._newest[0] - at <= JUMP,
+            "repeated": (at, x) == self._newest,
+        }
+        return x, next(filter(wrong.get, wrong), None)
 
     def stop(self) -> None:
         """End the thread."""

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from commands import ran
 from devices.servers import Seen, begun, played
+from pythonosc import osc_message_builder, osc_packet
 from typer.testing import CliRunner
 
 import stimlib
@@ -125,6 +126,9 @@ def test_marks_from_outside_are_told_in_the_order_of_samples():
             s.mark("x", sample=-1)
         with pytest.raises(BadValue, match="must be finite"):
             s.mark("x", float("nan"))
+        for name in ("a\0b", "a\n", "\ud800", "x" * 257, 5):
+            with pytest.raises(BadValue, match="mark: name = .* at most 256 characters"):
+                s.mark(name)
         time.sleep(0.1)
         s.mark("now")
     assert [(m.name, m.value, m.sample) for m in got[:2]] == [("early", 1, 100), ("late", 3, 1500)]
@@ -143,6 +147,9 @@ LIMITS = {"force": 2.0, "onset": 1.0}
         (lambda: NullSink(SCENE, LIMITS, markers=3), BadValue, "markers = 3 must be a list"),
         (lambda: NullSink(SCENE, LIMITS, send="lsl"), BadValue, "send = 'lsl' must be a function"),
         (lambda: NullSink(SCENE, LIMITS, send=[1]), BadValue, "must be a function of a Marker"),
+        (lambda: osc_markers("127.0.0.1", 9, "/a\0b"), BadValue, "osc_markers: address = "),
+        (lambda: udp_motion(0, comma=";"), BadValue, "comma = ';' must be one of separator"),
+        (lambda: receiver("udp:0:comma=point"), BadValue, "must be one of separator, decimal"),
         (lambda: udp_markers("127.0.0.1", 99999), SinkError, "a port is a number from 0"),
         (lambda: osc_markers("no.such.host.invalid", 9000), SinkError, "cannot be sent to"),
         (lambda: udp_motion(99999), SinkError, "a port is a number from 0"),
@@ -180,7 +187,10 @@ def test_texts_name_senders_and_receivers():
         send(marker)
         assert os.read(fd, 10) == b"\x07"
     with receiver(f"serial:{os.ttyname(port)}") as receive:
-        os.write(fd, b"1.5 2.5\n0.123456789 0.987654321 -12345.678901234\n")
+        os.write(
+            fd,
+            b"the line in which it was opened\n1.5 2.5\n0.123456789 0.987654321 -12345.678901234\n",
+        )
         rows = receive(5.0)[0]
         assert rows == [[1.5, 2.5], [0.123456789, 0.987654321, -12345.678901234]]
     os.close(fd), os.close(port)
@@ -292,9 +302,13 @@ def test_markers_over_udp_that_nobody_hears_are_no_error(using):
 
 
 def test_markers_over_osc(there, using):
-    packet = pytest.importorskip("pythonosc.osc_packet")
-    marked(using(osc_markers(*there.getsockname(), address="/lab/onset")))
-    got = [packet.OscPacket(d).messages[0].message for d in datagrams(there)]
+    send = using(osc_markers(*there.getsockname(), address="/lab/onset"))
+    for name in ("", "a", "abc", "abcd", "\xe9" * 256):
+        send(Marker(name, -0.1, 2**40, 0.1, 1e-3, True))
+        (message,) = osc_packet.OscPacket(there.recv(1000)).messages
+        assert message.message.params == [name, -0.1, 2**40, 0.1, 1e-3, True]
+    marked(send)
+    got = [osc_packet.OscPacket(d).messages[0].message for d in datagrams(there)]
     assert {m.address for m in got} == {"/lab/onset"}
     assert [m.params[:3] for m in got] == [
         ["onset", pytest.approx(0.0062, abs=1), 400 * k] for k in range(6)
@@ -352,7 +366,7 @@ def heard(x, scale=1e-3):
 
 
 def test_motion_over_udp(there, using):
-    receive = using(udp_motion(0, timed=True))
+    receive = using(udp_motion(0, timed=True, comma="separator"))
     began = time.monotonic()
 
     def send(k):
@@ -368,7 +382,6 @@ def test_motion_over_udp(there, using):
 
 
 def test_motion_over_osc(there, using):
-    osc = pytest.importorskip("pythonosc.osc_message_builder")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
@@ -376,7 +389,7 @@ def test_motion_over_osc(there, using):
 
     def send(k):
         for address, values in (("/hand", [0.0, float(k)]), ("/other", [1.0, 1e9])):
-            message = osc.OscMessageBuilder(address=address)
+            message = osc_message_builder.OscMessageBuilder(address=address)
             for v in values:
                 message.add_arg(v)
             there.sendto(message.build().dgram, ("127.0.0.1", port))
@@ -463,6 +476,8 @@ def test_a_receiver_that_raises_or_hangs_ends_the_session():
         ({"receive": None}, "receive must be a function"),
         ({"silence": "shout"}, "choose one of fade, hold, stop"),
         ({"columns": {"x": -1}}, "must be a whole number"),
+        ({"columns": {"x": True}}, "a whole number or a text"),
+        ({"columns": {"x": 0.5}}, "a whole number or a text"),
         ({"scale": {"y": 1.0}}, "there is no column y"),
         ({"columns": {"y": 0}}, "motion: x is missing"),
     ],
