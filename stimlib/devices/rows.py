@@ -74,7 +74,7 @@ def row_of(
             )
     else:
         bare = re.sub(r"^\[(.*)\]$|^\((.*)\)$", r"\1\2", text).strip(" ").rstrip(",; ")
-        meant = re.sub(r",(?=\d)", ".", bare) if comma == "decimal" else bare
+        meant = re.sub(r"(?<=\d),(?=\d)", ".", bare) if comma == "decimal" else bare
         fields = SEPARATOR.split(re.sub(" ?([:=]) ?", r"\1", meant))
         if all(labelled := [LABEL.fullmatch(field) for field in fields]):
             names, fields = zip(*(m.groups() for m in labelled if m), strict=True)

@@ -3,10 +3,12 @@
 import math
 import os
 import random
+import re
 import socket
 import struct
 import time
 import tty
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +17,7 @@ from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
 
 from stimlib.devices import Stream, lsl_motion, osc_motion, receiver, serial_motion, udp_motion
-from stimlib.devices.rows import row_of
+from stimlib.devices.rows import REMEDIES, row_of
 from stimlib.devices.sources import Receiver
 
 COMMA, POINT, SEP, DEC = "comma between digits", "decimal point", "separator", "decimal"
@@ -54,6 +56,11 @@ DIALECTS = [  # what is sent, the column of x, and its position or why it is rej
     ((b"512 , 300", SEP), 1, 300.0),
     ((b"512,,300", SEP), 1, "empty field"),
     ((b",300", SEP), 0, "empty field"),
+    ((b"x:0,0127", SEP), "x", NONE),
+    ((b"12,7 3,2", SEP), 3, 2.0),
+    ((b"7,,5", DEC), 1, "empty field"),
+    (b"7,,5", 1, "empty field"),
+    ((b"7, 5", DEC), 1, 5.0),
     ((b"0,0127", DEC), 0, 0.0127),
     ((b"12,7 3,2", DEC), 1, 3.2),
     ((b"12,7;-3,2e-1", DEC), 1, -0.32),
@@ -354,6 +361,14 @@ def test_lsl_channels_have_indexes_and_labels():
         words.push_sample(["0.0127"])
         assert text(20.0) == [] and text.rejected == {"no numbers": 1}
         assert text.examples == {"no numbers": "['0.0127']"}
+
+
+def test_the_page_has_each_reason():
+    page = (Path(__file__).parents[2] / "docs/howto/rows.rst").read_text(encoding="utf-8")
+    seen = {e for *_, e in DIALECTS if isinstance(e, str)} | {w for *_, r in DATAGRAMS for w in r}
+    timed = {"no time", "outside its limits", "out of order", "repeated", "partial line"}
+    assert set(REMEDIES) == seen | timed
+    assert set(re.findall(r"\* - ``([a-z A-Z]+)``\n", page)) == set(REMEDIES)
 
 
 def mutated(rng, data):
