@@ -89,7 +89,6 @@ def row_of(
         "empty field": "" in fields,
         "no numbers": not names and not all(isinstance(v, float) for v in values),
         "label twice": len({*names}) < len(names),
-        "too short": len(values) <= timed,
         "no time": timed and not (isinstance(at, float) and math.isfinite(at)),
     }
     row = dict(zip(names, values, strict=True)) if names else values[timed:]

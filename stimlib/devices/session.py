@@ -104,7 +104,6 @@ class SessionReport:
         more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
         unsent = f", {self.unsent_markers} not sent" if self.unsent_markers else ""
         reasons = sorted(self.rejected, key=lambda why: -self.rejected[why])
-        why = ", ".join(f"{self.rejected[why]} {why}" for why in reasons)
         rise = f"{self.rise} frames before sample 0" if self.rise else "the first samples"
         rest = (
             (self.stale, f"motion stale {self.stale} times"),
@@ -114,8 +113,9 @@ class SessionReport:
             (self.rows, f"{self.rows} rows of motion"),
             (
                 self.rejected,
-                f"{sum(self.rejected.values())} rows rejected: {why}"
-                f" ({REMEDIES.get(''.join(reasons[:1]), 'see its receive')})",
+                f"{sum(self.rejected.values())} rows rejected: "
+                + ", ".join(f"{self.rejected[why]} {why}" for why in reasons)
+                + f" ({REMEDIES.get(''.join(reasons[:1]), 'see its receive')})",
             ),
             (True, f"faded in over {rise}"),
             (self.fall, f"faded out over {self.fall} frames after the last sample"),

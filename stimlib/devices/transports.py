@@ -44,11 +44,6 @@ class Transport(AbstractContextManager["Transport"]):
         self.close()
 
 
-def listening(what: str, host: str, port: int) -> socket.socket:
-    """Return a UDP socket that listens on a port."""
-    return _socket(what, host, port, socket.socket.bind, "listened to")
-
-
 def sending(what: str, host: str, port: int) -> tuple[Callable[[bytes], None], Callable[[], None]]:
     """Return a function that sends datagrams, and a function that closes its socket."""
     there = _socket(what, host, port, socket.socket.connect, "sent to")
@@ -406,7 +401,7 @@ def osc_motion(port: int, address: str, host: str = "127.0.0.1") -> Transport:
     port : int
         To listen to.
     address : str
-        Address of the messages; others are ignored.
+        Address of the messages; others are counted as rejected.
     host : str
         Address to listen on; ``""`` is every one of this machine.
 
@@ -419,7 +414,7 @@ def osc_motion(port: int, address: str, host: str = "127.0.0.1") -> Transport:
     SinkError
         The port cannot be listened to.
     """
-    here, mine = listening("osc_motion", host, port), address.encode()
+    here = _socket("osc_motion", host, port, socket.socket.bind, "listened to")
 
     def receive(timeout: float) -> Rows:
         rows: list[Any] = []
@@ -430,8 +425,10 @@ def osc_motion(port: int, address: str, host: str = "127.0.0.1") -> Transport:
             except (ValueError, KeyError, struct.error, RecursionError):
                 found = []
                 rejected.append(("no OSC", shown_of(data)))
-            rows += [values for to, values in found if to == mine]
-            rejected += [("another address", shown_of(to)) for to, _ in found if to != mine]
+            rows += [values for to, values in found if to == address.encode()]
+            rejected += [
+                ("another address", shown_of(to)) for to, _ in found if to != address.encode()
+            ]
         return rows, [math.nan] * len(rows), rejected
 
     return Transport(receive, here.close)
@@ -474,7 +471,7 @@ def udp_motion(
     ([], [], [])
     >>> receive.close()
     """
-    here = listening("udp_motion", host, port)
+    here = _socket("udp_motion", host, port, socket.socket.bind, "listened to")
 
     def receive(timeout: float) -> Rows:
         found = [data.rstrip(b"\0") for data in datagrams(here, timeout)]  # of C's texts
