@@ -393,7 +393,8 @@ def test_motion_over_osc(there, using):
             for v in values:
                 message.add_arg(v)
             there.sendto(message.build().dgram, ("127.0.0.1", port))
-        there.sendto(b"no osc at all", ("127.0.0.1", port))
+        for data in (b"no osc at all", b"/hand\0\0\0,f\xff\0\0\0\0\0"):  # in no UTF-8
+            there.sendto(data, ("127.0.0.1", port))
 
     report, x = played_from(Stream(receive=receive, columns={"x": 1}, scale={"x": 1e-3}), send)
     heard(x)
