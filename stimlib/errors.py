@@ -39,10 +39,10 @@ def shown(text: object) -> str:
     return _CONTROL.sub(lambda m: ascii(m.group())[1:-1], str(text))
 
 
-def shortened(value: object) -> str:
-    """Return the repr of a value, cut to 80 characters."""
+def shortened(value: object, most: int = 80) -> str:
+    """Return the repr of a value, cut to 80 characters or to ``most``."""
     text = repr(value)
-    return text if len(text) <= 80 else text[:77] + "..."
+    return text if len(text) <= most else text[: most - 3] + "..."
 
 
 def said(text: str) -> str:

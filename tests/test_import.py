@@ -186,8 +186,6 @@ MISSING = {
         "stimlib.devices.lsl_markers()": "lsl_markers needs the package pylsl",
         "stimlib.devices.lsl_motion('hand')": "lsl_motion needs the package pylsl",
         "stimlib.devices.lsl_streams()": "lsl_streams needs the package pylsl",
-        "stimlib.devices.osc_markers('127.0.0.1', 9)": "osc_markers needs the package python-osc",
-        "stimlib.devices.osc_motion(0, '/hand')": "osc_motion needs the package python-osc",
         "stimlib.devices.serial_markers('/dev/null', {})": "serial_markers needs the package pyser",
         "stimlib.devices.serial_motion('/dev/null')": "serial_motion needs the package pyserial",
     },

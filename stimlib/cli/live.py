@@ -108,7 +108,8 @@ def live(
             help=(
                 "Rows that another program or a device sends, a source to choose on the page: "
                 "[bold]lsl:NAME[/], [bold]osc:PORT/ADDRESS[/], [bold]udp:PORT[/] or "
-                "[bold]serial:PORT[/]."
+                "[bold]serial:PORT[/]; of a row such as 1,2 say what a comma is with "
+                "[bold]udp:PORT:comma=separator[/] or [bold]:comma=decimal[/]."
             )
         ),
     ] = None,

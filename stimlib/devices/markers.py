@@ -12,10 +12,11 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ..errors import SinkError
+from ..errors import BadValue, SinkError, shortened
 
 WINDOW = 30.0
 """Length in s of the window for fitting the device's clock."""
@@ -53,6 +54,22 @@ class Marker:
     time: float
     uncertainty: float
     lost: bool = False
+
+
+def checked_name(where: str, name: Any) -> str:
+    """Return a marker's name, which any sender can send.
+
+    Raises
+    ------
+    BadValue
+        No text, more than 256 characters, or control characters.
+    """
+    if not isinstance(name, str) or len(name) > 256 or not name.isprintable():
+        raise BadValue(
+            f"{where} = {shortened(name)} must be a text of at most 256 characters, none of them a"
+            " control character"
+        )
+    return name
 
 
 class Clock:

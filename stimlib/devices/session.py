@@ -13,6 +13,7 @@ from ..errors import FaultError, SinkError
 from ..run.safety import Watch
 from .engine import Pump
 from .markers import Markers
+from .rows import REMEDIES
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,10 @@ class SessionReport:
     markers, lost_markers, unsent_markers : int
         Markers reported; those at samples that the device skipped; and those that a
         sender had not accepted by the end.
-    rows, rejected : int
-        Rows of a stream that were accepted, and rows that were too short or not
-        numbers.
+    rows : int
+        Rows of a stream that were accepted.
+    rejected : dict of str to int
+        Rows of a stream that were rejected, by the reason.
     jitter : float, s
         For a stream with the sender's times: 99 % of the rows came within this time
         after the earliest.
@@ -81,7 +83,7 @@ class SessionReport:
     lost_markers: int = 0
     unsent_markers: int = 0
     rows: int = 0
-    rejected: int = 0
+    rejected: dict[str, int] = field(default_factory=dict)
     jitter: float = 0.0
     lateness: dict[str, float] = field(default_factory=dict)
 
@@ -101,13 +103,20 @@ class SessionReport:
         more = [f"{sum(v.values())} samples limited ({k})" for k, v in self.clips.items()]
         more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
         unsent = f", {self.unsent_markers} not sent" if self.unsent_markers else ""
+        reasons = sorted(self.rejected, key=lambda why: -self.rejected[why])
         rise = f"{self.rise} frames before sample 0" if self.rise else "the first samples"
         rest = (
             (self.stale, f"motion stale {self.stale} times"),
             (self.unlogged, f"{self.unlogged} samples not logged"),
             (self.skipped, f"{self.skipped} columns of motion came too fast"),
             (self.markers, f"{self.markers} markers, {self.lost_markers} lost{unsent}"),
-            (self.rows, f"{self.rows} rows of motion, {self.rejected} rejected"),
+            (self.rows, f"{self.rows} rows of motion"),
+            (
+                self.rejected,
+                f"{sum(self.rejected.values())} rows rejected: "
+                + ", ".join(f"{self.rejected[why]} {why}" for why in reasons)
+                + f" ({REMEDIES.get(''.join(reasons[:1]), 'see its receive')})",
+            ),
             (True, f"faded in over {rise}"),
             (self.fall, f"faded out over {self.fall} frames after the last sample"),
         )

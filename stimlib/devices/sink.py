@@ -29,7 +29,7 @@ from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
 from .engine import PUMP, Pump
-from .markers import Markers, Send
+from .markers import Markers, Send, checked_name
 from .process import abandoned, account, begin, begin_playing, end_playing, open_sinks, signals_wait
 from .session import Recorder, SessionReport
 from .sources import (
@@ -633,17 +633,16 @@ class Sink:
         SinkError
             Not started; the device has failed.
         BadValue
-            A value that is not finite; a sample below 0.
+            A name with control characters or more than 256 characters; a value that is
+            not finite; a sample below 0.
         """
         self.check()
         if not self._started or self._closed:
             raise SinkError("mark: start the sink first")
-        if not isinstance(name, str):
-            raise BadValue(f"mark: name = {name!r:.60} must be a text")
         at = self.pump.index if sample is None else sample
         if at < 0:
             raise BadValue(f"mark: sample = {sample} must be 0 or above")
-        self._telling.add(at, name, _number(f"mark: {name}", value))
+        self._telling.add(at, checked_name("mark: name", name), _number(f"mark: {name}", value))
 
     def time_of(self, sample: int) -> tuple[float, float]:
         """Return the time at which a sample leaves the device, and its uncertainty.
@@ -725,9 +724,9 @@ class Sink:
         )
 
     def _received(self) -> dict[str, Any]:
-        if not isinstance(self._feeder, Receiver):
+        if not isinstance(f := self._feeder, Receiver):
             return {}
-        return {n: getattr(self._feeder, n) for n in ("rows", "rejected", "jitter")}
+        return {"rows": f.rows, "rejected": dict(f.rejected), "jitter": f.jitter}
 
     def _delay(self) -> float:
         """Return the latency of the device, or its last one after it has closed."""

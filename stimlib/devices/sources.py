@@ -7,16 +7,17 @@ functions of time, it is a scripted source.  ``Live`` uses the motion passed to
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, SinkError, public, shortened
 from ..motion.source import check_names, positions, sources_of
 
 
@@ -83,8 +84,10 @@ class Live:
 
 SILENT = 0.05
 """Seconds without motion after which a source counts as silent."""
-Receive = Callable[[float], tuple[Sequence[Sequence[float]], Sequence[float]]]
+Receive = Callable[[float], tuple[Sequence[Any], ...]]
 JUMP = 1.0  # s: by more, a sender's clock was set
+NUMBERS: Any = (int, float, np.integer, np.floating)
+UNLIKE = {IndexError: "too short", KeyError: "no such label", TypeError: "no labels"}
 SILENCES = ("fade", "hold", "stop")
 
 
@@ -101,21 +104,24 @@ class Stream(Live):
         ``receive(timeout)`` waits at most ``timeout`` seconds and returns rows of
         numbers and the sender's time of each in s (nan if it sends none), both empty if
         nothing came: ``lsl_motion``, ``osc_motion``, ``udp_motion``, ``serial_motion``
-        or your own function.  It may reconnect by itself.
-    columns : dict of str to int
-        For each input, the index of its number in a row.
+        or your own function.  It may reconnect by itself.  A function that rejects rows
+        returns, as a third, a list of ``(reason, received)`` pairs, one for each: a
+        short fixed phrase such as ``"no numbers"``, and the beginning of what came.
+    columns : dict of str to int or str
+        For each input, the index of its number in a row, from 0; or the label of the
+        number, in rows such as ``x:0.01`` or ``{"x": 0.01}``.
     scale : dict of str to float, optional
         Factor of an input where the sender has another unit, such as 1e-3 for mm.
     limits : dict of str to (float, float), optional
-        Range of an input, in its unit: a row outside the range is rejected like one
-        that is not a number, so that an outlier causes no motion.
+        Range of an input, in its unit: a row outside the range is rejected, so that an
+        outlier causes no motion.
     silence : {"fade", "hold", "stop"}
         After 50 ms without a row: fade out until there is one again, hold the last
         position, or end the session with an error.
     """
 
     receive: Receive | None = None
-    columns: Mapping[str, int] = field(default_factory=dict)
+    columns: Mapping[str, int | str] = field(default_factory=dict)
     scale: Mapping[str, float] = field(default_factory=dict)
     silence: str = "fade"
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -129,8 +135,10 @@ class Stream(Live):
                 f"Stream: silence = {self.silence!r}: choose one of {', '.join(SILENCES)}"
             )
         for name, k in self.columns.items():
-            if isinstance(k, bool) or not isinstance(k, int) or k < 0:
-                raise BadValue(f"Stream: columns[{name!r}] = {k!r} must be a whole number")
+            if not isinstance(k, str) and k < 0:
+                raise BadValue(
+                    f"Stream: columns[{name!r}] = {k!r} must be a whole number from 0, or a label"
+                )
         for what, given in (("scale", self.scale), ("limits", self.limits)):
             check_names(f"Stream: {what}", {**self.columns, **given}, tuple(self.columns), "column")
         for name, (low, high) in self.limits.items():
@@ -296,16 +304,22 @@ class Receiver(threading.Thread):
     """
 
     turns = 0
-    rows = rejected = 0  # taken, and passed over because they are no numbers or too short
+    rows = 0  # taken
 
     def __init__(self, pump: Any, source: Stream, failed: Callable[..., None]):
         super().__init__(name="stimlib stream", daemon=True)
         self._pump, self._source, self._failed = pump, source, failed
-        names = pump.proc.inputs
-        self._columns = [source.columns[name] for name in names]
-        self._scale = np.array([[source.scale.get(name, 1.0)] for name in names])
-        limits = [source.limits.get(name, (-np.inf, np.inf)) for name in names]
-        self._low, self._high = np.array(limits, float).reshape(-1, 2).T
+        self.rejected: Counter[str] = Counter()  # rows, by the reason
+        self.examples: dict[str, str] = {}  # the first of each reason
+        self._columns = [
+            (
+                source.columns[n],
+                source.scale.get(n, 1.0),
+                *source.limits.get(n, (-np.inf, np.inf)),
+            )
+            for n in pump.proc.inputs
+        ]
+        self._newest: tuple[float, list[float]] = (-math.inf, [])  # the sender's time, positions
         self._late: deque[float] = deque(maxlen=10_000)  # arrival less the sender's time
         self._over = threading.Event()
 
@@ -320,9 +334,9 @@ class Receiver(threading.Thread):
         heard = None
         while not self._over.is_set():
             try:
-                rows, times = self._source.receive(0.02)  # type: ignore[misc]
+                found = self._source.receive(0.02)  # type: ignore[misc]
                 self.turns += 1
-                if self._take(rows, times):
+                if self._take(*found):
                     heard = time.monotonic()
                 elif self._source.silence == "stop" and heard and time.monotonic() - heard > SILENT:
                     raise SinkError(f"no motion has come for {1e3 * SILENT:g} ms")
@@ -330,23 +344,53 @@ class Receiver(threading.Thread):
                 self._failed(e, what="the stream failed")
                 return
 
-    def _take(self, rows: Sequence[Sequence[float]], times: Sequence[float]) -> int:
+    def _take(
+        self,
+        rows: Sequence[Any],
+        times: Sequence[float],
+        rejected: Sequence[tuple[str, str]] = (),
+    ) -> int:
         """Put the valid rows into the ring buffer, and return how many there were."""
-        now, need = time.monotonic(), max(self._columns) + 1
-        found = [[row[k] for k in self._columns] for row in rows if len(row) >= need]
-        x = np.array(found, np.float64).reshape(-1, len(self._columns)) * self._scale[:, 0]
-        with np.errstate(invalid="ignore"):
-            good = (np.isfinite(x) & (x >= self._low) & (x <= self._high)).all(axis=1)
-        taken = int(good.sum())
-        self.rejected += len(rows) - taken
-        self.rows += taken
-        for late in (now - t for t in times if np.isfinite(t)):
-            if self._late and abs(late - self._late[-1]) > JUMP:
-                self._late.clear()  # the sender has set its clock
-            self._late.append(late)
+        now, taken, refused = time.monotonic(), [], [*rejected]
+        for row, at in zip(rows, times, strict=True):
+            x, why = self._positions(row, at)
+            if why:
+                refused.append((why, shortened(row, 40)))
+                continue
+            taken.append(x)
+            if math.isfinite(at):
+                self._newest = at, x
+                if self._late and abs(now - at - self._late[-1]) > JUMP:
+                    self._late.clear()  # the sender has set its clock
+                self._late.append(now - at)
+        for why, received in refused:
+            self.rejected[why] += 1
+            self.examples.setdefault(why, received[:40])
+        self.rows += len(taken)
         if taken:
-            self._pump.put_motion(np.ascontiguousarray(x[good].T))
-        return taken
+            self._pump.put_motion(np.array(taken, np.float64, order="F").T)
+        return len(taken)
+
+    def _positions(self, row: Any, at: float) -> tuple[list[float], str | None]:
+        """Return the positions of a row, and the reason why it is rejected."""
+        try:
+            found = [row[k] for k, *_ in self._columns]
+        except (LookupError, TypeError) as e:  # the row is shorter, or of another kind
+            return [], UNLIKE.get(type(e), "no numbers")
+        x = [
+            float(v) * scale if isinstance(v, NUMBERS) and -1e308 < v < 1e308 else math.nan
+            for v, (_, scale, *_) in zip(found, self._columns, strict=True)
+        ]
+        wrong = {
+            "no numbers": not all(isinstance(v, NUMBERS) and v is not bool(v) for v in found),
+            "not finite": not all(map(math.isfinite, x)),
+            "outside its limits": not all(
+                low <= v <= high for v, (*_, low, high) in zip(x, self._columns, strict=True)
+            ),
+            "out of order": 0.0 < self._newest[0] - at <= JUMP,
+            "repeated": (at, x) == self._newest,
+        }
+        return x, next(filter(wrong.get, wrong), None)
 
     def stop(self) -> None:
         """End the thread."""

@@ -10,20 +10,24 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import socket
+import struct
 import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Literal
 
 from ..errors import BadValue, SinkError, public
 from ..system.packages import package
-from .markers import Marker
+from .markers import Marker, checked_name
+from .rows import CUT, Rows, osc_messages, osc_text, rows_of, shown_of
 
-Rows = tuple[list[list[float]], list[float]]
-"""Rows of numbers, with the sender's time of each in s, or nan if it sends none."""
+Comma = Literal["separator", "decimal"]
 MOST = 256  # datagrams or lines that are taken at once
+LONGEST = 65536  # bytes of a line
+PAUSE = 1.0  # s between calls, after which what waits at a serial port may have a gap
 
 
 class Transport(AbstractContextManager["Transport"]):
@@ -38,31 +42,6 @@ class Transport(AbstractContextManager["Transport"]):
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-
-def row_of(line: bytes, timed: bool) -> tuple[list[float], float] | None:
-    """Return the numbers of a line and the sender's time, or None if it has no numbers.
-
-    Examples
-    --------
-    >>> from stimlib.devices.transports import row_of
-    >>> row_of(b"12.5, 0.01 0.02", timed=True)
-    ([0.01, 0.02], 12.5)
-    >>> row_of(b"hello", timed=False) is None
-    True
-    """
-    try:
-        numbers = [float(text) for text in line.replace(b",", b" ").split()]
-    except ValueError:
-        return None
-    if len(numbers) <= timed:
-        return None
-    return (numbers[1:], numbers[0]) if timed else (numbers, math.nan)
-
-
-def listening(what: str, host: str, port: int) -> socket.socket:
-    """Return a UDP socket that listens on a port."""
-    return _socket(what, host, port, socket.socket.bind, "listened to")
 
 
 def sending(what: str, host: str, port: int) -> tuple[Callable[[bytes], None], Callable[[], None]]:
@@ -84,14 +63,9 @@ def _socket(
         use(made, (host, port))
     except (OSError, OverflowError) as e:
         made.close()
-        raise SinkError(f"{what}: {host}:{port} cannot be {done}: {_why(e)}") from e
+        why = getattr(e, "strerror", "a port is a number from 0 to 65535")
+        raise SinkError(f"{what}: {host}:{port} cannot be {done}: {why}") from e
     return made
-
-
-def _why(e: Exception) -> str:
-    if isinstance(e, OverflowError):
-        return "a port is a number from 0 to 65535"
-    return getattr(e, "strerror", None) or str(e)
 
 
 def datagrams(here: socket.socket, timeout: float) -> list[bytes]:
@@ -165,26 +139,17 @@ def osc_markers(host: str, port: int, address: str = "/stimlib/marker") -> Trans
 
     Raises
     ------
-    MissingPackage
-        python-osc is not installed.
     SinkError
         There is no such host or port.
+    BadValue
+        An address with control characters, or with more than 256 characters.
     """
+    start = osc_text(checked_name("osc_markers: address", address))
     send_data, close = sending("osc_markers", host, port)
-    messages = package("pythonosc.osc_message_builder", "osc_markers")
 
     def send(m: Marker) -> None:
-        built = messages.OscMessageBuilder(address=address)
-        for value, kind in (
-            (m.name, "s"),
-            (m.value, "d"),
-            (m.sample, "h"),
-            (m.time, "d"),
-            (m.uncertainty, "d"),
-            (m.lost, "T" if m.lost else "F"),
-        ):
-            built.add_arg(value, kind)
-        send_data(built.build().dgram)
+        numbers = struct.pack(">dqdd", m.value, m.sample, m.time, m.uncertainty)
+        send_data(start + osc_text(",sdhdd" + "FT"[m.lost]) + osc_text(m.name) + numbers)
 
     return Transport(send, close)
 
@@ -293,19 +258,26 @@ def sender(text: str) -> Transport:
     ...     callable(send)
     True
     """
-    kind, _, place = text.partition(":")
-    host, _, last = place.rpartition(":")
-    if kind == "lsl" and place:
-        return lsl_markers(place)
-    if kind in ("osc", "udp") and host and last.isdecimal():
-        return (osc_markers if kind == "osc" else udp_markers)(host, int(last))
-    codes = dict(part.split("=") for part in last.split(",") if part.count("=") == 1)
-    if kind == "serial" and host and codes and all(c.isdecimal() for c in codes.values()):
-        return serial_markers(host, {name.strip(): int(code) for name, code in codes.items()})
-    raise BadValue(
-        f"send = {text!r}: write lsl:NAME, osc:HOST:PORT, udp:HOST:PORT or"
-        " serial:PORT:onset=1,stimulus=2"
-    )
+    forms: dict[str, Callable[..., Transport]] = {
+        "lsl:(.+)": lsl_markers,
+        "osc:(.+):([0-9]+)": lambda host, port: osc_markers(host, int(port)),
+        "udp:(.+):([0-9]+)": lambda host, port: udp_markers(host, int(port)),
+        "serial:(.+):([^=,:]+=[0-9]+(?:,[^=,:]+=[0-9]+)*)": lambda port, codes: serial_markers(
+            port, {k.strip(): int(v) for k, v in (code.split("=") for code in codes.split(","))}
+        ),
+    }
+    says = "lsl:NAME, osc:HOST:PORT, udp:HOST:PORT or serial:PORT:onset=1,stimulus=2"
+    return _described("send", text, forms, says)
+
+
+def _described(
+    what: str, text: str, forms: Mapping[str, Callable[..., Transport]], says: str
+) -> Transport:
+    """Return the transport that a text describes in one of several forms."""
+    for form, make in forms.items():
+        if found := re.fullmatch(form, text):
+            return make(*found.groups())
+    raise BadValue(f"{what} = {text!r}: write {says}")
 
 
 # motion -------------------------------------------------------------------------------
@@ -316,7 +288,8 @@ def receiver(text: str) -> Transport:
     Parameters
     ----------
     text : str
-        ``lsl:NAME``, ``osc:PORT/ADDRESS``, ``udp:PORT`` or ``serial:PORT``.
+        ``lsl:NAME``, ``osc:PORT/ADDRESS``, ``udp:PORT`` or ``serial:PORT``; the last
+        two may end with ``:comma=separator`` or ``:comma=decimal``.
 
     Raises
     ------
@@ -330,19 +303,16 @@ def receiver(text: str) -> Transport:
     >>> from stimlib.devices.transports import receiver
     >>> with receiver("udp:0") as receive:
     ...     receive(0.0)
-    ([], [])
+    ([], [], [])
     """
-    kind, _, place = text.partition(":")
-    if kind == "lsl" and place:
-        return lsl_motion(place)
-    port, slash, address = place.partition("/")
-    if kind == "osc" and port.isdecimal() and address:
-        return osc_motion(int(port), slash + address)
-    if kind == "udp" and place.isdecimal():
-        return udp_motion(int(place))
-    if kind == "serial" and place:
-        return serial_motion(place)
-    raise BadValue(f"stream = {text!r}: write lsl:NAME, osc:PORT/ADDRESS, udp:PORT or serial:PORT")
+    forms: dict[str, Callable[..., Transport]] = {
+        "lsl:(.+)": lsl_motion,
+        "osc:([0-9]+)(/.+)": lambda port, address: osc_motion(int(port), address),
+        "udp:([0-9]+)(?::comma=(.*))?": lambda port, comma: udp_motion(int(port), comma=comma),
+        "serial:(.+?)(?::comma=(.*))?": lambda port, comma: serial_motion(port, comma=comma),
+    }
+    says = "lsl:NAME, osc:PORT/ADDRESS, udp:PORT or serial:PORT"
+    return _described("stream", text, forms, says)
 
 
 @public
@@ -359,8 +329,9 @@ def lsl_motion(name: str, wait: float = 10.0) -> Transport:
     Returns
     -------
     callable
-        Returns rows with the sender's times on LSL's clock.  A stream that disappears
-        is reconnected when it comes back.
+        Returns rows with the sender's times on LSL's clock.  If each channel has its
+        own label, ``columns`` may name it.  A stream that disappears is reconnected
+        when it comes back with as many channels.
 
     Raises
     ------
@@ -375,13 +346,16 @@ def lsl_motion(name: str, wait: float = 10.0) -> Transport:
         raise SinkError(f"lsl_motion: no stream {name!r} appeared within {wait:g} s")
     inlet = [pylsl.StreamInlet(found[0], max_buflen=1)]
     inlet[0].open_stream(timeout=wait)
+    labels = inlet[0].info(timeout=wait).get_channel_labels() or [None, None]
+    keys = [*range(len(labels)), *labels] if len({*labels}) == len(labels) else None
 
     def receive(timeout: float) -> Rows:
         row, at = inlet[0].pull_sample(timeout=timeout)
         if row is None:
-            return [], []
+            return [], [], []
         rows, times = inlet[0].pull_chunk(timeout=0.0, max_samples=MOST)
-        return [row, *rows], [at, *times]
+        named = [dict(zip(keys, [*r, *r], strict=True)) if keys else r for r in (row, *rows)]
+        return named, [at, *times], []
 
     return Transport(receive, inlet.clear)
 
@@ -427,7 +401,7 @@ def osc_motion(port: int, address: str, host: str = "127.0.0.1") -> Transport:
     port : int
         To listen to.
     address : str
-        Address of the messages; others are ignored.
+        Address of the messages; others are counted as rejected.
     host : str
         Address to listen on; ``""`` is every one of this machine.
 
@@ -437,35 +411,33 @@ def osc_motion(port: int, address: str, host: str = "127.0.0.1") -> Transport:
 
     Raises
     ------
-    MissingPackage
-        python-osc is not installed.
     SinkError
         The port cannot be listened to.
     """
-    osc = package("pythonosc.osc_packet", "osc_motion")
-    here = listening("osc_motion", host, port)
+    here = _socket("osc_motion", host, port, socket.socket.bind, "listened to")
 
     def receive(timeout: float) -> Rows:
-        rows: list[list[float]] = []
+        rows: list[Any] = []
+        rejected: list[tuple[str, str]] = []
         for data in datagrams(here, timeout):
-            if not data.startswith((b"/", b"#bundle")):  # python-osc would print it
-                rows.append([])
-                continue
-            with suppress(osc.ParseError):
-                for timed in osc.OscPacket(data).messages:
-                    if timed.message.address == address:
-                        rows.append([_number(v) for v in timed.message.params])
-        return rows, [math.nan] * len(rows)
+            try:
+                found = osc_messages(data)
+            except (ValueError, KeyError, struct.error, RecursionError):
+                found = []
+                rejected.append(("no OSC", shown_of(data)))
+            rows += [values for to, values in found if to == address.encode()]
+            rejected += [
+                ("another address", shown_of(to)) for to, _ in found if to != address.encode()
+            ]
+        return rows, [math.nan] * len(rows), rejected
 
     return Transport(receive, here.close)
 
 
-def _number(value: Any) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan
-
-
 @public
-def udp_motion(port: int, host: str = "127.0.0.1", timed: bool = False) -> Transport:
+def udp_motion(
+    port: int, host: str = "127.0.0.1", timed: bool = False, comma: Comma | None = None
+) -> Transport:
     """Return a receiver of UDP datagrams with numbers, for ``Stream``.
 
     Parameters
@@ -476,12 +448,14 @@ def udp_motion(port: int, host: str = "127.0.0.1", timed: bool = False) -> Trans
         Address to listen on; ``""`` is every one of this machine.
     timed : bool
         The first number of each line is the sender's time in s.
+    comma : {"separator", "decimal"}, optional
+        What a comma between two digits is.  By default it separates numbers if each has
+        a decimal point or an exponent, and the row is rejected otherwise.
 
     Returns
     -------
     callable
-        Returns rows of numbers: each line of a datagram is text with numbers separated
-        by blanks or commas; other lines are ignored.
+        Each line of a datagram is a row: see :doc:`/howto/rows`.
 
     Raises
     ------
@@ -494,27 +468,24 @@ def udp_motion(port: int, host: str = "127.0.0.1", timed: bool = False) -> Trans
     >>> from stimlib.devices import udp_motion
     >>> receive = udp_motion(0)
     >>> receive(0.0)
-    ([], [])
+    ([], [], [])
     >>> receive.close()
     """
-    here = listening("udp_motion", host, port)
+    here = _socket("udp_motion", host, port, socket.socket.bind, "listened to")
 
     def receive(timeout: float) -> Rows:
-        return _rows(b"\n".join(datagrams(here, timeout)).split(b"\n"), timed)
+        found = [data.rstrip(b"\0") for data in datagrams(here, timeout)]  # of C's texts
+        return rows_of(b"\n".join(found).splitlines(), timed, comma)
 
     made = Transport(receive, here.close)
     made.port = here.getsockname()[1]  # type: ignore[attr-defined]
     return made
 
 
-def _rows(lines: list[bytes], timed: bool) -> Rows:
-    found = [row_of(line, timed) for line in lines]
-    rows = [row for row in found if row]
-    return [row for row, _ in rows], [at for _, at in rows]
-
-
 @public
-def serial_motion(port: str, baudrate: int = 115200, timed: bool = False) -> Transport:
+def serial_motion(
+    port: str, baudrate: int = 115200, timed: bool = False, comma: Comma | None = None
+) -> Transport:
     """Return a receiver of numbers from a serial port, for ``Stream``.
 
     Parameters
@@ -525,13 +496,17 @@ def serial_motion(port: str, baudrate: int = 115200, timed: bool = False) -> Tra
         Bits per second.
     timed : bool
         The first number of each line is the sender's time in s.
+    comma : {"separator", "decimal"}, optional
+        What a comma between two digits is.  By default it separates numbers if each has
+        a decimal point or an exponent, and the row is rejected otherwise.
 
     Returns
     -------
     callable
-        Returns rows of numbers: each line is text with numbers separated by blanks or
-        commas; other lines are ignored.  A device that was unplugged is opened again
-        when it is back.
+        Each line is a row: see :doc:`/howto/rows`.  The line during which the port is
+        opened is rejected, because its beginning may be missing.  What came before a
+        pause of more than 1 s between two calls is discarded.  A device that was
+        unplugged is opened again when it is back.
 
     Raises
     ------
@@ -540,19 +515,23 @@ def serial_motion(port: str, baudrate: int = 115200, timed: bool = False) -> Tra
     SinkError
         The port cannot be opened.
     """
-    line, left = [opened("serial_motion", port, baudrate)], [b""]
+    line, left, asked = [opened("serial_motion", port, baudrate)], [CUT], [time.monotonic()]
 
     def receive(timeout: float) -> Rows:
+        stale = time.monotonic() - asked[0] > PAUSE
         try:
             line[0].timeout = timeout
             data = line[0].read(1) + line[0].read(line[0].in_waiting)
         except (OSError, TypeError):  # unplugged
             line[0].close()
             time.sleep(timeout)
+            stale, data = True, b""
             with suppress(SinkError):
                 line[0] = opened("serial_motion", port, baudrate)
-            return [], []
-        *lines, left[0] = (left[0] + data)[-65536:].split(b"\n")
-        return _rows(lines, timed)
+        asked[0] = time.monotonic()
+        *lines, left[0] = re.split(rb"[\r\n]", CUT if stale else left[0] + data)
+        if len(left[0]) > LONGEST:
+            left[0] = CUT
+        return rows_of(lines, timed, comma)
 
     return Transport(receive, lambda: line[0].close())

@@ -162,7 +162,7 @@ class Inputs:
         given: Mapping[str, Any] | None = None,
         bandwidth: float = SMOOTH,
         delay: float = DELAY,
-        stream: Callable[[float], tuple[Any, Any]] | None = None,
+        stream: Callable[[float], tuple[Any, ...]] | None = None,
     ):
         self.fs, self.names = fs, list(scene.inputs)
         self.given = dict(given or {})
@@ -336,11 +336,11 @@ class Inputs:
             row[:] = self._from[k] + w * (row - self._from[k])
 
 
-def _listen(to: weakref.ref[Inputs], stream: Callable[[float], tuple[Any, Any]]) -> None:
+def _listen(to: weakref.ref[Inputs], stream: Callable[[float], tuple[Any, ...]]) -> None:
     """Keep the newest row of a stream until it fails or its inputs are gone."""
     while True:
         try:
-            rows, _ = stream(0.1)
+            rows = stream(0.1)[0]
             rows, error = [list(row) for row in rows if all(map(math.isfinite, row))], ""
         except Exception as e:
             rows, error = [], str(e)

@@ -13,11 +13,11 @@ EXTRAS = {
     "sweep": ("pyarrow", "cloudpickle", "distributed"),
     "live": ("starlette", "uvicorn", "websockets"),
     "experiments": ("statsmodels", "pandas"),
-    "lab": ("pylsl", "pythonosc", "serial"),
+    "lab": ("pylsl", "serial"),
 }
 """Modules that ``pip install 'stimlib[NAME]'`` brings, of what `package` imports."""
 
-PROJECTS = {"pythonosc": "python-osc", "serial": "pyserial"}
+PROJECTS = {"serial": "pyserial"}
 """What pip calls a module's package, where it is not the module's name."""
 
 

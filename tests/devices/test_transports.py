@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from commands import ran
 from devices.servers import Seen, begun, played
+from pythonosc import osc_message_builder, osc_packet
 from typer.testing import CliRunner
 
 import stimlib
@@ -125,6 +126,9 @@ def test_marks_from_outside_are_told_in_the_order_of_samples():
             s.mark("x", sample=-1)
         with pytest.raises(BadValue, match="must be finite"):
             s.mark("x", float("nan"))
+        for name in ("a\0b", "a\n", "\ud800", "x" * 257, 5):
+            with pytest.raises(BadValue, match="mark: name = .* at most 256 characters"):
+                s.mark(name)
         time.sleep(0.1)
         s.mark("now")
     assert [(m.name, m.value, m.sample) for m in got[:2]] == [("early", 1, 100), ("late", 3, 1500)]
@@ -143,6 +147,9 @@ LIMITS = {"force": 2.0, "onset": 1.0}
         (lambda: NullSink(SCENE, LIMITS, markers=3), BadValue, "markers = 3 must be a list"),
         (lambda: NullSink(SCENE, LIMITS, send="lsl"), BadValue, "send = 'lsl' must be a function"),
         (lambda: NullSink(SCENE, LIMITS, send=[1]), BadValue, "must be a function of a Marker"),
+        (lambda: osc_markers("127.0.0.1", 9, "/a\0b"), BadValue, "osc_markers: address = "),
+        (lambda: udp_motion(0, comma=";"), BadValue, "comma = ';' must be one of separator"),
+        (lambda: receiver("udp:0:comma=point"), BadValue, "must be one of separator, decimal"),
         (lambda: udp_markers("127.0.0.1", 99999), SinkError, "a port is a number from 0"),
         (lambda: osc_markers("no.such.host.invalid", 9000), SinkError, "cannot be sent to"),
         (lambda: udp_motion(99999), SinkError, "a port is a number from 0"),
@@ -164,7 +171,7 @@ def test_texts_name_senders_and_receivers():
     """A marker by each text comes to a receiver of the same kind."""
     marker = Marker("onset", 1.0, 5, 0.1, 1e-3)
     with receiver("udp:0") as receive, socket.socket(type=socket.SOCK_DGRAM) as there:
-        assert receive(0.0) == ([], [])
+        assert receive(0.0) == ([], [], [])
         there.bind(("127.0.0.1", 0))
         there.settimeout(5)
         with sender(f"udp:127.0.0.1:{there.getsockname()[1]}") as send:
@@ -180,7 +187,10 @@ def test_texts_name_senders_and_receivers():
         send(marker)
         assert os.read(fd, 10) == b"\x07"
     with receiver(f"serial:{os.ttyname(port)}") as receive:
-        os.write(fd, b"1.5 2.5\n0.123456789 0.987654321 -12345.678901234\n")
+        os.write(
+            fd,
+            b"the line in which it was opened\n1.5 2.5\n0.123456789 0.987654321 -12345.678901234\n",
+        )
         rows = receive(5.0)[0]
         assert rows == [[1.5, 2.5], [0.123456789, 0.987654321, -12345.678901234]]
     os.close(fd), os.close(port)
@@ -292,9 +302,13 @@ def test_markers_over_udp_that_nobody_hears_are_no_error(using):
 
 
 def test_markers_over_osc(there, using):
-    packet = pytest.importorskip("pythonosc.osc_packet")
-    marked(using(osc_markers(*there.getsockname(), address="/lab/onset")))
-    got = [packet.OscPacket(d).messages[0].message for d in datagrams(there)]
+    send = using(osc_markers(*there.getsockname(), address="/lab/onset"))
+    for name in ("", "a", "abc", "abcd", "\xe9" * 256):
+        send(Marker(name, -0.1, 2**40, 0.1, 1e-3, True))
+        (message,) = osc_packet.OscPacket(there.recv(1000)).messages
+        assert message.message.params == [name, -0.1, 2**40, 0.1, 1e-3, True]
+    marked(send)
+    got = [osc_packet.OscPacket(d).messages[0].message for d in datagrams(there)]
     assert {m.address for m in got} == {"/lab/onset"}
     assert [m.params[:3] for m in got] == [
         ["onset", pytest.approx(0.0062, abs=1), 400 * k] for k in range(6)
@@ -352,7 +366,7 @@ def heard(x, scale=1e-3):
 
 
 def test_motion_over_udp(there, using):
-    receive = using(udp_motion(0, timed=True))
+    receive = using(udp_motion(0, timed=True, comma="separator"))
     began = time.monotonic()
 
     def send(k):
@@ -361,13 +375,13 @@ def test_motion_over_udp(there, using):
 
     report, x = played_from(Stream(receive=receive, columns={"x": 0}, scale={"x": 1e-3}), send)
     heard(x)
-    assert report.rows > 50 and report.rejected == 0 and 0 < report.jitter < 0.5
-    assert "rows of motion, 0 rejected" in str(report)
+    assert report.rows > 50 and 0 < report.jitter < 0.5
+    assert report.rejected == {"no numbers": 2 * (report.rejected["no numbers"] // 2)}
+    assert f"{report.rejected['no numbers']} rows rejected: " in str(report)
     assert receive.close is not None
 
 
 def test_motion_over_osc(there, using):
-    osc = pytest.importorskip("pythonosc.osc_message_builder")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
@@ -375,15 +389,18 @@ def test_motion_over_osc(there, using):
 
     def send(k):
         for address, values in (("/hand", [0.0, float(k)]), ("/other", [1.0, 1e9])):
-            message = osc.OscMessageBuilder(address=address)
+            message = osc_message_builder.OscMessageBuilder(address=address)
             for v in values:
                 message.add_arg(v)
             there.sendto(message.build().dgram, ("127.0.0.1", port))
-        there.sendto(b"no osc at all", ("127.0.0.1", port))
+        for data in (b"no osc at all", b"/hand\0\0\0,f\xff\0\0\0\0\0"):  # in no UTF-8
+            there.sendto(data, ("127.0.0.1", port))
 
     report, x = played_from(Stream(receive=receive, columns={"x": 1}, scale={"x": 1e-3}), send)
     heard(x)
     assert report.rows > 50 and report.jitter == 0.0
+    assert set(report.rejected) == {"another address", "no OSC"}
+    assert abs(report.rows - report.rejected["another address"]) <= 1
 
 
 def test_motion_over_a_serial_line(line, using):
@@ -443,7 +460,7 @@ def test_rows_that_are_no_numbers_are_rejected():
         silence="hold",
     )
     report, x = played_from(stream, lambda k: None, seconds=0.2)
-    assert (report.rows, report.rejected, x[-1]) == (2, 2, 0.002)
+    assert (report.rows, report.rejected, x[-1]) == (2, {"not finite": 1, "too short": 1}, 0.002)
 
 
 def test_a_receiver_that_raises_or_hangs_ends_the_session():
@@ -460,6 +477,8 @@ def test_a_receiver_that_raises_or_hangs_ends_the_session():
         ({"receive": None}, "receive must be a function"),
         ({"silence": "shout"}, "choose one of fade, hold, stop"),
         ({"columns": {"x": -1}}, "must be a whole number"),
+        ({"columns": {"x": True}}, "a whole number or a text"),
+        ({"columns": {"x": 0.5}}, "a whole number or a text"),
         ({"scale": {"y": 1.0}}, "there is no column y"),
         ({"columns": {"y": 0}}, "motion: x is missing"),
     ],
@@ -520,7 +539,7 @@ def test_rows_beyond_the_limits_move_nothing_and_clocks_may_be_set():
     with begun(sink, 0.3):
         sink.wait()
     report = sink.report()
-    assert (report.rows, report.rejected) == (3, 2) and report.jitter < 0.1
+    assert (report.rows, report.rejected) == (3, {"outside its limits": 2}) and report.jitter < 0.1
     for limits, error in (({"y": (0, 1)}, UnknownName), ({"x": (1.0, 1.0)}, BadValue)):
         with pytest.raises(error):
             Stream(receive=lambda t: ([], []), columns={"x": 0}, limits=limits)
