@@ -229,6 +229,21 @@ def test_pressure_a_held_value_and_a_motion_of_the_callers():
     )
 
 
+@pytest.mark.parametrize("kind", ["value", "u", "pressure"])
+@pytest.mark.parametrize(("unit", "zero"), [("N", True), ("N/m^2", True), ("m", False)])
+def test_a_lifted_finger_exerts_no_force_on_the_page(kind, unit, zero):
+    scene = Scene({"y": 1.0 * Input("a", unit), "on": 1.0 * Input("contact")})
+    inputs = Inputs(scene, FS, {"a": (0.5, 1.5), "contact": (0.0, 1.0)}, delay=0.0)
+    inputs.choose("a", **{"from": kind, "value": 1.25})
+    inputs.move(0, 0.75, 0.0, 0.75, 1)
+    assert inputs.columns(0, 4000)[0, -1] == pytest.approx(1.25)
+    inputs.lift()
+    last = inputs.columns(4000, 4000)[0, -1]
+    assert last == pytest.approx(0.0 if zero else 0.5 if kind == "pressure" else 1.25, abs=1e-9)
+    inputs.move(0, 0.75, 0.0, 0.75, 1)
+    assert inputs.columns(8000, 4000)[0, -1] == pytest.approx(1.25)
+
+
 def test_nobody_listens_to_a_stream_whose_inputs_are_gone():
     calls = []
 
