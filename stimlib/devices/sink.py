@@ -573,6 +573,7 @@ class Sink:
         self._need_live(name)
         value = _number(f"set: {name}", value)
         samples = max(1, _samples(f"set: {name}: ramp", ramp, self.rate))
+        self.proc.setting(name, value, ramp)
         end = time.monotonic() + 1.0
         while not self.finished and not self.pump.set(name, value, samples):
             if time.monotonic() > end or not self._started:

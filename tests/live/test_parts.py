@@ -14,7 +14,7 @@ import pytest
 from refusals import refused
 from scipy.signal import welch
 
-from stimlib import Input, Param, Scene, constant, render
+from stimlib import Input, Param, Scene, blocks, constant, render
 from stimlib.devices.engine import Pump
 from stimlib.errors import BadValue, UnknownName
 from stimlib.files.log_reader import read_log
@@ -518,3 +518,11 @@ def test_a_scene_that_is_shown_again_ends_its_earlier_page():
     finally:
         second.close()
     assert not second._thread.is_alive()
+
+
+def test_a_frequency_of_half_the_rate_is_refused_on_the_page(tmp_path):
+    scene = Scene({"y": blocks.oscillator(Param("f", 100.0, "Hz"))})
+    stream = Stream(scene, FS, 50.0, ranges={"f": (0.0, 1e5)}, folder=tmp_path)
+    stream.set("f", 0.49 * FS)
+    refused(BadValue, r"f: .*freq = .* does not fit below fs/2", stream.set, "f", 0.5 * FS)
+    assert stream.params["f"] == 0.49 * FS
