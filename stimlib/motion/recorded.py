@@ -330,7 +330,7 @@ def recording(
     ... )
     dict in memory: 3 reports, 0.02 s, median 100 Hz
     """
-    _check_options(columns, where, contact, reports, repeats, max_speed, max_gap, lifted)
+    _check_options(columns, where, max_speed, max_gap, lifted)
     table = read_table(source, sha256)
     text = partial(
         _spec,
@@ -501,18 +501,10 @@ def served_by(name: str, recorded: Collection[str], inputs: Collection[str]) -> 
 # -- arguments
 
 
-def _check_options(
-    columns: Any,
-    where: Any,
-    contact: Any,
-    reports: Any,
-    repeats: Any,
-    max_speed: Any,
-    max_gap: Any,
-    lifted: Any,
-) -> None:
+def _check_options(columns: Any, where: Any, max_speed: Any, max_gap: Any, lifted: Any) -> None:
+    """Check what the types of the arguments leave open."""
     example = 'such as {"x": "force_N*5e-4"}'
-    if not isinstance(columns, Mapping) or not columns:
+    if not columns:
         raise BadValue(
             f"columns must map each input of the scene to a column, {example}, got {columns!r}"
         )
@@ -531,44 +523,19 @@ def _check_options(
         raise BadValue(
             f'where must map columns to numbers or texts, such as {{"trial": 1}}, got {where!r}'
         )
-    if not (contact is None or isinstance(contact, str | bool)):
-        raise BadValue(
-            f"contact must be the name of a column, False to ignore it, or None, got {contact!r}"
-        )
-    for name, how in (lifted or {}).items():
-        if name not in columns or how not in ("hold", "zero"):
+    speeds = max_speed if isinstance(max_speed, Mapping) else {}
+    for what, names in (("max_speed", speeds), ("lifted", lifted or {})):
+        if wrong := [name for name in names if name not in columns]:
             raise BadValue(
-                f'lifted: {name!r} is {how!r}; it must map inputs of {", ".join(columns)} to "hold"'
-                ' or "zero"'
+                f"{what}: columns has no input {wrong[0]!r}; it has {', '.join(columns)}"
             )
-    _check_meanings(columns, reports, repeats, max_speed, max_gap)
-
-
-def _check_meanings(columns: Any, reports: Any, repeats: Any, max_speed: Any, max_gap: Any) -> None:
-    """Check the options on silence, repeats, speeds and gaps."""
-    if reports not in ("always", "on_change"):
-        raise BadValue(f'reports must be "always" or "on_change", got {reports!r}')
-    if repeats not in (None, "last", "mean", "spread"):
-        raise BadValue(f'repeats must be "last", "mean", "spread" or None, got {repeats!r}')
-    speeds = max_speed if isinstance(max_speed, Mapping) else {"": max_speed}
-    for name in speeds:
-        if speeds is max_speed and name not in columns:
-            raise BadValue(f"max_speed: columns has no input {name!r}; it has {', '.join(columns)}")
-    for value in speeds.values():
-        if value is not None and not _is_positive(value):
+    for value in speeds.values() if speeds is max_speed else [max_speed]:
+        if value is not None and not 0 < value < float("inf"):
             raise BadValue(
                 f"max_speed must be finite and above 0, in m/s, or None for no limit, got {value!r}"
             )
-    if max_gap is not None and not _is_positive(max_gap):
+    if max_gap is not None and not 0 < max_gap < float("inf"):
         raise BadValue(f"max_gap must be finite and above 0, in s, got {max_gap!r}")
-
-
-def _is_positive(value: Any) -> bool:
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and bool(0 < value < float("inf"))
-    )
 
 
 def _spec(file: str, sha256: str, columns: Mapping[str, str], **options: Any) -> str:
