@@ -34,7 +34,7 @@ def interval(sink, hand) -> None:
         sink.open(rate=8000)
         sink.start()
         for x in hand:
-            sink.push(np.array([[x]]))
+            sink.push({"x": x})
         sink.stop()
 
 

@@ -62,8 +62,7 @@ class Reader(threading.Thread):
                 if not line.endswith(b"\n"):  # the rest of it comes later
                     continue
                 try:
-                    # shape (inputs, samples), in m
-                    self.sink.push(np.array([[float(line) * 1e-6]]))
+                    self.sink.push({"x": float(line) * 1e-6})  # in m
                     self.reports += 1
                 except ValueError:  # the first line may begin anywhere
                     self.unreadable += 1

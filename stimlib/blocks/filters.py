@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, as_block, constant, positive
+from ..core.graph import NONE, ONE, Block, as_block, below_half, constant, positive
 from ..core.maths import TINY, copy, each, fir as fir_sum, flush, fma, series, where
 from ..core.response import backward
 from ..core.units import unit
@@ -594,17 +594,6 @@ def quadratics(p, z):
 def cascade(rows: Sections, at: float) -> tuple[CascadeParams, CascadeState]:
     """Return the parameters and rest state of a cascade of sections."""
     return CascadeParams(*rows, at), CascadeState(*np.zeros((4, rows.a.size)))
-
-
-def below_half(name: str, fs: float, **edges: float) -> list[float]:
-    """Return band edges in cycles per sample; raise BadValue at or above fs/2."""
-    for what, f in edges.items():
-        if f >= fs / 2:
-            raise BadValue(
-                f"{name}: {what} = {f:g} Hz does not fit below fs/2 = {fs / 2:g} Hz; lower it, or"
-                " raise fs"
-            )
-    return [f / fs for f in edges.values()]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,6 @@ from ..core.maths import as_float, floor, fma, where, words
 from ..core.program import lead
 from ..errors import BadValue, UnitError, public
 from .events import Event
-from .filters import below_half
 from .impedance import with_unit
 from .movement import sinpi
 
@@ -102,23 +101,21 @@ class Carrier(Block):
     phase: float
 
     @property
-    def _made_by(self) -> str:
-        return "carrier" if self.rectify else "oscillator or carrier"
+    def rated(self) -> str:
+        return f"{'carrier' if self.rectify else 'oscillator or carrier'}: freq"
 
     def check(self):
         if self.rectify not in RECTIFY:
             raise BadValue(f"carrier: rectify = {self.rectify!r}; choose None, 'half' or 'full'")
         f = self.freq
         if isinstance(f, (Const, Param)) and not f.value >= 0:
-            raise BadValue(f"{self._made_by}: freq = {f.value!r} Hz must be 0 or above")
+            raise BadValue(f"{self.rated} = {f.value!r} Hz must be 0 or above")
 
     def units(self, *u):
-        in_unit(f"{self._made_by}: freq", self.freq, u[0], "Hz")
+        in_unit(self.rated, self.freq, u[0], "Hz")
         return un.ONE
 
     def design(self, fs):
-        if isinstance(self.freq, (Const, Param)):
-            below_half(self._made_by, fs, freq=self.freq.value)
         wait = lead(fs) if self.autonomous else 0
         p = CarrierParams(
             *two_words(Fraction(2**64) / Fraction(fs)), fs / 2, float(RECTIFY.index(self.rectify))
@@ -206,7 +203,8 @@ def carrier(
     Parameters
     ----------
     freq : float or Block
-        In Hz.  A parameter or signal is held in 0 .. fs/2.
+        In Hz.  A signal is held in 0 .. fs/2, and ``verify`` counts where that is so;
+        a parameter is refused there.
     rectify : {None, "half", "full"}
         The whole wave; its positive part; its absolute value.
     phase : float
@@ -223,7 +221,7 @@ def carrier(
     Raises
     ------
     BadValue
-        A frequency below 0; at compile time, one not below fs/2.
+        A frequency below 0; at compile time, or set later, one not below fs/2.
     UnitError
         A signal that is not in Hz.
 
@@ -302,6 +300,7 @@ class Oscillator(Block):
     duty: Block
     waveform: str
     phase: float
+    rated = "oscillator: freq"
 
     def check(self):
         if self.waveform not in WAVEFORMS:
@@ -309,7 +308,7 @@ class Oscillator(Block):
                 f"oscillator: waveform = {self.waveform!r}; choose one of sine,"
                 f" {', '.join(WAVEFORMS)}"
             )
-        check_freq("oscillator: freq", self.freq)
+        check_freq(self.rated, self.freq)
         if isinstance(self.duty, (Const, Param)) and not 0 < self.duty.value < 1:
             raise BadValue(f"oscillator: duty = {self.duty.value:g} must be above 0 and below 1")
 
@@ -319,8 +318,6 @@ class Oscillator(Block):
         return un.ONE
 
     def design(self, fs):
-        if isinstance(self.freq, (Const, Param)):
-            below_half("oscillator", fs, freq=self.freq.value)
         wait = lead(fs) if self.autonomous else 0
         p = OscillatorParams(
             *two_words(Fraction(2**64) / Fraction(fs)),
@@ -447,9 +444,10 @@ class PulseTrain(Event):
 
     rate: Block
     jitter: Block
+    rated = "pulse_train: rate"
 
     def check(self):
-        check_freq("pulse_train: rate", self.rate)
+        check_freq(self.rated, self.rate)
 
     def units(self, *u):
         if u[1] != un.ONE:
@@ -460,8 +458,6 @@ class PulseTrain(Event):
         return un.ONE
 
     def design(self, fs):
-        if isinstance(self.rate, (Const, Param)):
-            below_half("pulse_train", fs, rate=self.rate.value)
         return TrainParams(*two_words(Fraction(2**64) / Fraction(fs)), fs / 2), TrainState(
             NONE, U(1 << 63), U(lead(fs) if self.autonomous else 0)
         )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..core import units as un
-from ..core.graph import Block, Const, Param, as_block, in_unit, positive
+from ..core.graph import Block, Const, Param, as_block, below_half, in_unit, positive
 from ..core.maths import TINY, each, floor, flush, fma, where
 from ..core.pointwise import clip
 from ..core.response import backward
@@ -20,7 +20,7 @@ from ..core.units import unit
 from ..design import responses
 from ..design.filters import Quadratic, sections
 from ..errors import BadValue, UnitError, one_of, public
-from .filters import Cascade, CascadeParams, CascadeState, begun, below_half, cascade
+from .filters import Cascade, CascadeParams, CascadeState, begun, cascade
 from .impedance import with_unit
 from .movement import regular, sinpi
 
@@ -228,6 +228,7 @@ class Svf(Block):
     cutoff: Block
     q: Block
     mode: str
+    rated = "svf: cutoff"
 
     def check(self):
         one_of("svf: mode", self.mode, MODES)
@@ -242,8 +243,6 @@ class Svf(Block):
         return u[0]
 
     def design(self, fs):
-        if isinstance(self.cutoff, (Const, Param)):
-            below_half("svf", fs, cutoff=self.cutoff.value)
         return SvfParams(1 / fs, *map(float, MODES[self.mode])), SvfState(0.0, 0.0)
 
     def through(self, p, fs, z, H, value):

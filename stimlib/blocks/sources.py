@@ -9,7 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..core.graph import NONE, ONE, Block, Const, in_unit, positive, unitless
+from ..core.graph import NONE, ONE, Block, Const, below_half, in_unit, positive, unitless
 from ..core.maths import SILENT, TINY, as_float, exp, floor, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
@@ -18,7 +18,7 @@ from ..design.filters import HALF, resampled
 from ..errors import BadValue, one_of, public
 from ..system.limits import limits
 from .events import Time, as_event, as_signal, happens
-from .filters import Cascade, Filter, below_half
+from .filters import Cascade, Filter
 from .impedance import with_unit
 from .movement import regular, sinpi
 from .noise import white_noise
@@ -477,6 +477,7 @@ class Ring(Block):
     freq: Block
     decay: Block
     onset: str
+    rated = "ring: freq"
 
     def check(self):
         if self.onset not in ("sine", "cosine"):
@@ -491,8 +492,6 @@ class Ring(Block):
         return u[0]
 
     def design(self, fs):
-        if isinstance(self.freq, Const):
-            below_half("ring", fs, freq=self.freq.value)
         return RingParams(1 / fs, float(self.onset == "sine")), RingState(0.0, 0.0)
 
     def laws(self, fs):

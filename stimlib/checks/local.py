@@ -62,6 +62,7 @@ class Held(NamedTuple):
     error: float  # largest, over its tolerance
     why: str = ""  # it is not held
     least: float = np.inf  # the smallest part by which its row could be larger, and be refused
+    above: int = 0  # samples in which its frequency was fs/2 or above
 
     @property
     def kind(self) -> str:
@@ -223,6 +224,12 @@ def blocks_held(e: Evidence) -> list[Check]:
             f"{same[0].block!r}{same[0].where}{f' and {len(same) - 1} more' if same[1:] else ''}:"
             f" {kind[1]}"
         )
+    e.numbers += [
+        f"{h.block.rated} was fs/2 = {e.fs / 2:g} Hz or above in {h.above} of {h.samples}"
+        f" samples{h.where}, which no output at this rate can have"
+        for h in found
+        if h.above
+    ]
     checks = []
     for name in dict.fromkeys(_group(h.block) for h in found if not h.why):
         same = [h for h in found if not h.why and _group(h.block) == name]
@@ -465,6 +472,7 @@ def _loops(blocks: list[Block]) -> dict[int, list[Block]]:
 def _one(b: Block, run: Run, seen: list[Part]) -> Held:
     """Check a block's output against its law, or against what the run itself states."""
     law, error, least, samples = type(b).law or rows.LAWS.get(type_name(type(b))), 0.0, np.inf, 0
+    above = 0
     none = Held(b, run.where, 0, 0.0, "no law of its output from its inputs is known")
     if law is None and not isinstance(b, Input | Param | White):
         return none
@@ -481,6 +489,8 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
             got = Rows(part.row(getattr(b, s), n) for s in signals(type(b)))
             got.at, got.rest, got.seed = at, not part.at, run.seed
             got.past = part.past.get(id(b), 0)
+            if b.frequency is not None:
+                above += int(np.sum(part.row(b.frequency, n)[before:] >= run.fs / 2))
             since = rows.since(b, run.fs, got) if part.at else 0
             if since >= n:
                 continue
@@ -496,7 +506,7 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
         error, least = max(error, _error(*cut)), min(least, _least(*cut[1:]))
     if not samples and not seen[0].n and run.n:
         return Held(b, run.where, 0, 0.0, "something in the scene is not finite at sample 0")
-    return Held(b, run.where, samples, error, least=least)
+    return Held(b, run.where, samples, error, least=least, above=above)
 
 
 def _param(b: Param, run: Run, part: Part, before: int) -> tuple[Row, float]:

@@ -132,7 +132,7 @@ def motions_of(
             max_gap=max_gap,
         )
 
-    motions, recordings = _read(texts, inputs, contact, read)
+    motions, recordings = _read(texts, scene.inputs, contact, read)
     if "contact" in inputs and "contact" not in own and recordings:
         motions["contact"] = _contact(recordings)
     missing = set(inputs) - set(motions)
@@ -146,7 +146,7 @@ def motions_of(
 
 def _read(
     texts: Mapping[str, str],
-    inputs: Sequence[str],
+    inputs: Mapping[str, Any],
     contact: str,
     read: Callable[[str, list[str]], Recording],
 ) -> tuple[dict[str, Any], list[Recording]]:
@@ -166,7 +166,7 @@ def _read(
             motions |= dict.fromkeys(names, found)
             continue
         recordings.append(found)
-        columns = found.motion_for(dict.fromkeys([*names, *touched]), contact)
+        columns = found.motion_for({n: inputs[n] for n in [*names, *touched]}, contact)
         motions |= {name: columns[name] for name in names}
     return motions, recordings
 

@@ -73,6 +73,8 @@ class Block(Refusals):
     resettable: ClassVar[bool] = False
     outputs: ClassVar[tuple[str, ...]] = ()  # names, where there are several
     begins_early: ClassVar[bool] = True  # before sample 0, where its signals do
+    # a signal that is a frequency below fs/2: the function and the name, "ring: freq"
+    rated: ClassVar[Any] = ""
     # instead of a design number
     live: ClassVar[str] = "live values are multiplied, added, or connected to a block's input"
     step: ClassVar[Callable[..., Any] | None] = None
@@ -228,6 +230,16 @@ class Block(Refusals):
         return None
 
     # ----------------------------------------------------------------------------------
+    @property
+    def frequency(self) -> Block | None:
+        """The signal that must be below fs/2; None if there is none."""
+        return getattr(self, self.rated.rpartition(" ")[2]) if self.rated else None
+
+    def check_rate(self, f: float, fs: float, where_: str = "") -> None:
+        """Raise BadValue unless a value of its frequency is below fs/2."""
+        maker, _, name = self.rated.partition(": ")
+        below_half(f"{where_}{maker}", fs, **{name: f})
+
     @property
     def children(self) -> tuple[Block, ...]:
         """The input signals."""
@@ -437,6 +449,17 @@ def in_unit(what: str, b: Block, u: Unit, wanted: str) -> None:
         raise UnitError(
             f"{what} {b!r} [{u}] must be in {wanted}; multiply it by a constant(.., {factor!r})"
         )
+
+
+def below_half(name: str, fs: float, **edges: float) -> list[float]:
+    """Return band edges in cycles per sample; raise BadValue at or above fs/2."""
+    for what, f in edges.items():
+        if f >= fs / 2:
+            raise BadValue(
+                f"{name}: {what} = {f:g} Hz does not fit below fs/2 = {fs / 2:g} Hz; lower it, or"
+                " raise fs"
+            )
+    return [f / fs for f in edges.values()]
 
 
 # Leaves -------------------------------------------------------------------------------

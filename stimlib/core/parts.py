@@ -6,7 +6,7 @@ import dataclasses as dc
 import inspect
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import reduce
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ import numpy as np
 from ..above import above
 from ..errors import BadValue, SceneFileError
 from ..system import fields
-from .graph import Add, Block, Const, Div, Mul, Neg, Sub
+from .graph import Add, Block, Const, Div, Mul, Neg, Sub, reach
 from .source import source_of
 
 OWN: dict[str, tuple[Callable, str]] = {}
@@ -145,9 +145,13 @@ def terms_of(law: Any, outputs: Mapping[str, Block]) -> tuple[Part, ...]:
     }
     found: list[tuple[tuple[int, str], str, Term]] = []
     for end, root in outputs.items():
-        leaves: dict[int, tuple[str, float]] = {}
-        for at, path, weight in _leaves(root, {*own.values()}):
-            leaves[at] = path, weight + leaves.get(at, ("", 0.0))[1]
+        leaves = {id(root): ("", 1.0)}
+        for b in reversed(reach([root])):  # a sum comes before its terms
+            gains = _gains(b) if id(b) in leaves and id(b) not in own.values() else []
+            path, weight = leaves.pop(id(b)) if gains else ("", 0.0)
+            for term, field, gain in gains:
+                first, known = leaves.get(id(term), (path + field, 0.0))
+                leaves[id(term)] = first, known + weight * gain
         found += [
             (key, end, Term(*leaves[at], len(leaves))) for key, at in own.items() if at in leaves
         ]
@@ -172,23 +176,22 @@ def signal(b: Any, term: Term | None) -> Block:
     return reduce(lambda b, name: getattr(b, name, b), term.path if term else "", b)
 
 
-def _leaves(
-    b: Block, own: set[int], path: str = "", weight: float = 1.0
-) -> Iterator[tuple[int, str, float]]:
-    """Yield each term of a sum by its id, with its path and weight."""
+def _gains(b: Block) -> list[tuple[Block, str, float]]:
+    """Return the terms of a sum or a multiple, each with its field and its factor."""
     match b:
-        case Add(one, other) | Sub(one, other) if id(b) not in own:
-            yield from _leaves(one, own, f"{path}a", weight)
-            yield from _leaves(other, own, f"{path}b", -weight if isinstance(b, Sub) else weight)
-        case Neg(one) if id(b) not in own:
-            yield from _leaves(one, own, f"{path}x", -weight)
-        case Mul(Const(value), one) if id(b) not in own:
-            yield from _leaves(one, own, f"{path}b", weight * value)
-        case Mul(one, Const(value)) | Div(one, Const(value)) if id(b) not in own:
-            by = 1 / value if isinstance(b, Div) else value
-            yield from _leaves(one, own, f"{path}a", weight * by)
-        case _:
-            yield id(b), path, weight
+        case Add(one, other):
+            return [(one, "a", 1.0), (other, "b", 1.0)]
+        case Sub(one, other):
+            return [(one, "a", 1.0), (other, "b", -1.0)]
+        case Neg(one):
+            return [(one, "x", -1.0)]
+        case Mul(Const(value), one):
+            return [(one, "b", value)]
+        case Mul(one, Const(value)):
+            return [(one, "a", value)]
+        case Div(one, Const(value)):
+            return [(one, "a", 1 / value)] if value else []
+    return []
 
 
 def parts_of(law: Any, given: Mapping[str, Any] | None) -> tuple[Part, ...]:

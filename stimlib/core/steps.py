@@ -30,7 +30,7 @@ import numpy as np
 
 from ..errors import BadValue, SceneError, StimlibError, place
 from . import maths
-from .graph import Block, kind, pack, signals, unpack
+from .graph import Block, Const, Param, kind, pack, signals, unpack
 
 _HERE = str(Path(__file__).parents[1])  # the library: a line in it is no author's
 
@@ -434,8 +434,10 @@ def designed(block: Block, fs: float) -> tuple[Any, Any]:
     >>> designed(Input("x") * 2.0, 1000.0)
     ((), ())
     """
-    cls = type(block)
+    cls, f = type(block), block.frequency
     try:
+        if isinstance(f, Const | Param):
+            block.check_rate(f.value, fs)
         pair = block.design(fs)
     except Exception as e:
         if (

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import reprlib
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,9 @@ from ..core.scene import Scene
 from ..errors import BadValue
 from .process import account, fifo
 from .sink import Sink
-from .sources import Live
+from .sources import Live, columns_of
 
-Read = Callable[[], ArrayLike | None]
+Read = Callable[[], Mapping[str, Any] | ArrayLike | None]
 Write = Callable[[NDArray[np.float64]], Any]
 MISSES = 100_000
 
@@ -34,8 +33,9 @@ class ControlLoop(Sink):
     safety : Safety or float
         Limits, in the outputs' units; nothing beyond ``full_scale`` is written.
     read : callable
-        Returns the inputs in their units, shape (n_inputs,) or, for several samples,
-        (n_inputs, n), or None if there is no new value: the last position is then held,
+        Returns a number, or a row of n samples, in its unit for each input by name, as
+        in ``{"x": 0.01, "y": 0.02}``; a list of one number does for one input. Or None
+        if there is no new value: the last position is then held,
         and after 50 ms without a value the outputs fade out until one arrives.  A scene
         without inputs needs no ``read``.
     write : callable
@@ -160,7 +160,9 @@ class ControlLoop(Sink):
         if self.pump.state == self.pump.native.RUNNING and self._read is not None:
             try:
                 if (x := self._read()) is not None:
-                    self.pump.put_motion(self._columns(x))
+                    if not isinstance(x, Mapping) and np.ndim(x) == 1:
+                        x = np.asarray(x)[:, None]
+                    self.pump.put_motion(columns_of("read: ", x, self.proc.inputs))
             except BaseException as e:
                 self._fail(e, what="read failed")
                 self._read = None
@@ -170,19 +172,6 @@ class ControlLoop(Sink):
             self.misses.append((at, gone))
         if not self._hangs:
             self._put(self._frames)
-
-    def _columns(self, x: ArrayLike) -> NDArray[np.float64]:
-        """Return the inputs just read as columns, shape (n_inputs, n)."""
-        names, found = self.proc.inputs, np.asarray(x)
-        columns = found[:, None] if found.ndim == 1 else found
-        if columns.ndim != 2 or len(columns) != len(names) or found.dtype.kind not in "biuf":
-            raise BadValue(
-                f"it returned {reprlib.repr(x)} for the inputs {', '.join(names)}: return a list"
-                f" with one number for each, {len(names)} in all"
-            )
-        if not np.isfinite(columns).all():
-            raise BadValue("it returned numbers that are not finite")
-        return np.ascontiguousarray(columns, dtype=np.float64)
 
     def _put(self, frames: NDArray[np.float32]) -> None:
         y = frames * self._scales

@@ -573,6 +573,7 @@ class Sink:
         self._need_live(name)
         value = _number(f"set: {name}", value)
         samples = max(1, _samples(f"set: {name}: ramp", ramp, self.rate))
+        self.proc.setting(name, value, ramp)
         end = time.monotonic() + 1.0
         while not self.finished and not self.pump.set(name, value, samples):
             if time.monotonic() > end or not self._started:
@@ -593,13 +594,14 @@ class Sink:
                 f"no parameter {name!r}; this scene has {', '.join(self.scene.params) or 'none'}"
             )
 
-    def push(self, x: np.ndarray) -> int:
+    def push(self, x: Mapping[str, Any] | np.ndarray) -> int:
         """Add columns of live motion, one per sample; return how many fitted.
 
         Parameters
         ----------
-        x : ndarray, shape (n_inputs, n)
-            In the inputs' units.
+        x : dict of str to float or ndarray, or ndarray of shape (1, n)
+            For each input a number, or a row of n samples, in its unit: ``{"x": 0.01,
+            "y": 0.02}``. For one input an array does, too.
 
         Returns
         -------
@@ -611,7 +613,9 @@ class Sink:
         SinkError
             The sink's motion is not ``Live()``; the device has failed.
         BadValue
-            A wrong shape; a number that is not finite.
+            A wrong shape; an array for several inputs; a number that is not finite.
+        UnknownName
+            Other names than those of the inputs.
         """
         self.check()
         if type(self.motion) is not Live or not self._opened:

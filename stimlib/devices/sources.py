@@ -250,12 +250,15 @@ def length(source: Source | None) -> int | None:
 def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None) -> np.ndarray:
     """Return the motion that a user gave as a new float64 array of columns.
 
+    Rows of several inputs are given by name, so that none can take another's place.
+
     Parameters
     ----------
     what : str
         Prefix of error messages, such as "push: ".
-    given : array_like, shape (n_inputs, n)
-        Real numbers of any type and layout.
+    given : dict of str to array_like, or array_like of shape (n_inputs, n)
+        Real numbers of any type and layout: a row, or one number, for each input. An
+        array is for one input alone, or where no ``what`` names a user's call.
     names : sequence of str
         Names of the inputs, one for each row.
     n : int, optional
@@ -264,15 +267,28 @@ def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None
     Raises
     ------
     BadValue
-        No real numbers, another shape, or a number that is masked or not finite.
+        No real numbers, another shape, or a number that is masked or not finite; an
+        array for several inputs.
+    UnknownName
+        Other names than those of the inputs.
 
     Examples
     --------
     >>> columns_of("push: ", [[1, 2]], ["x"])
     array([[1., 2.]])
+    >>> columns_of("push: ", {"y": 3.0, "x": 1.0}, ["x", "y"])
+    array([[1.],
+           [3.]])
     """
+    x: Any = given
+    if isinstance(given, Mapping):
+        check_names(what.removesuffix(": "), given, tuple(names), "input")
+        x = [np.atleast_1d(np.ma.filled(given[name], np.nan)) for name in names]
+    elif what and len(names) > 1:
+        rows = ", ".join(f"{name!r}: .." for name in names)
+        raise BadValue(f"{what}the rows of an array have no names; give {{{rows}}}")
     try:
-        x = np.ma.filled(given, np.nan)
+        x = np.ma.filled(x, np.nan)
     except (TypeError, ValueError) as e:  # rows of several lengths; integers that are masked
         raise BadValue(f"{what}x must be numbers ({e})") from None
     shape = f"({len(names)}, {'n' if n is None else n}), rows {', '.join(names) or 'none'}"

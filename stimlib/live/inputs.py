@@ -18,6 +18,7 @@ from ..core.graph import Block, Input
 from ..core.scene import Scene
 from ..errors import BadValue, UnknownName
 from ..motion.generators import sinusoid
+from ..motion.recorded import LIFTED
 from ..motion.source import positions
 from ..run.processor import compile
 from .protocol import FINGERS, POINTERS
@@ -165,6 +166,7 @@ class Inputs:
         stream: Callable[[float], tuple[Any, ...]] | None = None,
     ):
         self.fs, self.names = fs, list(scene.inputs)
+        self._forces = {n for n, b in scene.inputs.items() if LIFTED.get(str(b.dim)) == "zero"}
         self.given = dict(given or {})
         for name, motion in self.given.items():
             if name not in self.names:
@@ -272,7 +274,8 @@ class Inputs:
         held = np.zeros((2 * len(self.names), n))
         sources, t = dict(self.sources), self._times(at, n)
         for k, source in enumerate(sources.values()):
-            held[self._row[f"x{k}"]], held[self._row[f"on{k}"]] = self._held(source, t)
+            zero = self.touches and self.names[k] in self._forces
+            held[self._row[f"x{k}"]], held[self._row[f"on{k}"]] = self._held(source, t, zero)
         followed = self._follow.process(held)
         for k, (name, source) in enumerate(sources.items()):
             x[k] = followed[k]
@@ -295,14 +298,19 @@ class Inputs:
             _, *self.newest = self._moves.popleft()
         return t
 
-    def _held(self, source: Mapping[str, Any], t: Array) -> tuple[Array | float, Array | float]:
-        """Return the target of the smoothing, and whether the finger is in contact."""
+    def _held(
+        self, source: Mapping[str, Any], t: Array, zero: bool
+    ) -> tuple[Array | float, Array | float]:
+        """Return the target of the smoothing, and whether the finger is in contact.
+
+        ``zero``: a lifted finger makes it 0, as it does a force.
+        """
         kind, low, high = source["from"], source["low"], source["high"]
         if kind == "stream":
             there = source["channel"] < len(self.row)
             v = self.row[source["channel"]] * source["scale"] if there else max(0.0, low)
             return min(max(v, low), high), 1.0
-        if kind not in POINTERS:
+        if kind not in POINTERS and not (zero and kind == "value"):
             return source["value"], 1.0
         reports = list(self._reports[source["finger"]])
         k = len(reports) - 1
@@ -312,8 +320,12 @@ class Inputs:
         on = touched[np.maximum(0, np.searchsorted(times, t, "right") - 1)]
         if kind == "contact":
             return on, 1.0
-        x = np.interp(t, times, place[("u", "v", "pressure").index(kind)])
-        return low + x * (high - low), on if self.touches and kind != "pressure" else 1.0
+        x = source["value"]
+        if kind != "value":
+            x = low + np.interp(t, times, place[POINTERS.index(kind)]) * (high - low)
+        if zero:
+            return x * on, 1.0
+        return x, on if self.touches and kind != "pressure" else 1.0
 
     def _motion(self, name: str, source: Mapping[str, Any]) -> Any:
         if source["from"] == "given":

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.graph import reach
 from ..core.scene import Scene
 from ..errors import BadValue, StimlibError, UnknownName
 from ..run.safety import Safety
@@ -216,7 +217,7 @@ class Stream:
         UnknownName
             No such parameter.
         BadValue
-            The value is outside the parameter's range.
+            The value is outside the parameter's range, or a frequency of fs/2 or above.
         """
         if name not in self.params:
             raise UnknownName(
@@ -228,6 +229,9 @@ class Stream:
                 f"{name} = {value:g} is outside its range, {low:g} to {high:g}; --range"
                 f" {name}=LOW:HIGH makes it another"
             )
+        for b in reach(self.scene.outputs.values()):
+            if getattr(b.frequency, "name", "") == name:
+                b.check_rate(value, self.fs, f"{name}: ")
         self.params[name] = float(value)
         self._sets = self._sets | {name: float(value)}
 

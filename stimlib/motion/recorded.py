@@ -15,8 +15,9 @@ import ast
 import inspect
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -40,6 +41,10 @@ from .source import HAND
 from .table import Columns, TableFile, read_table
 from .text import MAX_SPEC, parse_motion
 
+LIFTED = {"m": "hold", "1": "hold", "N": "zero", "Pa": "zero"}
+"""What an input is off contact, by its unit: a position or an angle stays where it
+was, and a force or a pressure is 0.
+"""
 GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods, at least so long
 
 
@@ -72,6 +77,16 @@ class Contact(_Recorded):
     def _position(self, t: Array) -> Array:
         k = np.searchsorted(self._knots, t, side="right") - 1
         return self._values[np.maximum(k, 0)].astype(np.float64)
+
+
+class Released(_Recorded):
+    """A recorded force over time, 0 off contact."""
+
+    def __init__(self, force: RecordedInput, contact: Contact, spec: str):
+        self._force, self._contact, self._spec, self.info = force, contact, spec, force.info
+
+    def _position(self, t: Array) -> Array:
+        return self._force._position(t) * self._contact._position(t)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,11 +122,12 @@ class Recording:
     """
 
     motion: dict[str, Motion]
-    contact: Motion
+    contact: Contact
     duration: float
     has_lifts: bool
     info: dict[str, Any]
     spec: str
+    text: Callable[..., str]  # the call for other meanings of a lift
 
     def __repr__(self) -> str:
         return self.spec
@@ -131,10 +147,12 @@ class Recording:
 
         Parameters
         ----------
-        inputs : iterable of str
-            Names of the scene's inputs. An input named ``contact`` gets `contact`. The
-            column for ``x`` also drives ``x1``, ``x2``, ... if the scene has no ``x``
-            and the recording has no columns for them.
+        inputs : mapping of str to Input, or iterable of str
+            The scene's inputs, ``scene.inputs``: off contact an input in N or Pa is 0,
+            and one in m or rad is held, unless ``recording(lifted=)`` says otherwise. A
+            name alone has no unit and is held. An input named ``contact`` gets
+            `contact`. The column for ``x`` also drives ``x1``, ``x2``, ... if the scene
+            has no ``x`` and the recording has no columns for them.
         contact : str
             A hint for the error message on how the scene gets an input ``contact``,
             such as ``"use bumps(contact=True)"``.
@@ -149,7 +167,8 @@ class Recording:
         UnknownName
             An input without a column, or a mapped input that the scene lacks.
         BadValue
-            The recording has lifts or jumps, and the scene has no input for them.
+            The recording has lifts or jumps, and the scene has no input for them; an
+            input in another unit, of which ``lifted`` says nothing.
 
         Examples
         --------
@@ -162,7 +181,7 @@ class Recording:
         ['x1', 'x2']
         """
         names = list(inputs)
-        sources = {**self.motion, "contact": self.contact}
+        sources: dict[str, Any] = {**self.motion, "contact": self.contact}
         served = {name: served_by(name, sources, names) for name in names}
         missing = [name for name, by in served.items() if by is None]
         surplus = [name for name in self.motion if name not in served.values()]
@@ -176,6 +195,18 @@ class Recording:
             )
         if "contact" not in served.values():
             self._check_unbroken(contact)
+        lifted, blocks = dict(self.info["lifted"]), inputs if isinstance(inputs, Mapping) else {}
+        for name, by in served.items() if self.has_lifts else ():
+            unit = str(getattr(blocks.get(name), "dim", "m"))
+            if by in self.motion and lifted.setdefault(by, LIFTED.get(unit)) is None:
+                raise BadValue(
+                    f"{self.info['file']}: {name} is in {unit}, and what it is while the finger is"
+                    f" lifted is not known; say lifted={{{by!r}: 'zero'}} or 'hold'"
+                )
+        lifted = {name: how for name, how in lifted.items() if how == "zero"}
+        for name in lifted.keys() - self.info["lifted"].keys():
+            spec = f"{self.text(lifted=self.info['lifted'] | lifted)}.motion[{name!r}]"
+            sources[name] = Released(sources[name], self.contact, spec)
         return {name: sources[by] for name, by in served.items() if by is not None}
 
     def _check_unbroken(self, remedy: str) -> None:
@@ -207,13 +238,16 @@ def recording(
     repeats: Literal["last", "mean", "spread"] | None = None,
     max_speed: float | Mapping[str, float | None] | None = HAND,
     max_gap: float | None = None,
+    lifted: Mapping[str, Literal["hold", "zero"]] | None = None,
     sha256: str | None = None,
 ) -> Recording:
     r"""Read a recorded motion from a file or a table in memory.
 
     Between two reports in contact the position is a PCHIP cubic; before the first and
     after the last it is held. Off contact the position is held where contact was lost;
-    before the first contact it is held where contact will be made.
+    before the first contact it is held where contact will be made. A force or a
+    pressure is 0 there: ``motion_for(scene.inputs)`` knows it by its unit, and
+    ``lifted`` says it.
 
     A step faster than ``max_speed`` is treated as a fault of the device, not as motion:
     the stretch ends there and contact is 0 until the next report, so that velocity
@@ -254,6 +288,9 @@ def recording(
         periods, at least 0.1 s. By default, a median period above 0.5 s is rejected
         because the time unit is probably wrong; a max_gap of at least the median period
         confirms the unit.
+    lifted : mapping of input to {"hold", "zero"}, optional
+        What an input is off contact and during jumps: held, or 0. By default
+        ``motion_for(scene.inputs)`` decides by the input's unit.
     sha256 : str, optional
         First 8 to 64 hex digits of the file's SHA-256, which must match; for a table in
         memory, of the SHA-256 of its names and values.
@@ -293,10 +330,12 @@ def recording(
     ... )
     dict in memory: 3 reports, 0.02 s, median 100 Hz
     """
-    _check_options(columns, where, contact, reports, repeats, max_speed, max_gap)
+    _check_options(columns, where, max_speed, max_gap, lifted)
     table = read_table(source, sha256)
-    spec = _spec(
-        table,
+    text = partial(
+        _spec,
+        table.file,
+        table.sha256,
         columns,
         where=where or None,
         time=time,
@@ -306,6 +345,7 @@ def recording(
         max_speed=max_speed,
         max_gap=max_gap,
     )
+    spec = text(lifted=lifted or None)
     found = series(table, columns, where or {}, time, contact, repeats)
     table = table.closed()
     period = float(np.median(np.diff(found.t)))
@@ -335,16 +375,19 @@ def recording(
         "lifts": lifts(found),
         "jumps": jumps,
         "duration": duration,
+        "lifted": dict(lifted or {}),
     }
     del found
     motion = _tracks(table, held, whole, spec)
     functions: list[Any] = [step, *motion.values()]
     for function in functions:
         function.info = info  # for a report: what was bridged on the way
-    return Recording(motion, step, duration, has_lifts, info, spec)
+    for name in (name for name, how in info["lifted"].items() if how == "zero"):
+        motion[name] = Released(motion[name], step, repr(motion[name]))
+    return Recording(motion, step, duration, has_lifts, info, spec, text)
 
 
-def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, Motion]:
+def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, Any]:
     """Return, for each input, the cubics between reports in contact."""
     t, x, rows = s.t, s.x, s.rows
     if not s.contact.all():
@@ -352,7 +395,7 @@ def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, M
         # the interval after a report in contact is joined only if the next report is in
         # contact too
         t, x, rows, whole = t[at], x[:, at], rows[at], whole[at[:-1]]
-    tracks: dict[str, Motion] = {}
+    tracks: dict[str, Any] = {}
     for name, values in zip(s.inputs, x, strict=True):
         c = cubics(t, values, whole)
         for i in np.flatnonzero(~np.isfinite(c).all(axis=0)):
@@ -458,11 +501,10 @@ def served_by(name: str, recorded: Collection[str], inputs: Collection[str]) -> 
 # -- arguments
 
 
-def _check_options(
-    columns: Any, where: Any, contact: Any, reports: Any, repeats: Any, max_speed: Any, max_gap: Any
-) -> None:
+def _check_options(columns: Any, where: Any, max_speed: Any, max_gap: Any, lifted: Any) -> None:
+    """Check what the types of the arguments leave open."""
     example = 'such as {"x": "force_N*5e-4"}'
-    if not isinstance(columns, Mapping) or not columns:
+    if not columns:
         raise BadValue(
             f"columns must map each input of the scene to a column, {example}, got {columns!r}"
         )
@@ -481,46 +523,27 @@ def _check_options(
         raise BadValue(
             f'where must map columns to numbers or texts, such as {{"trial": 1}}, got {where!r}'
         )
-    if not (contact is None or isinstance(contact, str | bool)):
-        raise BadValue(
-            f"contact must be the name of a column, False to ignore it, or None, got {contact!r}"
-        )
-    _check_meanings(columns, reports, repeats, max_speed, max_gap)
-
-
-def _check_meanings(columns: Any, reports: Any, repeats: Any, max_speed: Any, max_gap: Any) -> None:
-    """Check the options on silence, repeats, speeds and gaps."""
-    if reports not in ("always", "on_change"):
-        raise BadValue(f'reports must be "always" or "on_change", got {reports!r}')
-    if repeats not in (None, "last", "mean", "spread"):
-        raise BadValue(f'repeats must be "last", "mean", "spread" or None, got {repeats!r}')
-    speeds = max_speed if isinstance(max_speed, Mapping) else {"": max_speed}
-    for name in speeds:
-        if speeds is max_speed and name not in columns:
-            raise BadValue(f"max_speed: columns has no input {name!r}; it has {', '.join(columns)}")
-    for value in speeds.values():
-        if value is not None and not _is_positive(value):
+    speeds = max_speed if isinstance(max_speed, Mapping) else {}
+    for what, names in (("max_speed", speeds), ("lifted", lifted or {})):
+        if wrong := [name for name in names if name not in columns]:
+            raise BadValue(
+                f"{what}: columns has no input {wrong[0]!r}; it has {', '.join(columns)}"
+            )
+    for value in speeds.values() if speeds is max_speed else [max_speed]:
+        if value is not None and not 0 < value < float("inf"):
             raise BadValue(
                 f"max_speed must be finite and above 0, in m/s, or None for no limit, got {value!r}"
             )
-    if max_gap is not None and not _is_positive(max_gap):
+    if max_gap is not None and not 0 < max_gap < float("inf"):
         raise BadValue(f"max_gap must be finite and above 0, in s, got {max_gap!r}")
 
 
-def _is_positive(value: Any) -> bool:
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and bool(0 < value < float("inf"))
-    )
-
-
-def _spec(table: TableFile, columns: Mapping[str, str], **options: Any) -> str:
+def _spec(file: str, sha256: str, columns: Mapping[str, str], **options: Any) -> str:
     """Return the call, on one line, that recreates this recording."""
     usual = inspect.signature(recording).parameters
-    words = [repr(table.file), repr(dict(columns))]
+    words = [repr(file), repr(dict(columns))]
     words += [f"{name}={_plain(v)!r}" for name, v in options.items() if v != usual[name].default]
-    return f"recording({', '.join(words)}, sha256={table.sha256[:16]!r})"
+    return f"recording({', '.join(words)}, sha256={sha256[:16]!r})"
 
 
 def _plain(value: Any) -> Any:

@@ -145,7 +145,7 @@ class Copies(Sequence[Any]):
         """
         one = isinstance(value, str) or length(value) is None
         values = [value] * len(self) if one else self._each(value, f"set({name!r}): values")
-        settings = [p._setting(name, v, ramp) for p, v in zip(self, values, strict=True)]
+        settings = [p.setting(name, v, ramp) for p, v in zip(self, values, strict=True)]
         for p, (v, seconds) in zip(self, settings, strict=True):
             p.set(name, v, seconds)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 
-from ..core.graph import kind, pack
+from ..core.graph import Param, kind, pack, reach
 from ..core.program import (
     PARAMS,
     Program,
@@ -179,6 +179,8 @@ class Processor:
         # equal outputs share an instance, not a unit
         named = {n: blocks[i].block for n, i in (self.program.inputs | self.program.params).items()}
         self.units = {n: str(b.dim) for n, b in (named | scene.outputs).items()}
+        every = reach(scene.outputs.values())
+        self._rated = {b.frequency.name: b for b in every if isinstance(b.frequency, Param)}
         self.seed = 0
         self.params: dict[str, float] = {}
         self.log: list[Change] = []
@@ -357,7 +359,7 @@ class Processor:
         UnknownName
             No such parameter.
         BadValue
-            A value that is not finite, a ramp below 0.
+            A value that is not finite, a ramp below 0; a frequency of fs/2 or above.
 
         Examples
         --------
@@ -369,14 +371,20 @@ class Processor:
         >>> proc.process(np.empty((0, 5)))
         array([[1.25, 1.5 , 1.75, 2.  , 2.  ]])
         """
-        value, ramp = self._setting(name, value, ramp)
+        value, ramp = self.setting(name, value, ramp)
         with self._lock:
             self._engine.set(self.program.params[name], value, float(max(1, round(ramp * self.fs))))
             self.params[name] = value
             self.log.append(Change(self.index, name, value, ramp))
 
-    def _setting(self, name: Any, value: Any, ramp: Any) -> tuple[float, float]:
-        """Return the value and the ramp of a setting as checked numbers."""
+    def setting(self, name: Any, value: Any, ramp: Any) -> tuple[float, float]:
+        """Return the value and the ramp of a setting as checked numbers.
+
+        Raises
+        ------
+        UnknownName, BadValue
+            As `set`.
+        """
         if not isinstance(name, str) or name not in self.program.params:
             raise UnknownName(
                 f"no parameter {name!r}; this scene has {', '.join(self.program.params) or 'none'}"
@@ -388,6 +396,8 @@ class Processor:
             raise BadValue(
                 f"set({name!r}, {value:g}, ramp={ramp}): the ramp is a time in seconds, at least 0"
             )
+        if name in self._rated:
+            self._rated[name].check_rate(value, self.fs, f"set({name!r}): ")
         return value, ramp
 
     # Many at once ---------------------------------------------------------------------

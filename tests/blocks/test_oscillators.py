@@ -7,8 +7,9 @@ import pytest
 from laws import alias, lawful, mostly
 
 import stimlib
-from stimlib import Input, Param, Scene
+from stimlib import Input, Param, Scene, blocks as b
 from stimlib.blocks.oscillators import carrier
+from stimlib.devices.null import NullSink
 from stimlib.errors import BadValue, UnitError
 
 FS = 8000.0
@@ -110,3 +111,43 @@ def test_it_is_its_law_at_any_frequency_and_phase(rectify, phase):
 def test_what_makes_no_sense_is_refused(make, error, match):
     with pytest.raises(error, match=match):
         make()
+
+
+FREQUENCIES = {  # each block that takes a frequency while it runs
+    "oscillator or carrier: freq": lambda f: b.carrier(f),
+    "carrier: freq": lambda f: b.carrier(f, "full"),
+    "oscillator: freq": lambda f: b.oscillator(f, "square"),
+    "pulse_train: rate": lambda f: b.pulse_train(f),
+    "ring: freq": lambda f: b.ring(b.pulse_train(5.0), f, 0.1),
+    "svf: cutoff": lambda f: b.svf(b.white_noise(1), f),
+    "oscillator or carrier: freq, in a loop": lambda f: b.loop(lambda y: 0.5 * y + b.carrier(f)),
+}
+
+
+@pytest.mark.parametrize("what", FREQUENCIES)
+def test_a_frequency_of_half_the_rate_is_refused_as_a_parameter_and_counted_as_a_signal(what):
+    make, name = FREQUENCIES[what], what.partition(",")[0]
+    scene, says = (
+        Scene({"y": make(Param("f", 100.0, "Hz"))}),
+        f"{name} = .* does not fit below fs/2",
+    )
+    proc = stimlib.compile(scene, FS)
+    proc.set("f", 3999.0)
+    with NullSink(scene, 50.0, clocked=False) as sink:
+        sink.open(FS)
+        for call in (
+            lambda: proc.set("f", 4000.0),
+            lambda: proc.many([0, 1]).set("f", [100.0, 4000.0]),
+            lambda: sink.set("f", 5000.0),
+            lambda: stimlib.render(scene, fs=FS, seconds=0.01, params={"f": 1e6}),
+            lambda: stimlib.compile(Scene({"y": make(Param("f", 4000.0, "Hz"))}), FS),
+        ):
+            with pytest.raises(BadValue, match=says):
+                call()
+    assert proc.params == {"f": 3999.0}
+    scene, f = Scene({"y": make(Input("f", "Hz"))}), np.full(800, 3999.0)
+    for stretch, count in ((slice(0, 0), 0), (slice(300, 400), 100)):
+        f[stretch] = 4000.0
+        report = stimlib.verify(scene, {"f": f}, stimlib.render(scene, {"f": f}, FS))
+        told = [text for text in report.evidence.numbers if f"or above in {count} of 800" in text]
+        assert report.passed and len(told) == bool(count)

@@ -118,13 +118,14 @@ def test_a_read_that_hangs_is_written_zeros_by_the_watchdog():
     ("read", "says"),
     [
         (lambda: 1 / 0, "read failed: ZeroDivisionError"),
-        (lambda: [float("nan")], "read failed: .*not finite"),
-        (lambda: [1.0, 2.0], r"returned \[1.0, 2.0\] for the inputs x: .* 1 in all"),
-        (lambda: [], "for the inputs x"),
-        (lambda: [[1.0], [2.0]], "for the inputs x"),
-        (lambda: 0.001, "for the inputs x"),
-        (lambda: ["0.001"], "for the inputs x"),
-        (lambda: "far", "returned 'far' for the inputs x"),
+        (lambda: [float("nan")], "read failed: .*read: x is nan"),
+        (lambda: [1.0, 2.0], r"read: x must be of shape \(1, n\), rows x; got \(2, 1\)"),
+        (lambda: [], r"got \(0, 1\)"),
+        (lambda: [[1.0], [2.0]], r"got \(2, 1\)"),
+        (lambda: 0.001, r"got \(\)"),
+        (lambda: ["0.001"], "x must be numbers"),
+        (lambda: "far", "x must be numbers"),
+        (lambda: {"y": 0.1}, "x is missing, there is no input y"),
     ],
 )
 def test_a_read_that_fails_fades_and_is_named(read, says):

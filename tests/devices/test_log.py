@@ -840,7 +840,7 @@ def test_a_sink_with_stalls_stale_hands_and_changes(tmp_path):
         while (now := time.monotonic() - began) < 1.6:
             # else the last position is held, and fades
             if not 0.9 < now < 1.1 and at < (to := min(16000, int(FS * now))):
-                at += sink.push(x[:, at:to])
+                at += sink.push(dict(zip(sink.proc.inputs, x[:, at:to], strict=True)))
             if now > 0.3 and not stalled:
                 sink.pump.write("STALL", 100_000)
                 stalled = True
@@ -892,6 +892,19 @@ def test_a_stimulus_with_ramps_of_its_own_is_not_faded_again(tmp_path):
     assert report.passed and not report.evidence.numbers
     told = [text for text in report.evidence.skipped if "fade" in text]
     assert "160 frames before sample 0" in told[0] and "160 frames from sample 400 on" in told[1]
+
+
+def test_a_log_with_two_rows_of_motion_swapped_is_refused(tmp_path):
+    """Its header names the rows of motion.f64: in another order it is other motion."""
+    scene = Scene({"y": Input("a") - 2.0 * Input("b")})
+    motion = {"a": np.full(800, 3.0), "b": np.ones(800)}
+    with begun(NullSink(scene, 8.0, motion=motion, clocked=False, log=tmp_path / "a.stimlog")) as s:
+        s.wait()
+    assert verify_log(read_log(tmp_path / "a.stimlog")).passed
+    header = tmp_path / "a.stimlog" / "session.json"
+    data = json.loads(header.read_text())
+    header.write_text(json.dumps(data | {"inputs": data["inputs"][::-1]}))
+    assert not verify_log(read_log(tmp_path / "a.stimlog")).passed
 
 
 def test_a_fade_along_the_samples_is_told(tmp_path):

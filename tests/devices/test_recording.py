@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 from refusals import refused
 
 import stimlib
+from stimlib import Input
 from stimlib.errors import BadValue, RecordingError, StimlibError, UnknownName
 from stimlib.files import audio as file
 from stimlib.motion.recorded import Recording, parse_source, recording
@@ -528,6 +529,35 @@ def test_lifts_and_jumps_need_a_scene_that_can_know(csv):
         assert r.motion_for(["x", "contact"])["contact"] is r.contact
 
 
+@pytest.mark.parametrize(
+    ("unit", "lifted", "zero"),
+    [
+        ("m", {}, False),
+        ("rad", {}, False),
+        ("N", {}, True),
+        ("N/m^2", {}, True),
+        ("N", {"a": "hold"}, False),
+        ("m/s", {"a": "zero"}, True),
+        ("m/s", {"a": "hold"}, False),
+        ("m/s", {}, None),
+    ],
+)
+def test_a_lifted_finger_holds_a_position_and_exerts_no_force(csv, unit, lifted, zero):
+    """By the input's unit, or as it is said; the text in a sidecar makes it again."""
+    r = recording(csv(LIFT), {"x": "x*1e-3", "a": "x*1e-3"}, lifted=lifted)
+    inputs = {"x": Input("x", "m"), "a": Input("a", unit), "contact": Input("contact")}
+    if zero is None:
+        refused(BadValue, "a is in m/s, .*say lifted={'a': 'zero'} or 'hold'", r.motion_for, inputs)
+        return
+    motion, t = r.motion_for(inputs), np.linspace(-0.01, 0.15, 400)
+    x, a, on = (motion[name](t) for name in ("x", "a", "contact"))
+    held = recording(csv(LIFT), {"x": "x*1e-3"}).motion["x"](t)
+    assert np.array_equal(x, held) and {0.0, 1.0} == {*on} and (x[on == 0] != 0).any()
+    assert np.array_equal(a, x * on if zero else x)
+    assert np.array_equal(parse_source(repr(motion["a"]), pinned=True)(t), a)
+    assert motion["a"].info is r.info
+
+
 def test_a_rendering_and_its_sidecar(csv, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     csv(LIFT)
@@ -1007,6 +1037,8 @@ def test_files_that_are_no_npz(tmp_path):
         ({"sha256": "1234567"}, "sha256 must be"),
         ({"sha256": 5}, "sha256 = 5 must be a text"),
         ({"time": "2"}, "time: cannot read"),
+        ({"lifted": {"y": "zero"}}, "lifted: columns has no input 'y'; it has x"),
+        ({"lifted": {"x": "up"}}, "lifted = .* one of hold, zero"),
     ],
 )
 def test_arguments_out_of_range(csv, change, message):

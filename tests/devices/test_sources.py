@@ -7,8 +7,18 @@ from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Scene, SinkError, UnknownName
+from stimlib.devices.control import ControlLoop
 from stimlib.devices.null import NullSink
-from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals, length, source_of
+from stimlib.devices.sources import (
+    Live,
+    Recorded,
+    Scripted,
+    Signal,
+    Signals,
+    columns_of,
+    length,
+    source_of,
+)
 from stimlib.motion.generators import minimum_jerk
 
 FS = 8000
@@ -63,8 +73,36 @@ def test_bad_numbers():
 def test_what_is_pushed_is_finite():
     with NullSink(Scene({"y": Input("a") + Input("b")}), 1.0, motion=Live(), clocked=False) as sink:
         sink.open(FS)
-        refused(BadValue, "push: b is nan in column 1", sink.push, [[0, 1], [2, np.nan]])
-        assert sink.push([[0, 1], [2, 3]]) == 2
+        refused(BadValue, "push: b is nan in column 1", sink.push, {"a": [0, 1], "b": [2, np.nan]})
+        assert sink.push({"a": [0, 1], "b": [2, 3]}) == 2
+
+
+@pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])
+@pytest.mark.parametrize("one", [True, False])
+def test_rows_of_several_inputs_are_pushed_and_read_by_name(order, one):
+    """In whatever order they are given, and no array can take the place of another."""
+    scene = Scene({"y": Input("a") - 2.0 * Input("b")})
+    rows = {"a": 3.0, "b": 1.0} if one else {"a": np.full(4, 3.0), "b": np.ones(4)}
+    given = {name: rows[name] for name in order}
+    assert np.array_equal(
+        columns_of("push: ", given, ["b", "a"]), [[1.0] * (4 - 3 * one), [3.0] * (4 - 3 * one)]
+    )
+    with NullSink(scene, 50.0, motion=Live(), clocked=False) as sink:
+        sink.open(FS)
+        refused(BadValue, "push: .* no names; give {'a': .., 'b': ..}", sink.push, np.ones((2, 4)))
+        refused(UnknownName, "push: b is missing", sink.push, {"a": 1.0})
+        refused(UnknownName, "push: there is no input c", sink.push, given | {"c": 0.0})
+        refused(
+            BadValue, "push: x must be numbers", sink.push, {"a": [1.0, 2.0], "b": [1.0, 2.0, 3.0]}
+        )
+        assert sink.push(given) == (1 if one else 4)
+    written = []
+    loop = ControlLoop(scene, 50.0, lambda: given, written.append, realtime=False)
+    with loop:
+        loop.open(1000)
+        loop.start(seconds=0.3)
+        loop.wait()
+    assert max(float(y[0]) for y in written) == pytest.approx(1.0, abs=1e-6)
 
 
 def test_a_sink_needs_a_full_scale():

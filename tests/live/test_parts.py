@@ -14,7 +14,7 @@ import pytest
 from refusals import refused
 from scipy.signal import welch
 
-from stimlib import Input, Param, Scene, constant, render
+from stimlib import Input, Param, Scene, blocks, constant, render
 from stimlib.devices.engine import Pump
 from stimlib.errors import BadValue, UnknownName
 from stimlib.files.log_reader import read_log
@@ -227,6 +227,21 @@ def test_pressure_a_held_value_and_a_motion_of_the_callers():
         {"x": (0.0, 1.0)},
         {"x": np.zeros(5)},
     )
+
+
+@pytest.mark.parametrize("kind", ["value", "u", "pressure"])
+@pytest.mark.parametrize(("unit", "zero"), [("N", True), ("N/m^2", True), ("m", False)])
+def test_a_lifted_finger_exerts_no_force_on_the_page(kind, unit, zero):
+    scene = Scene({"y": 1.0 * Input("a", unit), "on": 1.0 * Input("contact")})
+    inputs = Inputs(scene, FS, {"a": (0.5, 1.5), "contact": (0.0, 1.0)}, delay=0.0)
+    inputs.choose("a", **{"from": kind, "value": 1.25})
+    inputs.move(0, 0.75, 0.0, 0.75, 1)
+    assert inputs.columns(0, 4000)[0, -1] == pytest.approx(1.25)
+    inputs.lift()
+    last = inputs.columns(4000, 4000)[0, -1]
+    assert last == pytest.approx(0.0 if zero else 0.5 if kind == "pressure" else 1.25, abs=1e-9)
+    inputs.move(0, 0.75, 0.0, 0.75, 1)
+    assert inputs.columns(8000, 4000)[0, -1] == pytest.approx(1.25)
 
 
 def test_nobody_listens_to_a_stream_whose_inputs_are_gone():
@@ -503,3 +518,11 @@ def test_a_scene_that_is_shown_again_ends_its_earlier_page():
     finally:
         second.close()
     assert not second._thread.is_alive()
+
+
+def test_a_frequency_of_half_the_rate_is_refused_on_the_page(tmp_path):
+    scene = Scene({"y": blocks.oscillator(Param("f", 100.0, "Hz"))})
+    stream = Stream(scene, FS, 50.0, ranges={"f": (0.0, 1e5)}, folder=tmp_path)
+    stream.set("f", 0.49 * FS)
+    refused(BadValue, r"f: .*freq = .* does not fit below fs/2", stream.set, "f", 0.5 * FS)
+    assert stream.params["f"] == 0.49 * FS
