@@ -253,14 +253,14 @@ def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False
     if json_:
         return print_json(found)
     for s in found:
-        kind = "PILOT " * s["pilot"] + "SIMULATED " * s["simulated"]
-        who = f"{kind}{s['participant']} session {s['session']}"
+        pilot, simulated = "PILOT " * s["pilot"], "SIMULATED " * s["simulated"]
         conditions = ", ".join(f"{k} {n}" for k, n in s["conditions"].items())
         old = ""
         if s["shared"]:
             old = f" ({s['shared']} with one time for all intervals, by an older stimlib)"
         print(
-            f"{who}: {s['trials']} trials{old}, {s['training']} of them training ({conditions});"
+            f"{pilot}{simulated}{s['participant']} session {s['session']}: {s['trials']} trials"
+            f"{old}, {s['training']} of them training ({conditions});"
             f" {s['replays']} replays, {s['unanswered']} presentations without an answer,"
             f" {s['lost']} samples lost, {s['limited']} limited; last answer"
             f" {s['last'][:19] or 'none'}"

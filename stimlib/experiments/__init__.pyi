@@ -49,6 +49,7 @@ from .latin_squares import (
     graeco_latin as graeco_latin,
     williams as williams,
 )
+from .likelihood import Estimate as Estimate
 from .observers import (
     Listener as Listener,
     Power as Power,
@@ -97,7 +98,6 @@ from .scaling import (
 from .session import Session as Session
 from .signal_detection import (
     Detection as Detection,
-    Estimate as Estimate,
     ForcedChoice as ForcedChoice,
     Roc as Roc,
     detection as detection,

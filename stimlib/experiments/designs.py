@@ -97,21 +97,6 @@ def trials_of(*designs: Design) -> int | None:
     return sum(counts) if all(isinstance(n, int) for n in counts) else None
 
 
-def _check_designs(what: str, designs: Any) -> None:
-    """Raise unless these are designs by name."""
-    if not isinstance(designs, Mapping):
-        raise BadValue(
-            f"{what} = {designs!r:.80} must be a dict of designs by name, such as {{'high': ..,"
-            " 'low': ..}"
-        )
-    for name, d in designs.items():
-        if not isinstance(d, Design):
-            raise BadValue(
-                f"{what.partition(':')[0]}: {name!r} is {d!r:.80}, no design; put a task into one,"
-                " such as Staircase or ConstantStimuli"
-            )
-
-
 def _first_run(p: float, up: int, down: int) -> float:
     """Return how likely ``down`` outcomes of 1 in a row come before ``up`` of 0."""
     ones, zeros = p ** (down - 1), (1 - p) ** (up - 1)
@@ -385,7 +370,7 @@ class Staircase:
 
     def estimate(
         self, answers: Mapping[str, Sequence[float]], last: int | None = None
-    ) -> dict[str, float]:
+    ) -> dict[str, Any]:
         """Return the mean level of the staircase's last reversals.
 
         It assumes no curve. `stimlib.experiments.fits.psychometric` fits one to all
@@ -401,11 +386,14 @@ class Staircase:
 
         Returns
         -------
-        dict of str to float
+        dict
             ``level``: the mean, geometric where steps multiply; ``error``: its standard
             error in the unit of the steps (dB, log10 units, or that of the levels);
             ``reversals``: how many were used. Without two reversals the level is nan,
-            without four the error.
+            without four the error.  ``problem``: "" or a name in
+            `stimlib.experiments.likelihood.PROBLEMS`: "edge" if the staircase ended on
+            a bound, or more than a quarter of these reversals are on bounds, so that
+            the true level may be beyond; "few" without a level.
 
         Raises
         ------
@@ -462,10 +450,13 @@ class Staircase:
             off = pairs - mean
             rho = min(max(float(off[1:] @ off[:-1] / (off @ off or 1.0)), 0.0), 0.9)
             error = math.sqrt(off @ off / (n * (n - 1)) * (1 + rho) / (1 - rho))
+        on_bound = (np.abs(used[:, None] - self.bounds).min(1) <= near).sum()
+        edge = state["still"] >= self.stuck or on_bound > len(used) / 4
         return {
             "level": 10.0**mean if tenfold else mean,
             "error": error * (tenfold or 1.0),
             "reversals": len(used),
+            "problem": "edge" if edge else "" if n else "few",
         }
 
 
@@ -587,9 +578,44 @@ class ConstantStimuli:
         return {**state, "n": state["n"] + 1}
 
 
+@dc.dataclass(frozen=True)
+class _Several:
+    """A design of several designs, by name in its first field."""
+
+    def __post_init__(self):
+        owner, kind = type(self).__name__, dc.fields(self)[0].name
+        if not isinstance(self._designs, Mapping):
+            raise BadValue(
+                f"{owner}: {kind} = {self._designs!r:.80} must be a dict of designs by name, such"
+                " as {'high': .., 'low': ..}"
+            )
+        if not self._designs:
+            raise BadValue(f"{owner}: give at least one design, by the name of its {kind[:-1]}")
+        for name, d in self._designs.items():
+            if not isinstance(d, Design):
+                raise BadValue(
+                    f"{owner}: {name!r} is {d!r:.80}, no design; put a task into one, such as"
+                    " Staircase or ConstantStimuli"
+                )
+
+    @property
+    def _designs(self) -> Mapping[str, Design]:
+        return getattr(self, dc.fields(self)[0].name)
+
+    @property
+    def trials(self) -> int | None:
+        """Number of trials, or None if it depends on the answers."""
+        return trials_of(*self._designs.values())
+
+    @property
+    def reach(self) -> list[tuple[Task, Any]]:
+        """The levels that bound those of all its designs, with their tasks."""
+        return reach_of(*self._designs.values())
+
+
 @public
 @dc.dataclass(frozen=True)
-class Interleaved:
+class Interleaved(_Several):
     """Several designs at once; each trial comes from one of them, drawn at random.
 
     It ends when all of them have ended.
@@ -611,21 +637,6 @@ class Interleaved:
     """
 
     tracks: Mapping[str, Design]
-
-    def __post_init__(self):
-        if not self.tracks:
-            raise BadValue("Interleaved: give at least one design, by the name of its track")
-        _check_designs("Interleaved: tracks", self.tracks)
-
-    @property
-    def trials(self) -> int | None:
-        """Number of trials, or None if it depends on the answers."""
-        return trials_of(*self.tracks.values())
-
-    @property
-    def reach(self) -> list[tuple[Task, Any]]:
-        """The levels that bound those of all tracks, with their tasks."""
-        return reach_of(*self.tracks.values())
 
     def init(self, seed: int) -> State:
         """Give each track a seed of its own."""
@@ -668,7 +679,7 @@ class Interleaved:
 
 @public
 @dc.dataclass(frozen=True)
-class Sequential:
+class Sequential(_Several):
     """Designs one after another.
 
     Parameters
@@ -704,21 +715,6 @@ class Sequential:
     parts: Mapping[str, Design]
     pause: float = 0.0
     shuffle: bool = False
-
-    def __post_init__(self):
-        if not self.parts:
-            raise BadValue("Sequential: give at least one design, by the name of its part")
-        _check_designs("Sequential: parts", self.parts)
-
-    @property
-    def trials(self) -> int | None:
-        """Number of trials, or None if it depends on the answers."""
-        return trials_of(*self.parts.values())
-
-    @property
-    def reach(self) -> list[tuple[Task, Any]]:
-        """The levels that bound those of all parts, with their tasks."""
-        return reach_of(*self.parts.values())
 
     def init(self, seed: int) -> State:
         """Give each part a seed of its own."""

@@ -469,9 +469,8 @@ class Experiment:
 
         If feedback is wanted, a trial must have a right answer.
         """
-        for task, level in reach_of(design):
-            for trial in extremes(task, level):
-                self.check(trial)
+        for trial in (t for pair in reach_of(design) for t in extremes(*pair)):
+            self.check(trial)
         guessed = observed(design, 0, self.guess, stream(0, "feedback"))
         if self.feedback and not any(trial.right for trial, _ in islice(guessed, 1000)):
             raise BadValue(

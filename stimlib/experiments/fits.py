@@ -22,6 +22,7 @@ from .likelihood import (
     GUESSES,
     LAPSES,
     PROBIT,
+    PROBLEMS as ESTIMATES,
     Array,
     Found,
     Model,
@@ -37,11 +38,7 @@ from .likelihood import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PROBLEMS = {
-    "few": (
-        "all answers are the same, or to one level: nothing can be fitted; choose levels around the"
-        " threshold, and ask whether the question was understood"
-    ),
+PROBLEMS = ESTIMATES | {
     "separated": (
         "no level has both answers but the one between: the slope is not determined, the {name} is"
         " {between}; add levels there, or trials"
@@ -110,7 +107,8 @@ class Fit:
         Ends may be infinite, sigma's lower one 0: the data then allow it.
     problems : tuple of str
         Names in `PROBLEMS`; empty for a fit that can be used.  With any but "lapses",
-        "guess" and "overdispersed", PSE, sigma and intervals are nan.
+        "guess", "overdispersed", "beyond" and "edge", PSE, sigma and intervals are nan.
+        "edge" is of a rate of guesses or lapses that was fitted, at its largest.
     loglik, deviance : float
         Log-likelihood of the fit without the binomial coefficients, and deviance from a
         curve through every level's proportion.
@@ -567,7 +565,7 @@ def psychometrics(
         parts += [(keys[at : at + TOGETHER], model) for at in range(0, len(keys), TOGETHER)]
     rates = _shared([([sets[key] for key in keys], model) for keys, model in parts])
     for keys, model in parts:
-        found = _fitted([sets[key] for key in keys], _with(model, rates), how, len(rates))
+        found = _fitted([sets[key] for key in keys], model, rates, how)
         fits |= zip(keys, found, strict=True)
     return {key: fits[key] for key in data}
 
@@ -618,9 +616,14 @@ def _middle(sets: Sets) -> Array:
     return total(sets.x * sets.n) / total(sets.n)
 
 
-def _fitted(part: Sequence[Sets], model: Model, how: _How, shared: int) -> list[Fit]:
+def _fitted(part: Sequence[Sets], model: Model, rates: Mapping[str, float], how: _How) -> list[Fit]:
     """Return the fits of some sets, in one call of each step."""
-    sets = _padded(part)
+    most = {
+        n: v
+        for n, v in (("lapse", LAPSES), ("guess", GUESSES))
+        if getattr(model, n) in (FREE, SHARED)
+    }
+    sets, model = _padded(part), _with(model, rates)
     middle = _middle(sets)
     best = maximum(sets, middle, model)
     problems = [undetermined(one) for one in part]
@@ -644,6 +647,11 @@ def _fitted(part: Sequence[Sets], model: Model, how: _How, shared: int) -> list[
             problems[i] = ("overdispersed",)
     curves = np.full((2, len(part)), math.nan)
     curves[:, usable] = middle[usable] - best.a[usable] / best.b[usable], 1 / best.b[usable]
+    for i in usable:
+        outside = not part[i].x[0] <= curves[0, i] <= part[i].x[-1]
+        # the search for a rate ends within 1e-6 of the largest
+        largest = any(getattr(best, n)[i] > v - 1e-4 for n, v in most.items())
+        problems[i] += ("beyond",) * outside + ("edge",) * largest
     if usable and how.interval == "profile":
         around[..., usable] = profile(_some(sets, usable), model, how.confidence, falls[usable])
     elif how.interval == "bootstrap":
@@ -667,7 +675,7 @@ def _fitted(part: Sequence[Sets], model: Model, how: _How, shared: int) -> list[
             p=float(p[i]),
             dispersion=float(scatter[i]),
             parameters=fitted,
-            shared=shared,
+            shared=len(rates),
         )
         for i, one in enumerate(part)
     ]

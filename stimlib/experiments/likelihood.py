@@ -9,6 +9,7 @@ set is a row of levels, so a bootstrap or 2000 simulated people are one call.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
 from typing import Any, NamedTuple
@@ -34,6 +35,21 @@ ZOOMS, GRID = 4, 6
 # of the search for an end of an interval: steps, and how near 0 it ends
 DOUBLINGS, SECANTS, NEAR = 14, 30, 1e-7
 FLOOR = 1e-15  # of a probability
+PROBLEMS = {
+    "few": (
+        "all answers are the same, or to one level, or too few: nothing can be estimated; choose"
+        " levels around the threshold, add trials, and ask whether the question was understood"
+    ),
+    "edge": (
+        "the {name} is at an end of the values that it can take here, and the true one may be"
+        " beyond: it and its error cannot be used; give a wider grid, bounds or range"
+    ),
+    "beyond": (
+        "the {name} is outside of the levels that were presented, where only the shape of the"
+        " curve says where it is; add levels around it"
+    ),
+}
+"""What can be wrong with any estimate, and what to do; ``problem`` names it."""
 
 
 class Sets(NamedTuple):
@@ -42,6 +58,31 @@ class Sets(NamedTuple):
     x: Array
     yes: Array
     n: Array
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An estimate with its standard error and interval.
+
+    Attributes
+    ----------
+    value, error : float
+    low, high : float
+        Ends of the interval.
+    problem : str
+        A name in `PROBLEMS`, empty if there is none.
+    """
+
+    value: float
+    error: float
+    low: float
+    high: float
+    problem: str = ""
+
+    def __str__(self) -> str:
+        text = f"{self.value:.4g} +- {self.error:.2g} [{self.low:.4g}, {self.high:.4g}]"
+        wrong = PROBLEMS.get(self.problem, "").format(name="estimate")
+        return f"{text}; problem: {wrong}" if wrong else text
 
 
 def total(each: ArrayLike) -> Array:

@@ -247,8 +247,9 @@ class Listener:
             if attends
             else 0.5 + coin * self.most
         )
-        value = int(min(max(round(rating), 1), self.most))
-        return Answer({trial.questions[0]: value}, simulated=True)
+        return Answer(
+            {trial.questions[0]: int(min(max(round(rating), 1), self.most))}, simulated=True
+        )
 
     def _more(self, trial: Trial, felt: Mapping[str, float]) -> bool:
         if len(felt) == 1:

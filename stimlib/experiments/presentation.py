@@ -240,17 +240,15 @@ def prepare(session: Session, sink: str, **options: Any) -> int:
         compiled at this rate; a calibration does not fit the outputs.
     """
     e, done = session.experiment, set[tuple[str, ...]]()
-    calibration = options.get("calibration")
     for trial in filter(None, chain([session.due()], session.ahead())):
         if not trial.stimuli or (kind := tuple(s.scene for s in trial.stimuli)) in done:
             continue
         scene, params = program(e, trial)
-        how: dict[str, Any] = {"params": params, "calibration": calibration}
-        if done or sink not in KINDS:
-            how |= {"motion": Live(), "clocked": False}
-        else:
-            how |= {"motion": _moves(e, scene), **options}
-        with make("null" if "clocked" in how else sink, scene, _protection(e, scene), **how) as one:
+        name, how = sink, options | {"motion": _moves(e, scene)}
+        if done or sink not in KINDS:  # compiled alone
+            name = "null"
+            how = {"calibration": options.get("calibration"), "clocked": False, "motion": Live()}
+        with make(name, scene, _protection(e, scene), params=params, **how) as one:
             channels = [name for name in scene.outputs if name != STARTS]
             one.open(e.fs, channels if len(channels) < len(scene.outputs) else None)
         done.add(kind)

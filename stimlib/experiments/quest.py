@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadValue, need, public
-from .likelihood import FLOOR
+from .likelihood import FLOOR, Estimate
 from .tasks import Task
 from .trial import Answer, State, Trial, outcome
 
@@ -191,7 +191,7 @@ class Quest:
             "outcomes": [*state["outcomes"], more],
         }
 
-    def estimate(self, state: State) -> dict[str, float]:
+    def estimate(self, state: State) -> dict[str, Estimate]:
         """Return the posterior means: mean, deviation or slope, lapse and guess.
 
         The mean of a Weibull curve is its scale alpha, where F is 63 %.  The threshold
@@ -205,7 +205,13 @@ class Quest:
 
         Returns
         -------
-        dict of str to float
+        dict of str to Estimate
+            Posterior mean, standard deviation, and the interval that holds 95 % of the
+            posterior, where each value of a parameter stands for its neighbourhood.
+            ``problem`` is "edge" if most of the posterior is at an end of
+            the parameter's values (95 %, if there are two): the true value may be
+            beyond.  The end 0 of a rate, single values and nuisance parameters have no
+            such problem.  It is "beyond" if the mean is outside of ``levels``.
 
         Raises
         ------
@@ -226,9 +232,11 @@ class Quest:
         >>> for _, answer in observed(design, 1, person, stream(1, "observer")):
         ...     state = design.update(state, answer)
         >>> found = design.estimate(state)
-        >>> threshold = found["mean"] * math.log(2) ** (1 / found["slope"])
-        >>> print(f"alpha {found['mean']:.3f}, threshold {threshold:.3f}")
-        alpha 0.076, threshold 0.064
+        >>> print(found["mean"])
+        0.07597 +- 0.021 [0.03293, 0.1331]
+        >>> threshold = found["mean"].value * math.log(2) ** (1 / found["slope"].value)
+        >>> print(f"threshold {threshold:.3f}")
+        threshold 0.064
         """
         need("Quest.estimate", ("levels", "outcomes"), state)
         design, chance, *history = _facts(self, state)
@@ -242,9 +250,32 @@ class Quest:
             )
         _, known = _posterior(design, chance, *history)
         return {
-            name: float((known.sum(tuple(k for k in range(known.ndim) if k != axis)) * row).sum())
+            name: _estimate(
+                design, name, row, known.sum(tuple(k for k in range(known.ndim) if k != axis))
+            )
             for axis, (name, row) in enumerate(_parameters(design, chance).items())
         }
+
+
+def _estimate(design: Quest, name: str, row: Array, mass: Array) -> Estimate:
+    """Return the estimate of a parameter from its values and their probabilities."""
+    row, mass = np.array(sorted(zip(row, mass, strict=True))).T
+    value = float(mass @ row)
+    # a value stands for all that are nearer to it than to others
+    cell = np.gradient(row) if row.size > 1 else 0.0 * row
+    low, high = np.searchsorted(np.cumsum(mass), [0.025, 0.975])
+    # most of the posterior is at an end, of two values nearly all of it; 0 ends a rate
+    ends = mass[[0, -1]][int(row[0] == 0 and name in ("lapse", "guess")) :]
+    piled = row.size > 1 and ends.max() > (0.5 if row.size > 2 else 0.95)
+    inside = name != "mean" or min(design.levels) <= value <= max(design.levels)
+    problem = "edge" if piled and name not in design.nuisance else "" if inside else "beyond"
+    return Estimate(
+        value,
+        float(np.sqrt(mass @ ((row - value) ** 2 + cell**2 / 12))),
+        float((row - cell / 2)[low]),
+        float((row + cell / 2)[high]),
+        problem,
+    )
 
 
 def _short(chance: float | None) -> str:

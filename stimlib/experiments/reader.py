@@ -8,6 +8,7 @@ import io
 import json
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -307,11 +308,8 @@ def status(saved: Saved) -> dict[str, Any]:
         `stimlib.experiments.trial.Record.time`), ``lost`` samples, ``limited`` samples,
         ``last`` (date and time).
     """
-    counts: dict[str, int] = {}
     trials = [r for r in saved.records if r.trial.stimuli]
-    for r in trials:
-        name = blinded(saved.header["seed"], r.trial.condition)
-        counts[name] = counts.get(name, 0) + 1
+    counts = Counter(blinded(saved.header["seed"], r.trial.condition) for r in trials)
     shown_once = [d for r in saved.records for d in r.displayed]
     logs = {p.name for p in saved.folder.glob("trial-*.stimlog")}
     return {

@@ -107,7 +107,7 @@ def run(
                 )
         return shown
 
-    session.check_kind(_simulates(front_end))
+    session.check_kind(getattr(front_end, "simulated", False))
     if (trial := session.due()) is None:
         front_end.tell(say("all_done"))
         return
@@ -209,12 +209,8 @@ def _one(
         if asked == replays:
             ask()
     seconds = lasts if lasts and e.timing.until == "answer" else round(sum(times.values()), 3)
-    answer = Answer(values, seconds, replays, times, _simulates(front_end))
-    return session.put(answer, shown)
-
-
-def _simulates(front_end: FrontEnd) -> bool:
-    return getattr(front_end, "simulated", False)
+    simulated = getattr(front_end, "simulated", False)
+    return session.put(Answer(values, seconds, replays, times, simulated), shown)
 
 
 @public

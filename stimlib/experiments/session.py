@@ -36,13 +36,11 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
-from itertools import islice
 from typing import Any, Self
 
 from ..errors import BadValue, SinkError, public
 from ..system import safe_files
 from ..version import __version__
-from .designs import trials_of
 from .experiment import Experiment
 from .random_streams import stream
 from .reader import VERSION, Saved, blinded, folder_of, read, sealed
@@ -107,7 +105,7 @@ class Session:
         self._resume, self._file, self._lock, self._process = resume, -1, -1, -1
 
     def __enter__(self) -> Self:
-        if self._resume and not self._there():
+        if self._resume and not os.path.lexists(self.folder / "session.json"):
             raise BadValue(f"there is no session {self.folder} to resume: run it first")
         safe_files.make_folder(self.folder)
         busy = (
@@ -121,9 +119,6 @@ class Session:
             self._close()
             raise
         return self
-
-    def _there(self) -> bool:
-        return os.path.lexists(self.folder / "session.json")
 
     def __exit__(self, *_: object) -> None:
         self._close()
@@ -144,7 +139,7 @@ class Session:
                 f"the design of {self.participant}, session {self.session}, has no trial"
             )
         if not self._resume:
-            if self._there():  # only who has the lock knows
+            if os.path.lexists(self.folder / "session.json"):  # only who has the lock knows
                 raise BadValue(
                     f"{self.folder} is there already: resume it, or give another session or folder;"
                     " data are never overwritten"
@@ -255,7 +250,7 @@ class Session:
                 state = self.design.update(state, e.guess(trial, rng))
 
     def check_ahead(self) -> None:
-        """Check the first trial, and all others that do not depend on the answers.
+        """Check the trials of `ahead`.
 
         So a mistake in the definition is found before the session has a folder.
 
@@ -267,9 +262,7 @@ class Session:
             The experiment's safety is one full scale for outputs in different units.
         """
         self.experiment.check_safety()
-        known = len(self.experiment.familiar(self.participant, self.session))
-        fixed = trials_of(self.design) is not None
-        for trial in islice(self.ahead(), None if fixed else known + 1):
+        for trial in self.ahead():
             self.experiment.check(trial)
 
     def rest(self, trial: Trial) -> float:
@@ -319,10 +312,10 @@ class Session:
     def check_kind(self, simulated: bool) -> None:
         """Raise BadValue if a session would mix simulated answers with others."""
         if self.records and self.records[0].answer.simulated != simulated:
-            kinds = ("of a participant", "of a simulated observer")
             raise BadValue(
-                f"{self.folder} has answers {kinds[not simulated]}, and would get one"
-                f" {kinds[simulated]}; give another participant or folder"
+                f"{self.folder} has {'' if simulated else 'simulated '}answers, and would get"
+                f" {'a simulated one' if simulated else 'one of a participant'}; give another"
+                " participant or folder"
             )
 
     def blind(self, trial: Trial) -> str:

@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, public
-from .likelihood import curve, numbers
+from .likelihood import Estimate, curve, numbers
 
 CORRECTIONS = {
     "error": (
@@ -350,16 +350,6 @@ def _sensitivity(p: float, m: int) -> float:
         if 0 < p < 1
         else math.inf * (p - 0.5)
     )
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """An estimate with its standard error and interval."""
-
-    value: float
-    error: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)

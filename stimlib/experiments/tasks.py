@@ -311,9 +311,10 @@ class Roved:
 
     def extremes(self, level: Any) -> list[Trial]:
         """Return the trials with the smallest and the largest factor."""
-        trials = extremes(self.task, level)
         return [
-            self._roved(t, power * np.ones(len(t.stimuli))) for t in trials for power in (-1, 1)
+            self._roved(t, power * np.ones(len(t.stimuli)))
+            for t in extremes(self.task, level)
+            for power in (-1, 1)
         ]
 
     def _roved(self, trial: Trial, powers: np.ndarray) -> Trial:

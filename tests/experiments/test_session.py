@@ -42,7 +42,7 @@ from stimlib.experiments.designs import ConstantStimuli, Sequential, Staircase
 from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
 from stimlib.experiments.presentation import prepare, present, program, spans
 from stimlib.experiments.questions import rating
-from stimlib.experiments.reader import columns, read, sessions, status
+from stimlib.experiments.reader import blinded, columns, read, sessions, status
 from stimlib.experiments.runner import Simulated, run
 from stimlib.experiments.session import LOG, Session
 from stimlib.experiments.tasks import OneInterval, Rate
@@ -453,7 +453,7 @@ class Odd(ConstantStimuli):
 
 
 def failing():
-    """What a session lacks: words of the experiment, sink, its options, and the error."""
+    """Return words of an experiment, a sink, its options, and what the error says."""
     x = SPRING.outputs["force"]
     fast = {"spring": SPRING, "fast": stimlib.Scene({"force": lowpass(x, 600.0)})}
     task = Rate("a", ("softer",), Stimulus("fast"))
@@ -802,7 +802,7 @@ def test_a_design_that_gives_other_trials_is_refused(tmp_path, monkeypatch):
     assert len(read(session.folder).records) == 4
 
 
-def test_trials_are_checked_ahead_where_they_do_not_depend_on_answers(tmp_path):
+def test_trials_ahead_are_checked_before_there_is_a_folder(tmp_path):
     good, bad = (TASK, 4.0), (TASK, 80.0)
     fixed = experiment(design=Own(ConstantStimuli((good, bad), shuffle="none")))
     with pytest.raises(BadValue, match="k = 80 is beyond its bounds"):
@@ -920,7 +920,7 @@ def test_what_the_experimenter_sees_is_blinded(tmp_path):
         and told["limited"] == 8
     )
     assert list(told["conditions"].values()) == [4] and "secret" not in json.dumps(told)
-    assert session.blind(session.records[0].trial) in told["conditions"]
+    assert blinded(session.seed, session.records[0].trial.condition) in told["conditions"]
 
 
 def test_columns_have_the_trials_that_count(tmp_path):
@@ -967,7 +967,7 @@ def test_a_session_has_simulated_answers_or_those_of_a_participant(tmp_path):
     face = Scripted()
     with Session(experiment(), tmp_path / "person", "P01", resume=True) as session:
         fake = Simulated(session, observer)
-        refused(BadValue, "would get one of a simulated", run, session, fake, nothing)
+        refused(BadValue, "has answers, and would get a simulated one", run, session, fake, nothing)
         refused(BadValue, "would get", session.put, fake.answer(session.due()))
     with Session(experiment(), tmp_path / "observer", "P01", resume=True) as session:
         refused(BadValue, "would get one of a participant", run, session, face, nothing)

@@ -273,9 +273,9 @@ def test_an_estimate_of_few_reversals_is_none():
     for n in (0, 1, 3):
         found = stairs.estimate(asked(stairs, n * [True])[0])
         assert math.isnan(found["level"]) and math.isnan(found["error"])
-        assert found["reversals"] == 0
+        assert (found["reversals"], found["problem"]) == (0, "few")
     steady = stairs.estimate(asked(stairs, 9 * [True, False])[0])
-    assert steady == {"level": -0.25, "error": 0.0, "reversals": 16}
+    assert steady == {"level": -0.25, "error": 0.0, "reversals": 16, "problem": ""}
 
 
 @pytest.mark.parametrize("words", [{}, {"down": 2}, {"down": 3}, {"target": 0.75}], ids=str)
