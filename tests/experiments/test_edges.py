@@ -40,8 +40,8 @@ def found_by(design, truth, deviation, seed):
 def test_quest_says_where_its_grid_ends():
     """A truth of 8 in a grid of 0.3 to 3 gave 2.998 with an error of 0.5, and no word.
 
-    A truth of at least one step outside is named in all of 390 runs, one of three steps
-    inside in 0 of 180, on the last value in 95 %, and on the one before in 20 %.
+    Of 30 runs each, a truth at least one step outside is named in 360 of 360, one three
+    steps inside in 0 of 60, on the last value in 95 %, on the one before in 22 %.
     """
     rng = np.random.default_rng(1)
     for seed in range(20):
