@@ -114,7 +114,9 @@ class Recording:
         (Hz, 1/period), silences (number held, with reports="on_change"), gaps (list of
         row and s: those silences that are longer than max_gap), lifts (list of row and
         time in s), jumps (list of row and speed, largest of the inputs, in the input's
-        unit per second).
+        unit per second), lifted (input to what it is off contact, as it was stated).
+    text : callable
+        Returns the call that recreates the recording, with another ``lifted``.
 
     Examples
     --------

@@ -238,16 +238,11 @@ def envelope(x, p, fs, seed, *, size):
 @pytest.mark.parametrize(("at", "passes"), [(49, True), (50, False)])
 def test_a_law_gives_a_tolerance_for_each_sample_and_has_the_seed(at, passes):
     scene = Scene({"y": Input("x") + 0.0}, law=envelope, given={"size": 1e-3})
-    rendering = stimlib.render(scene, {"x": np.ones(100)}, FS, seed=0)
-    rendering.y[0, at] += 9e-4
-    law = next(
-        c for c in stimlib.verify(scene, {"x": np.ones(100)}, rendering).checks if c.group == "d"
-    )
-    e = gather(scene, {"x": np.ones(100)}, rendering)
-    e.y[0, at] += 9e-4
+    e = gather(scene, {"x": np.ones(100)}, stimlib.render(scene, {"x": np.ones(100)}, FS))
+    e.y[0, [10, at]] += 9e-4, 5e-4  # the larger one is allowed
     (found,) = scene_law(e)
-    assert law.passed and found.passed is passes
-    assert passes or (found.measured, found.limit) == (pytest.approx(9e-4), 0.0)
+    assert found.passed is passes
+    assert passes or (found.measured, found.limit) == (pytest.approx(5e-4), 0.0)
     seeded = stimlib.render(scene, {"x": np.ones(100)}, FS, seed=1)
     assert not stimlib.verify(scene, {"x": np.ones(100)}, seeded).passed
 
