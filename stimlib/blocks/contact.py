@@ -1562,7 +1562,7 @@ def slew_limit(x: Block, rate: float) -> Block:
 class ResponseParams(NamedTuple):
     """Parameters of `ResponseLimit` at a sample rate: a row for each phase."""
 
-    k: np.ndarray  # what one sample adds to each bounded number; one more at the end
+    k: np.ndarray  # what one sample adds to each bounded number
     per: np.ndarray  # 1/k
     keep: np.ndarray  # 0 after the last number of each kind
     phases: float
@@ -1604,13 +1604,13 @@ class ResponseLimit(Block):
         keep[:, -1] = 0.0
         per = 1.0 / np.where(np.abs(k) < 1e-300, 1e-300, k)
         state = ResponseState(np.zeros(keep.size + 1), 0.0)
-        return ResponseParams(np.append(k, 0.0), per, keep.ravel(), float(self.every)), state
+        return ResponseParams(k, per, keep.ravel(), float(self.every)), state
 
     @staticmethod
     def step(p, s, x):
         n, at = p.keep.size, where(s.at > 0.0, where(s.at < p.phases, s.at, 0.0), 0.0)
         after, low, high = where(at + 1.0 < p.phases, at + 1.0, 0.0), -1e300, 1e300
-        row, by = n * np.int64(at), np.int64(where(after > 0.0, 0.0, 1.0))
+        row, moved = n * np.int64(at), n * np.int64(where(after > 0.0, 0.0, 1.0))
         for i in range(n):
             a, b = (1.0 - s.ahead[i]) * p.per[row + i], (-1.0 - s.ahead[i]) * p.per[row + i]
             least, most = where(a < b, a, b), where(a < b, b, a)
@@ -1619,7 +1619,9 @@ class ResponseLimit(Block):
         y = where(x > high, high, where(x < low, low, x))
         kept = where(x - x == 0.0, y, 0.0)
         for i in range(n):
-            s.ahead[i] = p.keep[i] * (s.ahead[i + by] + p.k[row + i + by] * kept)
+            s.ahead[i] = s.ahead[i] + p.k[row + i] * kept
+        for i in range(moved):
+            s.ahead[i] = p.keep[i] * s.ahead[i + 1]
         return where(x - x == 0.0, y, x), ResponseState(s.ahead, after)
 
 

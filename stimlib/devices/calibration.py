@@ -33,8 +33,8 @@ from .resonance import record_sweep
 
 Array = NDArray[np.float64]
 LEAST, MOST = 1e-9, 1e12  # of a gain: below and beyond, it is an error of the file
-TAPS = (129, 257, 513, 1025, 2049, 4097, 8193)
-RINGS = (256, 512, 1024, 2048, 4096, 8192, 16384)  # samples of the response
+TAPS = tuple(2 * round(64 * 2 ** (k / 2)) + 1 for k in range(13))
+RINGS = tuple(round(256 * 2 ** (k / 2)) for k in range(13))  # samples of the response
 ERROR, SPILL = 0.01, 0.25  # of inverse and device, within the band and where nothing was measured
 BENT = 0.03  # largest bias of the resolution
 GRID = 1 << 17  # samples of the grid of frequencies
@@ -184,8 +184,8 @@ class Calibration:
             Hz, at which it will play.
         taps : int, optional
             Odd; more follow sharper resonances and narrower slopes beside the band.  By
-            default the fewest of 129, 257, .. 8193 that invert with an error of at most
-            1 %.
+            default the fewest of 129, 183, 257, .. 8193 that invert with an error
+            of at most 1 %.
 
         Returns
         -------
@@ -243,7 +243,11 @@ class Calibration:
         f = np.arange(GRID // 2 + 1) * (fs / GRID)
         known = (f >= min(first, low - below)) & (f <= max(last, high + above))
         falls = np.clip((low - f) / below, 0.0, 1.0) + np.clip((f - high) / above, 0.0, 1.0)
-        wanted = 0.5 + 0.5 * np.cos(np.pi * falls)
+        wanted, unsure = (
+            0.5 + 0.5 * np.cos(np.pi * falls),
+            np.interp(f, self.freq, self.uncertainty),
+        )
+        wanted = wanted / (1.0 + 4.0 * unsure * (1.0 - wanted))  # less where a gain is uncertain
         measured, turned = (f >= first) & (f <= last), np.unwrap(np.angle(self.gain))
         turned = interp1d(self.freq, turned, bounds_error=False, fill_value="extrapolate")(f)
         held = np.interp(f, self.freq, np.abs(self.gain)) * np.exp(1j * turned)
@@ -255,11 +259,13 @@ class Calibration:
         It is the shortest causal response that agrees with the measured gains, so that
         it does not follow their noise, with little where nothing was measured. In the
         band, 90 % agree within their uncertainty and all within twice that, besides the
-        error; beyond it, the error is relative to the largest gain.
+        error. Beside it the error counts as a part of the wanted overall gain, and
+        beyond that as a part of the largest gain.
         """
         f, measured, _, wanted, device = self._over(fs)
         inside, most = wanted == 1.0, np.abs(self.gain).max()
-        size, smooth = np.where(inside, np.abs(device), most), uniform_filter1d(self.uncertainty, 9)
+        size = np.minimum(np.abs(device) / np.maximum(wanted, 1e-9), most)
+        smooth = uniform_filter1d(self.uncertainty, 9)
         noise = np.interp(f, self.freq, smooth) * np.abs(device) / size
         found, error = np.empty(0), math.inf
         for n in RINGS:

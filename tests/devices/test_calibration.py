@@ -308,7 +308,7 @@ def test_nothing_outside_of_the_band_is_made_larger(asked, limit, felt_before, f
     assert low <= np.abs(z).max() <= high < max(felt_before, 0.6)
     told = watch.outside()["y"]
     if limit == 0.5 and felt_before > 1:  # the tone of 500 Hz, where half of it is left
-        assert told["level"] == pytest.approx(0.1, rel=0.1) and told["samples"] > 5000
+        assert told["level"] == pytest.approx(0.1, rel=0.2) and told["samples"] > 4000
     assert watch.counts().keys() <= {"drive", "skin"}
 
 

@@ -567,14 +567,14 @@ def carrier(b, p, s, x, run):
 
 def response_limit(b, p, s, x, run):
     """Run the block ``ResponseLimit``."""
-    k, per = (jnp.asarray(v).reshape(-1, p.keep.size) for v in (p.k[:-1], p.per))
+    k, per = (jnp.asarray(v).reshape(-1, p.keep.size) for v in (p.k, p.per))
 
     def sample(carry, x):
         ahead, at = carry
         ends = jnp.sort(jnp.array([(1 - ahead) * per[at], (-1 - ahead) * per[at]]), axis=0)
         y = jnp.clip(x, jnp.minimum(ends[0].max(), 0.0), jnp.maximum(ends[1].min(), 0.0))
         rest, after = ahead + k[at] * jnp.where(jnp.isfinite(x), y, 0.0), (at + 1) % b.every
-        rest = p.keep * jnp.where(after == 0, jnp.append(rest[1:], 0.0), rest)
+        rest = jnp.where(after == 0, p.keep * jnp.append(rest[1:], 0.0), rest)
         return (rest, after), jnp.where(jnp.isfinite(x), y, x)
 
     return lax.scan(sample, (jnp.zeros(p.keep.size), 0), spread(x[0], run.n))[1]
