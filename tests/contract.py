@@ -22,6 +22,7 @@ import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.blocks.contact import (
     ForceLimit,
+    ResponseLimit,
     Tally,
     force_limit,
     motor_current,
@@ -55,6 +56,9 @@ STOP_BAND = Law(
     "stop band",
     lambda H, f, fs: EDGE + H,
 )
+
+
+RINGS = np.exp(-np.arange(40) / 9) * np.cos(np.arange(40) / 2)
 
 
 # What drives an input -----------------------------------------------------------------
@@ -406,7 +410,22 @@ TABLE = [
     ),
     Entry("slew_limit", "SlewLimit", lambda x: slew_limit(x, 900.0), (normal,)),
     Entry(
-        "tally", "Tally", lambda x: Tally(ForceLimit(x, constant(0.5)), x, "clip", "y"), (normal,)
+        "tally",
+        "Tally",
+        lambda x: Tally(x, x, ForceLimit(x, constant(0.5)), "clip", "y"),
+        (normal,),
+    ),
+    Entry(
+        "response_limit",
+        "ResponseLimit",
+        lambda x: ResponseLimit(x, RINGS, 1.5, None, 1),
+        (normal,),
+    ),
+    Entry(
+        "response_limit_slew",
+        "ResponseLimit",
+        lambda x: ResponseLimit(x, RINGS, 2.0, 1500.0, 3),
+        (held,),
     ),
     Entry(
         "motor_current",

@@ -36,7 +36,7 @@ from stimlib.export.program import comment
 from stimlib.export.translate import Unit
 from stimlib.export.values import FLOATS
 from stimlib.motion.text import parse_motion
-from stimlib.run.safety import Safety, Watch, protect
+from stimlib.run.safety import Inverse, Safety, Watch, protect
 from stimlib.scenes import ROWS, SHIPPED
 
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
@@ -119,14 +119,15 @@ int main(void)
     assert np.ptp(want) > 1
 
 
-STAGES = {"peak", "clip", "static", "slew", "drive"}
+STAGES = {"peak", "clip", "static", "slew", "drive", "skin", "outside"}
+INVERSE = Inverse((0.2, 0.9, 0.2), (1.2, 0.9, 0.3), 2)
 
 
 def test_the_safety_stage_is_exported_with_its_counts(tmp_path):
     """Each stage limits samples, and one output fails, as in a processor."""
     x, k = Input("x", "m"), Param("k", 1000.0, "N/m")
     scene = Scene({"force": k * x, "wave": 5.0 * x / x})
-    safety = Safety({"force": 6.0, "wave": 4.0}, {"force": 900.0}, 8.0, 0.2, 0.05, (0.2, 0.9, 0.2))
+    safety = Safety({"force": 6.0, "wave": 4.0}, {"force": 900.0}, 8.0, 0.2, 0.05, INVERSE)
     way = 0.0101 * np.sin(np.arange(600) ** 1.5 / 300) + 0.01
     way[500:] = 0.0  # 0/0 there
     made = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.6, safety=safety)
@@ -137,6 +138,7 @@ def test_the_safety_stage_is_exported_with_its_counts(tmp_path):
     proc.set("k", 1100.0, ramp=0.01)
     want.append(proc.process(way[None, 200:].copy()))
     counts = {stage: sum(of.values()) for stage, of in Watch(proc).counts().items()}
+    counts["outside"] = Watch(proc).outside()["force"]["samples"]
     assert counts.keys() == STAGES and abs(want[1][1, 298]) > 1.0 and want[1][1, -1] < 1.0
     header = (tmp_path / "stimulus.h").read_text()
     fields = re.findall(r"(b\d+_n) (\w+) of", header)

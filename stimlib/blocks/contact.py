@@ -1530,31 +1530,104 @@ def slew_limit(x: Block, rate: float) -> Block:
     return SlewLimit(as_block(x), rate)
 
 
+# Parameters of `ResponseLimit` at a sample rate: a row for each phase.
+#   k     what one sample adds to each bounded number
+#   per   1/k
+#   keep  0 after the last number of each kind
+ResponseParams = namedtuple("ResponseParams", "k per keep phases")
+
+# State of `ResponseLimit` between samples.
+#   ahead  what the samples so far will still make, in parts of its bounds
+#   at     phase
+ResponseState = namedtuple("ResponseState", "ahead at")
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseLimit(Block):
+    """A signal limited so that the response of what follows stays within bounds.
+
+    The output is the largest part of x after which the response would stay within its
+    bounds if only zeros followed. Zero is therefore always possible, and the bounds
+    hold whatever x does (a reference governor).
+
+    ``response`` is the response to one sample of 1.0, ``most`` the bound of its
+    magnitude, and ``slew`` that of its change per second. Every ``every``-th sample of
+    the response is bounded, which is enough if its frequencies are low.
+    """
+
+    x: Block
+    response: np.ndarray
+    most: float
+    slew: float | None
+    every: int
+
+    def design(self, fs):
+        padded = np.append(self.response, np.zeros(self.every + -self.response.size % self.every))
+        rows = padded.reshape(-1, self.every)[:, ::-1].T  # the last phase is bounded itself
+        kinds = [rows / self.most]
+        if self.slew is not None:
+            kinds.append(np.diff(rows, prepend=0.0) * (fs / self.every / self.slew))
+        k, keep = np.hstack(kinds).ravel(), np.ones((len(kinds), rows.shape[1]))
+        keep[:, -1] = 0.0
+        per = 1.0 / np.where(np.abs(k) < 1e-300, 1e-300, k)
+        state = ResponseState(np.zeros(keep.size + 1), 0.0)
+        return ResponseParams(k, per, keep.ravel(), float(self.every)), state
+
+    @staticmethod
+    def step(p, s, x):
+        n, at = p.keep.size, where(s.at > 0.0, where(s.at < p.phases, s.at, 0.0), 0.0)
+        after, low, high = where(at + 1.0 < p.phases, at + 1.0, 0.0), -1e300, 1e300
+        row, moved = n * np.int64(at), n * np.int64(where(after > 0.0, 0.0, 1.0))
+        for i in range(n):
+            a, b = (1.0 - s.ahead[i]) * p.per[row + i], (-1.0 - s.ahead[i]) * p.per[row + i]
+            least, most = where(a < b, a, b), where(a < b, b, a)
+            low, high = where(least > low, least, low), where(most < high, most, high)
+        low, high = where(low < 0.0, low, 0.0), where(high > 0.0, high, 0.0)
+        y = where(x > high, high, where(x < low, low, x))
+        kept = where(x - x == 0.0, y, 0.0)
+        for i in range(n):
+            s.ahead[i] = s.ahead[i] + p.k[row + i] * kept
+        for i in range(moved):
+            s.ahead[i] = p.keep[i] * s.ahead[i + 1]
+        return where(x - x == 0.0, y, x), ResponseState(s.ahead, after)
+
+
+# Parameters of `Tally` at a sample rate.
+TallyParams = namedtuple("TallyParams", "error")
+
 # State of `Tally` between samples.
-TallyState = namedtuple("TallyState", "n")
+#   most  largest change
+#   peak  largest value before
+TallyState = namedtuple("TallyState", "n most peak")
 
 
 @dataclass(frozen=True, eq=False)
 class Tally(Block):
-    """The signal x, with a count of the samples that a limiting stage has changed.
+    """The signal x, with a count of the samples that a stage has changed.
 
-    ``before`` is the signal ahead of that stage. The count is kept in the state.
+    ``before`` is the signal ahead of that stage, ``after`` the one behind it. The state
+    counts the changes above ``error`` times the largest ``before``, and keeps the
+    largest.
     """
 
     x: Block
     before: Block
+    after: Block
     stage: str
     output: str
+    error: float = 0.0
 
     def units(self, *u):
-        return same_unit("compare", self.x, self.before, *u)
+        return same_unit("compare", self.x, self.before, *u[:2])
 
     def design(self, fs):
-        return (), TallyState(NONE)
+        return TallyParams(self.error), TallyState(NONE, 0.0, 0.0)
 
     @staticmethod
-    def step(p, s, x, before):
-        return x, TallyState(s.n + where(x == before, NONE, ONE))
+    def step(p, s, x, before, after):
+        peak, size = where(abs(before) > s.peak, abs(before), s.peak), abs(after - before)
+        count = where(size > p.error * peak, ONE, NONE)
+        return x, TallyState(s.n + count, where(size > s.most, size, s.most), peak)
 
 
 @public

@@ -248,4 +248,11 @@ def _delivered(e: Evidence, log: SessionLog) -> list[Check]:
         apart = sum(abs(v - counts[what]) if isinstance(v, int) else 1 for what, v in said.items())
         text = ", ".join(f"{n} {what}" for what, n in counts.items())
         checks.append(Check("b", "log: samples as reported", min(apart, 2**63), 0, text))
+    watch, report = Watch(proc), log.report or {}
+    limits = {"clips": watch.counts(), "outside": watch.outside()}
+    apart = sum(report.get(what, v) != v for what, v in limits.items())
+    text = ", ".join(
+        f"{sum(of.values())} limited ({stage})" for stage, of in limits["clips"].items()
+    )
+    checks.append(Check("b", "log: limits as reported", apart, 0, text or "no sample limited"))
     return checks

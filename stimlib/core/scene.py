@@ -274,8 +274,8 @@ class Scene:
         fs : float
             Hz.
         safety : Safety or float, optional
-            As for a sink: the value that is 1.0 in sound and recording; by default
-            twice the peak of a trial.
+            As for a sink, the largest value, which is 1.0 in sound and recording; by
+            default twice the peak of a trial.
         **options
             ``ranges``, ``given``, ``params``, ``seed``, ``folder``, ``title``,
             ``block`` and ``bandwidth`` as for ``stimlib.live.stream.Stream``; ``port``.

@@ -13,23 +13,32 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import interp1d
 from scipy.linalg import solve_toeplitz
+from scipy.ndimage import uniform_filter1d
 
+from ..core.graph import Guard
 from ..core.scene import Scene
 from ..core.units import ONE, pretty, unit as unit_of
 from ..errors import BadValue, RecordingError, SinkError, UnitError, public
 from ..plate.identify import Sweep
-from ..run.safety import Safety, inverted
+from ..run.safety import STEPS, Inverse, Safety, inverted
 from ..system import fields, safe_files
 from .resonance import record_sweep
 
 Array = NDArray[np.float64]
 LEAST, MOST = 1e-9, 1e12  # of a gain: below and beyond, it is an error of the file
-TAPS = (129, 257, 513, 1025, 2049)
+TAPS = tuple(2 * round(64 * 2 ** (k / 2)) + 1 for k in range(13))
+RINGS = tuple(round(256 * 2 ** (k / 2)) for k in range(13))  # samples of the response
+ERROR, SPILL = 0.01, 0.25  # of inverse and device, within the band and where nothing was measured
+BENT = 0.03  # largest bias of the resolution
+GRID = 1 << 17  # samples of the grid of frequencies
+CALM = 1e-4  # weight of the modelled response where nothing was measured
 _NUMBERS = fields.list_of(fields.number)
 FIELDS = {
     "freq": _NUMBERS,
@@ -39,6 +48,7 @@ FIELDS = {
     "unit": fields.text,
     "date": fields.text,
     "parts": fields.table_of(fields.text),
+    "band": _NUMBERS,
 }
 
 
@@ -61,11 +71,16 @@ class Calibration:
         Date of the measurement, such as ``"2026-11-25"``.
     parts : dict of str to str
         What was measured, with serial numbers: ``{"actuator": "BM3C 0042"}``.
+    band : (float, float), optional
+        In Hz, within ``freq``: the band that ``inverse`` equalises; by default all.
+        What was measured beyond it makes the limits at the skin more exact and the
+        filter shorter.
 
     Raises
     ------
     BadValue
-        Lengths that differ, frequencies that do not rise, numbers that are not finite.
+        Lengths that differ, frequencies that do not rise, numbers that are not finite,
+        a band that was not measured.
     UnitError
         No unit.
     """
@@ -76,6 +91,7 @@ class Calibration:
     unit: str
     date: str = ""
     parts: Mapping[str, str] = field(default_factory=dict)
+    band: tuple[float, ...] = ()
 
     def __post_init__(self):
         rows = {
@@ -99,11 +115,22 @@ class Calibration:
                 f" largest {size.max():g}: that is no actuator; calibrate a band in which it moves"
             )
         unit_of(self.unit)
+        ends = tuple(map(float, self.band or self.freq[[0, -1]]))
+        if not (len(ends) == 2 and self.freq[0] <= ends[0] < ends[1] <= self.freq[-1]):
+            raise BadValue(
+                f"Calibration: band = {self.band} must be two frequencies, rising, within"
+                f" {self.freq[0]:g} to {self.freq[-1]:g} Hz"
+            )
+        object.__setattr__(self, "band", ends)
 
     def __repr__(self):
-        low, high = self.freq[[0, -1]]
+        low, high = self.band
         unit, date = pretty(self.unit), self.date or "no date"
         return f"Calibration({unit} from {low:g} to {high:g} Hz, {date})"
+
+    @property
+    def _inside(self) -> Any:
+        return (self.freq >= self.band[0]) & (self.freq <= self.band[1])
 
     def full_scale(self, freq: float) -> float:
         """Return the output amplitude, in ``unit``, for a sample amplitude of 1.0.
@@ -143,15 +170,22 @@ class Calibration:
     def inverse(self, fs: float, taps: int | None = None) -> Array:
         """Return the taps of a filter that equalises the response within the band.
 
-        The filter delays by (taps - 1)/2 samples.
+        Filter and device together have gain 1 in the band and at most 1 at all other
+        frequencies. The gain falls to 0 over what was measured next to the band, but at
+        least over 0.3 of the band's lower end and 0.1 of its upper end, and at most
+        over half of each. A response that was not measured is extrapolated there with
+        its last gain; beyond, the device is assumed to have at most its largest
+        measured gain, and the filter keeps the product below 0.25. The filter delays by
+        (taps - 1)/2 samples.
 
         Parameters
         ----------
         fs : float
             Hz, at which it will play.
         taps : int, optional
-            Odd; more follow sharper resonances.  By default the fewest of 129, 257, ..
-            2049 that invert with an error of at most 2 %.
+            Odd; more follow sharper resonances and narrower slopes beside the band.  By
+            default the fewest of 129, 183, 257, .. 8193 that invert with an error
+            of at most 1 %.
 
         Returns
         -------
@@ -161,41 +195,88 @@ class Calibration:
         ------
         BadValue
             An even number of taps; a sample rate too low for the band; a response that
-            the taps invert with an error above 5 %.
+            the taps invert with an error above 5 %, or with an overall gain above 1
+            outside of the band.
         """
-        high = self.freq[-1]
-        if (taps is not None and (taps < 3 or taps % 2 == 0)) or high >= 0.48 * fs:
-            raise BadValue(
-                f"Calibration.inverse: taps = {taps} must be odd, and fs = {fs:g} Hz above"
-                f" {high / 0.48:.0f} Hz"
-            )
-        weights, error = np.empty(0), math.inf
-        for n in TAPS if taps is None else (taps,):
-            weights, error = self._inverse(fs, n)
-            if error <= 0.02:
-                break
-        if not error <= 0.05:
-            raise BadValue(
-                f"Calibration.inverse: {weights.size} taps invert the response with an error of"
-                f" {error:.1%}: give more, or calibrate a band without its deepest gap"
-            )
-        return weights
+        return self._inverse(fs, taps)[0]
 
-    def _inverse(self, fs: float, taps: int) -> tuple[Array, float]:
+    def _inverse(self, fs: float, taps: int | None = None) -> tuple[Array, float]:
         """Return the taps of the inverse filter, and its largest relative error.
 
-        The taps minimise the squared error of filter and device over frequency; a small
-        penalty keeps the gain outside the band low.
+        The taps minimise the squared error of filter and device over all frequencies.
         """
-        delay, n = taps // 2, np.arange(taps)
-        f = np.linspace(self.freq[0], self.freq[-1], 4 * taps)
-        gain = np.interp(f, self.freq, self.gain)
-        waves = np.exp(2j * np.pi * np.outer(n / fs, f))
-        row = (waves @ np.abs(gain) ** 2).real
-        row[0] += 4e-8 * taps * np.abs(gain).min() ** 2
-        wanted = (waves @ (gain * waves[delay]).conj()).real
-        found = solve_toeplitz(row, wanted)
-        return found, float(np.abs((found @ waves.conj()) * gain - waves[delay].conj()).max())
+        if (taps is not None and (taps < 3 or taps % 2 == 0)) or self.band[1] >= 0.48 * fs:
+            raise BadValue(
+                f"Calibration.inverse: taps = {taps} must be odd, and fs = {fs:g} Hz above"
+                f" {self.band[1] / 0.48:.0f} Hz"
+            )
+        f, measured, known, wanted, held = self._over(fs)
+        fit = np.fft.rfft(self._response(fs)[0], GRID) / held
+        ends = np.clip(np.arange(f.size), *np.flatnonzero(measured)[[0, -1]])
+        device = np.where(known, held * fit[ends], np.abs(self.gain).max())
+        found, overall, error, spill = np.empty(0), np.zeros(f.size), math.inf, math.inf
+        for n in TAPS if taps is None else (taps,):
+            delay = np.exp(-2j * np.pi * (n // 2) / fs * f)
+            found = _fitted(known + 0.05 * ~known, device, wanted * delay, n)
+            overall = np.fft.rfft(found, GRID) * device / delay
+            error = float(np.abs(overall - 1.0)[wanted == 1.0].max())
+            spill = float(np.abs(overall[~known]).max(initial=0.0))
+            if error <= ERROR and spill <= SPILL:
+                break
+        if not (error <= 0.05 and spill <= 1.0):
+            raise BadValue(
+                f"Calibration.inverse: {found.size} taps invert the response with an error of"
+                f" {error:.1%}, and a gain of up to {spill:.2g} where nothing was measured: give"
+                " more taps, sweep more beyond the band, or leave out the deepest gap"
+            )
+        return found / max(1.0, np.abs(overall[wanted < 1.0]).max(initial=0.0)), error
+
+    def _over(self, fs: float) -> tuple[Any, Any, Any, Any, Any]:
+        """Return frequencies up to fs/2, and what holds there.
+
+        That is whether the response was measured, whether it counts as known, the
+        wanted overall gain, and the response, held beyond the measured range.
+        """
+        (low, high), (first, last) = self.band, self.freq[[0, -1]]
+        below = np.clip(low - first, 0.3 * low, 0.5 * low)
+        above = np.clip(last - high, 0.1 * high, 0.5 * high)
+        f = np.arange(GRID // 2 + 1) * (fs / GRID)
+        known = (f >= min(first, low - below)) & (f <= max(last, high + above))
+        falls = np.clip((low - f) / below, 0.0, 1.0) + np.clip((f - high) / above, 0.0, 1.0)
+        wanted, unsure = (
+            0.5 + 0.5 * np.cos(np.pi * falls),
+            np.interp(f, self.freq, self.uncertainty),
+        )
+        wanted = wanted / (1.0 + 4.0 * unsure * (1.0 - wanted))  # less where a gain is uncertain
+        measured, turned = (f >= first) & (f <= last), np.unwrap(np.angle(self.gain))
+        turned = interp1d(self.freq, turned, bounds_error=False, fill_value="extrapolate")(f)
+        held = np.interp(f, self.freq, np.abs(self.gain)) * np.exp(1j * turned)
+        return f, measured, known, wanted, held
+
+    def _response(self, fs: float) -> tuple[Array, float]:
+        """Return the device's response to one sample of 1.0, and its relative error.
+
+        It is the shortest causal response that agrees with the measured gains, so that
+        it does not follow their noise, with little where nothing was measured. In the
+        band, 90 % agree within their uncertainty and all within twice that, besides the
+        error. Beside it the error counts as a part of the wanted overall gain, and
+        beyond that as a part of the largest gain.
+        """
+        f, measured, _, wanted, device = self._over(fs)
+        inside, most = wanted == 1.0, np.abs(self.gain).max()
+        size = np.minimum(np.abs(device) / np.maximum(wanted, 1e-9), most)
+        smooth = uniform_filter1d(self.uncertainty, 9)
+        noise = np.interp(f, self.freq, smooth) * np.abs(device) / size
+        found, error = np.empty(0), math.inf
+        for n in RINGS:
+            found = _fitted(
+                np.where(measured, most / size, CALM), np.ones(f.size), measured * device, n
+            )
+            apart = np.abs(np.fft.rfft(found, GRID) - device) / size - noise
+            error = max(0.0, np.quantile(apart[inside], 0.9), (apart - noise)[measured].max())
+            if error <= ERROR / 2:
+                break
+        return found, float(error)
 
     def _fits(self, scene: Scene) -> None:
         """Raise UnitError for outputs in a unit other than the calibration's."""
@@ -220,7 +301,7 @@ class Calibration:
             An output in another unit.
         """
         self._fits(scene)
-        most = float(np.abs(self.gain).max())
+        most = float(np.abs(self.gain[self._inside]).max())
         return Safety({n: 1.0 if b.dim == ONE else most for n, b in scene.outputs.items()})
 
     def safety(self, scene: Scene, safety: Safety, fs: float) -> Safety:
@@ -245,7 +326,7 @@ class Calibration:
             As ``inverse``.
         """
         self._fits(scene)
-        return replace(safety, inverse=self.inverse(fs).tolist())
+        return replace(safety, inverse=_inverse_of(self, fs))
 
     def drive(self, scene: Scene, fs: float, taps: int | None = None) -> Scene:
         """Return a scene that drives the device so that it produces a scene's outputs.
@@ -277,7 +358,9 @@ class Calibration:
         """
         self._fits(scene)
         weights, unit = self.inverse(fs, taps), f"1/({self.unit})"
-        return Scene({name: inverted(y, weights, unit) for name, y in scene.outputs.items()})
+        # behind a guard, noise need not run before sample 0 for so long a filter
+        made = {name: Guard(y, STEPS) for name, y in scene.outputs.items()}
+        return Scene({name: inverted(y, weights, unit) for name, y in made.items()})
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the calibration to a JSON file, atomically.
@@ -295,8 +378,24 @@ class Calibration:
             "unit": self.unit,
             "date": self.date,
             "parts": dict(self.parts),
+            "band": list(self.band),
         }
         safe_files.publish(path, json.dumps(data, indent=1) + "\n")
+
+
+def _fitted(weights: Array, device: Any, wanted: Any, n: int) -> Array:
+    """Return the n taps whose response times the device's is nearest to ``wanted``."""
+    row = np.fft.irfft(weights * np.abs(device) ** 2)[:n]
+    row[0] *= 1 + 1e-9
+    return solve_toeplitz(row, np.fft.irfft(weights * np.conj(device) * wanted)[:n])
+
+
+@lru_cache(8)
+def _inverse_of(made: Calibration, fs: float) -> Inverse:
+    """Return the inverse filter and the modelled response at a sample rate."""
+    (taps, error), (response, apart) = made._inverse(fs), made._response(fs)
+    stated = error + apart + float(made.uncertainty[made._inside].max())
+    return Inverse(taps.tolist(), response.tolist(), max(1, int(fs / 30 / made.band[1])), stated)
 
 
 @public
@@ -343,8 +442,14 @@ def calibrate(
     """Estimate the response of a device from repeated takes of one sweep.
 
     For each take, the gain in each band of ``resolution`` Hz is a least-squares
-    straight line over frequency. The calibration is the mean gain of all takes, and its
-    uncertainty comes from their spread (Student's t, n - 1 degrees of freedom).
+    straight line over frequency, corrected by its second difference: a line through a
+    parabola misses it by 1/24 of that. The calibration is the mean gain of all takes.
+    Its uncertainty comes from their spread (Student's t, n - 1 degrees of freedom), and
+    the size of the correction is added.
+
+    The calibration keeps all that was measured well from half of the band's lower end
+    to three times its upper end, where the sweep reaches so far. Its inverse falls to 0
+    over what was measured beside the band, and its limits at the skin count on that.
 
     Parameters
     ----------
@@ -354,9 +459,10 @@ def calibrate(
     unit : str
         Unit of the response.
     band : (float, float)
-        In Hz, within the range of the sweep.
+        In Hz, within the range of the sweep, which is best from half of the lower end
+        or less to 1.5 times the upper end or more.
     resolution : float
-        Hz; less than half the width of the sharpest resonance.
+        Hz; less than a third of the width of the sharpest resonance.
     sensor : float
         Relative uncertainty of the sensor's own calibration, 95 %, which is added.
     on : str, optional
@@ -372,7 +478,7 @@ def calibrate(
     ------
     BadValue
         Fewer than three takes; a band that is not in them, or narrower than two
-        resolutions.
+        resolutions; a resolution so coarse that its bias is above 3 %.
 
     Examples
     --------
@@ -406,29 +512,48 @@ def calibrate(
         )
     f = np.arange(n // 2 + 1) * (sweep.fs / n)
     drive, response = np.fft.rfft(np.broadcast_to(u, y.shape)), np.fft.rfft(y)
-    freq = np.arange(low, high + resolution / 2, resolution)
-    power = [np.sum(np.abs(drive[0, np.abs(f - at) <= resolution / 2]) ** 2) for at in freq]
-    for at, p in zip(freq, power, strict=True):
-        if p < 1e-3 * max(power):
-            raise BadValue(
-                f"calibrate: the sweep drives nothing at {at:g} Hz: give a band within what was"
-                " swept"
-            )
-    gains = np.array([_gain(f, drive, response, at, resolution) for at in freq])  # (k, takes)
+    step = resolution / 2
+    freq: Any = low + step * np.arange(
+        -int(low / resolution), int(min(3 * high, sweep.fs / 2) / step)
+    )
+    swept = (freq > low - step / 2) & (freq < high + step / 2)
+    with np.errstate(all="ignore"):  # beyond the sweep
+        found = [_gain(f, drive, response, at, resolution) for at in freq]
+    power, gains = (np.array(rows) for rows in zip(*found, strict=True))  # (k,), (k, takes)
+    for at in freq[swept & (power < 1e-3 * power[swept].max())]:
+        raise BadValue(
+            f"calibrate: the sweep drives nothing at {at:g} Hz: give a band within what was swept"
+        )
+    poor = freq[~swept & (power < 0.05 * power[swept].max())]
+    good = (freq > poor[poor < low].max(initial=0.0)) & (
+        freq < poor[poor > high].min(initial=np.inf)
+    )
+    freq, gains = freq[good], gains[good]
+    # a line misses a parabola by 1/24 of the second difference of its neighbours
+    bend = np.pad((gains[4:] - 2 * gains[2:-2] + gains[:-4]) / 24, ((2, 2), (0, 0)), "edge")
+    gains = gains - bend
     gain = gains.mean(axis=1)
     spread = (gains * (gain.conj() / np.abs(gain))[:, None]).real.std(axis=1, ddof=1)
     random = student.ppf(0.975, takes - 1) * spread / np.sqrt(takes) / np.abs(gain)
-    told = date.today().isoformat() if on is None else on
-    return Calibration(freq, gain, np.hypot(random, sensor), unit, told, dict(parts or {}))
+    bias = np.abs(bend.mean(axis=1) / gain)
+    worst = int(np.argmax((bias - random) * (freq >= low) * (freq <= high)))
+    if bias[worst] - random[worst] > BENT:
+        raise BadValue(
+            f"calibrate: resolution = {resolution:g} Hz is too coarse at {freq[worst]:g} Hz, where"
+            f" the gain bends by {bias[worst]:.0%} within it; give a finer one, of longer takes"
+        )
+    told, ends = date.today().isoformat() if on is None else on, (low, min(high, float(freq[-1])))
+    error = np.hypot(random, sensor) + bias
+    return Calibration(freq, gain, error, unit, told, dict(parts or {}), ends)
 
 
-def _gain(f: Any, drive: Any, response: Any, at: float, width: float) -> Any:
-    """Return each take's gain at a frequency, from a line fitted around it."""
-    near = np.abs(f - at) <= width / 2
+def _gain(f: Any, drive: Any, response: Any, at: float, width: float) -> tuple[Any, Any]:
+    """Return the power at a frequency, and each take's gain by a line around it."""
+    near = slice(*np.searchsorted(f, [at - width / 2, at + width / 2 * (1 + 1e-9)]))
     u, y, x = drive[:, near], response[:, near], (f[near] - at) / width
     a, b, c = (np.sum(np.abs(u) ** 2 * x**k, axis=1) for k in range(3))
     p, q = (np.sum(u.conj() * y * x**k, axis=1) for k in range(2))
-    return (c * p - b * q) / (a * c - b * b)
+    return a[0], (c * p - b * q) / (a * c - b * b)
 
 
 @public

@@ -32,8 +32,9 @@ class SessionReport:
     underruns : int
         Number of times the device skipped frames.
     clips : dict
-        Samples that the safety stage changed, {"peak", "static", "slew" or "clip":
-        {output: count}}.
+        Samples that the safety stage changed, {stage: {output: count}}: "peak",
+        "static", "slew" and "clip" are limits of the output; with a calibration,
+        "drive" is the device's range, and "skin" the limit of the predicted output.
     faults : dict of str to int
         Outputs that were stopped because of NaN or infinity, with the sample index of
         each.
@@ -64,6 +65,10 @@ class SessionReport:
         Frames of the fade-in before sample 0, and of the fade-out after the last
         sample. They do not count as produced.  If they are 0, the fades lie on the
         samples, as with a real-time motion or after a stop.
+    outside : dict
+        Content outside of the calibrated band, which the device does not reproduce,
+        {output: {"samples": .., "level": ..}}: how many samples it was larger than the
+        stated error, and its largest value in the output's unit.
     """
 
     produced: int
@@ -79,6 +84,7 @@ class SessionReport:
     skipped: int = 0
     rise: int = 0
     fall: int = 0
+    outside: dict[str, dict[str, Any]] = field(default_factory=dict)
     markers: int = 0
     lost_markers: int = 0
     unsent_markers: int = 0
@@ -101,6 +107,10 @@ class SessionReport:
             f" {self.underruns} underruns; blocks {taken}; late {late}"
         )
         more = [f"{sum(v.values())} samples limited ({k})" for k, v in self.clips.items()]
+        more += [
+            f"{v['samples']} samples of {k} outside of the calibrated band, up to {v['level']:.3g}"
+            for k, v in self.outside.items()
+        ]
         more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
         unsent = f", {self.unsent_markers} not sent" if self.unsent_markers else ""
         reasons = sorted(self.rejected, key=lambda why: -self.rejected[why])
@@ -158,7 +168,7 @@ class Recorder:
         self._cursor = 0  # frames that the log has
         self._pending: list[tuple[int, str, dict[str, Any]]] = []
         self._gone: list[str] = []  # outputs that have failed
-        self._counts: dict[str, dict[str, int]] = {}
+        self._counts: tuple[dict[str, Any], dict[str, Any]] = {}, {}
         self._counted_at = time.monotonic()
 
     def drain(self) -> None:
@@ -228,11 +238,11 @@ class Recorder:
             self._put(facts.pop("sample"), "mark", **facts)
 
     def _put_counts(self) -> None:
-        counts = self.watch.counts()
+        counts = self.watch.counts(), self.watch.outside()
         self._counted_at = time.monotonic()
         if counts != self._counts:
             self._counts = counts
-            self._put(self.pump.index, "clip", counts=counts)
+            self._put(self.pump.index, "clip", counts=counts[0], outside=counts[1])
 
     def _put_events(self, until: int) -> None:
         """Log the events at or before a sample."""

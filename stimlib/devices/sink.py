@@ -79,9 +79,9 @@ class Sink:
     scene : Scene
         It is compiled with the safety stage around it.
     safety : Safety or float
-        A number is the full scale of all outputs.  With a calibration it may be left
-        out: the limit is then the largest amplitude that the device reaches in the
-        band.
+        A number is ``Safety(full_scale=number)``: the largest value of all outputs.
+        With a calibration it is the limit at the skin and may be left out: it is then
+        the largest amplitude that the device reaches in the band.
     motion : mapping, Recorded, Scripted, Live or Signals
         See ``stimlib.devices.sources``; a mapping from input names is used as in
         ``stimlib.render``.
@@ -101,7 +101,8 @@ class Sink:
     calibration : Calibration, optional
         Calibration of the device: outputs and limits are then in the calibration's
         unit, and the device reproduces them.  All outputs are delayed by half the taps
-        of the inverse filter, ``Safety.inverse``.
+        of the inverse filter, ``Safety.inverse``.  The report has what lies outside of
+        the calibrated band, and which limits at the skin were reached.
     realtime : bool, optional
         Lock memory and keep the garbage collector away during playback, with one
         warning if that is not permitted. The default is True for devices with their own
@@ -712,6 +713,7 @@ class Sink:
             lost=p.read("LOST"),
             underruns=p.read("UNDERRUNS"),
             clips=self._watch.counts(),
+            outside=self._watch.outside(),
             faults=self._watch.faults(),
             block_time=taken,
             lateness=late,

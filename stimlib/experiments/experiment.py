@@ -227,8 +227,8 @@ class Experiment:
     fs : float
         Hz.
     safety : Safety or float
-        As for every sink.  A number is the full scale of all outputs, which then have
-        one unit.
+        As for every sink.  A number is the largest value of all outputs, which then
+        have one unit.
     bounds : dict of str to (float, float)
         Smallest and largest value of parameters, which no trial may exceed. They
         protect the participant's hand.

@@ -39,7 +39,8 @@ from .trial import FAST, Trial
 if TYPE_CHECKING:
     from .session import Session
 
-TOLD = {"produced", "delivered", "lost", "underruns", "clips", "faults", "stale", "rise", "fall"}
+TOLD = {"produced", "delivered", "lost", "underruns", "clips", "outside", "faults", "stale"}
+TOLD |= {"rise", "fall"}
 """Fields of a sink's report that the record of a trial contains."""
 
 MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
@@ -335,7 +336,7 @@ def present(
 
     if (calibration := options.pop("calibration", None)) is not None:
         safety = calibration.safety(scene, safety, experiment.fs)
-        late = len(safety.inverse or ()) // 2
+        late = len(safety.to_dict()["inverse"]["taps"]) // 2
     if log is not None:
         Path(log).parent.mkdir(parents=True, exist_ok=True)
         to = (

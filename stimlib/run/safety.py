@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from ..blocks.contact import ForceLimit, Tally, slew_limit, static_limit
-from ..blocks.filters import fir
+from ..blocks.contact import ForceLimit, ResponseLimit, Tally, slew_limit, static_limit
+from ..blocks.filters import delay, fir
 from ..core.graph import Block, Const, Guard, Mul, Param
 from ..core.scene import Scene
 from ..core.units import ONE
@@ -42,6 +42,54 @@ of what the device has, 20 dB below it.
 
 @public
 @dc.dataclass(frozen=True)
+class Inverse:
+    """The filter that undoes the response of a calibrated device, and that response.
+
+    ``Calibration.safety`` makes it for a sample rate.
+
+    Parameters
+    ----------
+    taps : sequence of float
+        Taps of the inverse filter, an odd number.
+    response : sequence of float
+        Output of the device, in the calibration's unit, after one sample of 1.0.
+    every : int
+        Every so many samples, the predicted output is compared with its limits.
+    error : float
+        Relative error (95 %) of the output, within the band.
+
+    Raises
+    ------
+    BadValue
+        An even number of taps; numbers that are not finite; an error or ``every`` not
+        above 0.
+
+    Examples
+    --------
+    >>> Inverse([0.0, 0.5, 0.0], [2.0])
+    Inverse(taps=(0.0, 0.5, 0.0), response=(2.0,), every=1, error=0.01)
+    """
+
+    taps: Sequence[float]
+    response: Sequence[float]
+    every: int = 1
+    error: float = 0.01
+
+    def __post_init__(self):
+        for name in ("taps", "response"):
+            row = np.array(getattr(self, name), float)
+            if not (row.ndim == 1 and np.isfinite(row).all() and row.any()):
+                raise BadValue(f"Inverse: {name} must be a row of finite numbers, not all 0")
+            object.__setattr__(self, name, tuple(row.tolist()))
+        if len(self.taps) % 2 == 0 or self.every < 1 or not self.error > 0:
+            raise BadValue(
+                f"Inverse: {len(self.taps)} taps must be an odd number, every = {self.every} at"
+                f" least 1, and error = {self.error} above 0"
+            )
+
+
+@public
+@dc.dataclass(frozen=True)
 class Safety:
     """The limits that are applied to every output on its way to a device.
 
@@ -50,8 +98,9 @@ class Safety:
     Parameters
     ----------
     full_scale : float or dict of str to float
-        The value, in each output's unit, that is 1.0 at the device; one number serves
-        all outputs, which then have one unit.
+        The largest value of each output, in its unit, which nothing exceeds; one number
+        serves all outputs, which then have one unit.  Without a calibration it is also
+        what 1.0 at the device makes; with one, it is the limit at the skin.
     slew : float or dict of str to float, optional
         Fastest change, in the output's unit per second; one number as for
         ``full_scale``.
@@ -63,16 +112,17 @@ class Safety:
     fade : float
         Seconds of the fades before the first sample, after the last and at a stop, 0.02
         to 0.5; where these are fewer than 128 samples, 128 samples.
-    inverse : sequence of float, optional
-        Taps of the filter that undoes the response of a calibrated device, of
-        ``Calibration.inverse`` for the sample rate.  It comes after the limits, filters
-        each output that has a unit, and delays all by (taps - 1)/2 samples.  What the
-        device has not is then limited once more, counted as ``"drive"``.
+    inverse : Inverse, optional
+        Inverse filter of a calibrated device, which ``Calibration.safety`` sets.  It
+        comes after the limits, filters each output that has a unit, and delays all by
+        (taps - 1)/2 samples.  A drive beyond the device's range is then limited, which
+        is counted as ``"drive"``; and so is a drive after which the predicted output
+        of the device would pass a limit of value or slew, counted as ``"skin"``.
 
     Raises
     ------
     BadValue
-        A number not above 0; a fade below 0.02 s; an even number of taps.
+        A number not above 0; a fade below 0.02 s.
 
     Examples
     --------
@@ -87,7 +137,7 @@ class Safety:
     peak: float | None = None
     static: float | None = None
     fade: float = 0.02
-    inverse: Sequence[float] | None = None
+    inverse: Inverse | Mapping[str, Any] | None = None
 
     def __post_init__(self):
         for f in dc.fields(self):
@@ -95,9 +145,11 @@ class Safety:
             if v is None and f.name not in ("full_scale", "fade"):
                 continue
             if f.name == "inverse":
-                object.__setattr__(self, f.name, _taps(v))
-                continue
-            if isinstance(v, Mapping) and f.name in ("full_scale", "slew"):
+                try:
+                    v = v if isinstance(v, Inverse) else Inverse(**v)
+                except (TypeError, BadValue) as e:
+                    raise BadValue(f"Safety: inverse = {str(v)[:40]} is no Inverse: {e}") from None
+            elif isinstance(v, Mapping) and f.name in ("full_scale", "slew"):
                 v = {str(k): _above_0(f"{f.name}[{k!r}]", w) for k, w in v.items()}
             else:
                 v = _above_0(f.name, v)
@@ -110,8 +162,7 @@ class Safety:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the limits as plain JSON data; ``Safety(**data)`` makes them again."""
-        limits = {f.name: getattr(self, f.name) for f in dc.fields(self)}
-        return {n: dict(v) if isinstance(v, Mapping) else v for n, v in limits.items()}
+        return dc.asdict(self)
 
     def samples(self, fs: float) -> int:
         """Return the length of a fade in samples at a sample rate."""
@@ -140,18 +191,6 @@ class Safety:
                 f" {', '.join(outputs)}"
             )
         return v.get(output)
-
-
-def _taps(v: Any) -> tuple[float, ...]:
-    try:
-        taps = tuple(map(float, v))
-    except (TypeError, ValueError):
-        raise BadValue("Safety: inverse must be a row of numbers") from None
-    if len(taps) % 2 == 0 or not all(map(math.isfinite, taps)) or not any(taps):
-        raise BadValue(
-            f"Safety: inverse must be an odd number of finite taps, not all 0, got {len(taps)}"
-        )
-    return taps
 
 
 def _above_0(name: str, v: Any) -> float:
@@ -198,8 +237,9 @@ def protect(scene: Scene, safety: Safety) -> Scene:
 
     Every output is limited to the peak force (outputs in N) and to full scale. Then
     follow its guard against NaN and infinity, the static force limit (outputs in N),
-    the slew limit, the inverse filter of a calibrated device, and the fade, which
-    multiplies by the parameter ``sink_gain``; that is 0 until it is set. Limits come
+    the slew limit, the inverse filter of a calibrated device with the limits of its
+    drive and of its predicted output, and the fade, which multiplies by the parameter
+    ``sink_gain``; that is 0 until it is set. Limits come
     first, so that the guard fades from the last value that the device received, not
     from the value that the scene ran away to.
 
@@ -270,21 +310,33 @@ def _limited(name: str, scene: Scene, safety: Safety, scale: float) -> Block:
     """Return an output after its limits, each with a count of limited samples."""
     raw = scene.outputs[name]
     unit = str(raw.dim)
-    force = unit == "N"
+    peak, static = (safety.peak, safety.static) if unit == "N" else (None, None)
     y: Block = Guard(raw, STEPS)
-    for stage, most in (("peak", safety.peak if force else None), ("clip", scale)):
+    for stage, most in (("peak", peak), ("clip", scale)):
         if most is not None:
             raw = ForceLimit(raw, _limit(most, unit))
-            y = Tally(Guard(raw, STEPS), y, stage, name)
-    if force and safety.static is not None:
-        y = Tally(static_limit(y, safety.static), y, "static", name)
+            y = _counted(Guard(raw, STEPS), y, stage, name)
+    if static is not None:
+        y = _counted(static_limit(y, static), y, "static", name)
     slew = safety._of("slew", name, tuple(scene.outputs))
     if slew is not None:
-        y = Tally(slew_limit(y, slew), y, "slew", name)
-    if safety.inverse is not None:
-        driven = inverted(y, np.multiply(safety.inverse, scale))
-        y = Tally(Guard(ForceLimit(driven, _limit(scale, unit)), STEPS), driven, "drive", name)
-    return y
+        y = _counted(slew_limit(y, slew), y, "slew", name)
+    inverse: Any = safety.inverse
+    if inverse is None:
+        return y
+    late, driven = len(inverse.taps) // 2, inverted(y, np.multiply(inverse.taps, scale))
+    if y.dim == ONE:
+        return driven
+    felt = fir(y, np.convolve(inverse.taps, inverse.response)[: len(inverse.taps)])
+    driven = Tally(driven, delay(y, late), felt, "outside", name, inverse.error)
+    y = _counted(ForceLimit(driven, _limit(scale, unit)), driven, "drive", name)
+    response = np.divide(inverse.response, scale)
+    held = ResponseLimit(y, response, min(scale, peak or scale), slew, inverse.every)
+    return _counted(Guard(held, STEPS), y, "skin", name)
+
+
+def _counted(y: Block, before: Block, stage: str, name: str) -> Block:
+    return Tally(y, before, y, stage, name)
 
 
 def _limit(most: float, unit: str) -> Const:
@@ -375,7 +427,7 @@ class Watch:
             q = instances[i]
             if not q.args or (isinstance(q.block, Guard) and i != at and not drive):
                 return found
-            drive = isinstance(q.block, Tally) and q.block.stage == "drive"
+            drive = isinstance(q.block, Tally) and q.block.stage == "skin"
             i = next(
                 (a for a in q.args if not isinstance(instances[a].block, (Param, Const))), q.args[0]
             )
@@ -388,9 +440,23 @@ class Watch:
         words = self._proc._engine.peek()
         out: dict[str, dict[str, int]] = {}
         for stage, name, at in self._tallies:
-            if words[at]:
+            if words[at] and stage != "outside":
                 out.setdefault(stage, {})[name] = int(words[at])
         return out
+
+    def outside(self) -> dict[str, dict[str, Any]]:
+        """Return the content outside of the calibrated band, by output.
+
+        ``samples`` is the number of samples in which it was larger than the stated
+        error, as a part of the largest sample requested; ``level`` its largest value,
+        in the output's unit.  Outputs without such samples are left out.
+        """
+        words = self._proc._engine.peek()
+        return {
+            name: {"samples": int(words[at]), "level": float(words.view(np.float64)[at + 1])}
+            for stage, name, at in self._tallies
+            if words[at] and stage == "outside"
+        }
 
     def faults(self) -> dict[str, int]:
         """Return the outputs stopped by their guard, with the samples of the faults."""

@@ -1,5 +1,6 @@
 """Calibration: a simulated actuator is recovered, kept, and undone."""
 
+import dataclasses
 import json
 from contextlib import suppress
 from pathlib import Path
@@ -7,6 +8,7 @@ from tempfile import mkdtemp
 
 import numpy as np
 import pytest
+from actuators import ACTUATORS, Played, figures
 from commands import ran
 from scipy.signal import lfilter
 
@@ -26,7 +28,7 @@ from stimlib.experiments import Experiment, Stimulus, Timing, Trial, choice
 from stimlib.experiments.presentation import present
 from stimlib.files import read, read_log, replay
 from stimlib.plate import Sweep
-from stimlib.run import Safety
+from stimlib.run import Inverse, Safety
 from stimlib.scenes import tone
 
 FS = 4000.0
@@ -69,10 +71,11 @@ def test_the_uncertainty_holds_in_95_of_100_runs():
 
 def test_without_noise_it_is_the_response():
     found = calibrate(taken(np.random.default_rng(0), 0.0), "m/s^2", BAND, resolution=1.0)
-    assert np.abs(found.gain / response(found.freq) - 1).max() < 2e-3
-    assert found.uncertainty.max() < 1e-12 and found.freq[0] == 80 and found.freq[-1] == 400
+    apart, inside = np.abs(found.gain / response(found.freq) - 1), found._inside
+    assert apart[inside].max() < 2e-3 and (apart < found.uncertainty + 1e-3)[inside].all()
+    assert found.band == BAND and found.freq[0] < 60 and found.freq[-1] > 440
     both = calibrate(taken(np.random.default_rng(0), 0.0), "m/s^2", BAND, sensor=0.02)
-    assert both.error(100.0) == pytest.approx(0.02)
+    assert both.error(100.0) == pytest.approx(0.02, abs=2e-3)
 
 
 def test_it_comes_of_sweeps_through_a_sink():
@@ -127,8 +130,9 @@ def test_the_inverse_filter_keeps_the_shape():
     wanted = stimlib.Scene({"signal": stimlib.constant(1.0, "m/s^2") * noise})
     y = stimlib.render(wanted, fs=FS, seconds=3.0)["signal"]
     got = lfilter(*actuator(), stimlib.render(made.drive(wanted, FS), fs=FS, seconds=3.0)["signal"])
-    apart = got[4064:-64] - y[4000:-128]
-    assert np.std(apart) < 1e-3 * np.std(y)
+    late = made.inverse(FS).size // 2
+    apart = got[4000 + late :] - y[4000:-late]
+    assert np.std(apart) < 5e-3 * np.std(y)
 
 
 def test_a_file_is_the_calibration(tmp_path):
@@ -229,6 +233,7 @@ def test_limits_are_in_the_unit_of_the_calibration():
 
 def displayed(scene, tmp_path, **options):
     """Play and return the report, and what the device got, for sample 0 on."""
+    tmp_path.mkdir(exist_ok=True)
     log = Path(mkdtemp(dir=tmp_path))
     with NullSink(scene, log=log, clocked=False, **options) as sink:
         sink.open(FS)
@@ -250,13 +255,13 @@ def test_a_sink_makes_what_the_scene_asks_for(tmp_path):
     report, (drive, trigger) = displayed(scene, tmp_path, calibration=made)
     late = made.inverse(FS).size // 2
     reached = lfilter(*actuator(), drive)
-    assert np.abs(reached[late + 400 : 5600] - y["signal"][400 : 5600 - late]).max() < 1e-3
+    assert np.abs(reached[late + 400 : 5600] - y["signal"][400 : 5600 - late]).max() < 4e-3
     assert np.array_equal(trigger[late:], y["trigger"][:-late])
     assert report.clips == {}
     limited = Safety({"signal": 0.2, "trigger": 1.0})
     report, (drive, _) = displayed(scene, tmp_path, calibration=made, safety=limited)
-    assert set(report.clips) == {"clip"}
-    assert np.sqrt(2) * np.std(lfilter(*actuator(), drive)[2000:4000]) < 0.27
+    assert set(report.clips) == {"clip", "skin"}  # a clipped tone has a larger fundamental
+    assert 0.19 < np.abs(lfilter(*actuator(), drive)).max() < 0.2 * 1.01
 
 
 def test_more_than_the_device_has_is_limited_and_counted(tmp_path):
@@ -264,6 +269,90 @@ def test_more_than_the_device_has_is_limited_and_counted(tmp_path):
     wanted = tone(freq=100.0, amplitude=1.9, duration=1.4, period=1.5, unit="m/s^2")
     report, (drive,) = displayed(wanted, tmp_path, calibration=made)  # at 100 Hz it makes 1.1
     assert report.clips["drive"]["signal"] > 1000 and np.abs(drive).max() == 1.0
+
+
+EVERY = [
+    pytest.param(n, 200, marks=() if n.startswith(("180 Hz, Q 2", "420")) else pytest.mark.stress)
+    for n in ACTUATORS
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "stimuli"), [("180 Hz, Q 12", 10), ("250 Hz, Q 20", 5), *EVERY], ids=str
+)
+def test_what_is_felt_stays_within_what_is_stated(name, stimuli):
+    """By a simulation of its own: gain in and outside of the band, value and slew."""
+    part, outside, stated, value, slew, _ = figures(name, stimuli)
+    assert part <= 1.0 and outside <= 1.0 + stated
+    assert value <= 1.0 + stated and slew <= 1.06 + stated
+
+
+@pytest.mark.parametrize(
+    ("asked", "limit", "felt_before", "felt_now"),
+    [
+        (lambda t, rng: 0.5 * np.sin(2 * np.pi * 180 * t), 0.5, 0.5, (0.49, 0.51)),
+        (lambda t, rng: 0.5 * np.sign(np.sin(2 * np.pi * 150 * t)), None, 4.6, (0.4, 0.75)),
+        (lambda t, rng: 1.0 * (t % 0.5 < 0.005), None, 2.7, (0.3, 0.6)),
+        (lambda t, rng: 0.2 * np.sin(2 * np.pi * 500 * t), 0.5, 4.7, (0.0, 0.2)),
+        (lambda t, rng: 0.2 * rng.normal(size=t.size), None, 4.3, (0.2, 0.8)),
+    ],
+    ids=["tone", "square", "pulse", "500 Hz", "noise"],
+)
+def test_nothing_outside_of_the_band_is_made_larger(asked, limit, felt_before, felt_now):
+    """Finding of version 0.1: the inverse was free outside of its band."""
+    device, rng = ACTUATORS["180 Hz, Q 12"], np.random.default_rng(5)
+    made = device.calibrated(rng)
+    y = asked(np.arange(int(1.5 * FS)) / FS, rng)
+    z, watch = Played(device, made, limit or 4.0)(y)
+    low, high = felt_now
+    assert low <= np.abs(z).max() <= high < max(felt_before, 0.6)
+    told = watch.outside()["y"]
+    if limit == 0.5 and felt_before > 1:  # the tone of 500 Hz, where half of it is left
+        assert told["level"] == pytest.approx(0.1, rel=0.2) and told["samples"] > 4000
+    assert watch.counts().keys() <= {"drive", "skin"}
+
+
+def test_a_tone_at_its_limit_passes_and_one_above_reaches_it():
+    device = ACTUATORS["180 Hz, Q 12"]
+    made, t = device.calibrated(np.random.default_rng(5)), np.arange(int(FS)) / FS
+    played = Played(device, made, 2.0)
+    faded = np.interp(t, [0, 0.2, 0.8, 1], [0, 1, 1, 0]) * np.sin(2 * np.pi * 180 * t)
+    z, watch = played(1.95 * faded)
+    assert watch.counts() == {} and 1.93 < np.abs(z[2000:4000]).max() < 1.97
+    z, watch = played(3.0 * faded)
+    assert {"clip", "skin"} <= watch.counts().keys()
+    assert 1.95 < np.abs(z).max() <= 2.0 * (1 + played.inverse.error)
+
+
+def test_the_error_stated_covers_the_bias_of_the_resolution():
+    """Over frequency, at the resonance and without noise; a coarse one is refused."""
+    for name, resolution in (("180 Hz, Q 12", 2.0), ("180 Hz, Q 12", 0.5), ("250 Hz, Q 20", 1.0)):
+        device, rng = ACTUATORS[name], np.random.default_rng(6)
+        made = device.calibrated(rng, 1e-5, resolution)
+        apart = np.abs(np.abs(made.gain) / np.abs(device.gain(made.freq)) - 1)[made._inside]
+        within = apart <= made.uncertainty[made._inside]
+        assert within.mean() >= 0.95, (name, resolution, within.mean())
+        assert made.uncertainty.max() < 0.05
+    with pytest.raises(BadValue, match="resolution = 9 Hz is too coarse at 1[78].* Hz"):
+        ACTUATORS["180 Hz, Q 12"].calibrated(np.random.default_rng(6), resolution=9.0)
+
+
+def test_what_lies_outside_is_in_the_report_the_log_and_its_check(tmp_path):
+    made = ACTUATORS["180 Hz, Q 12"].calibrated(np.random.default_rng(5))
+    scene = tone(freq=700.0, amplitude=0.2, duration=1.9, period=2.0, unit="m/s^2")
+    report, _ = displayed(scene, tmp_path / "x", calibration=made)
+    told = report.outside["signal"]
+    assert told["level"] == pytest.approx(0.2, rel=0.1) and told["samples"] > 4000
+    assert f"{told['samples']} samples of signal outside of the calibrated band, up to 0.2" in str(
+        report
+    )
+    folder = next(p for p in (tmp_path / "x").iterdir() if p.is_dir())
+    log = read_log(folder)
+    last = [e for e in log.events if e.kind == "clip"][-1]
+    assert last.data["outside"] == report.outside == log.report["outside"]
+    for wrong in ({"outside": {}}, {"clips": {"skin": {"signal": 1}}}):
+        checked = verify_log(dataclasses.replace(log, report=log.report | wrong))
+        assert [c.name for c in checked.checks if not c.passed] == ["log: limits as reported"]
 
 
 ACTUATOR = """\
@@ -289,7 +378,7 @@ def test_commands_take_the_file(tmp_path, monkeypatch):
     assert verify("c.wav").passed
     for name, scale in (("b.wav", np.abs(response(f)).max()), ("c.wav", 1.0)):
         felt = lfilter(*actuator(), read(name)[0][0] / scale)[2000:4000]
-        assert np.std(felt) == pytest.approx(0.3, rel=2e-3)
+        assert np.std(felt) == pytest.approx(0.3, rel=0.01)
 
 
 def test_an_experiment_on_a_calibrated_device_is_recorded_in_its_unit(tmp_path):
@@ -318,7 +407,7 @@ def test_an_experiment_on_a_calibrated_device_is_recorded_in_its_unit(tmp_path):
     replay(read_log(tmp_path / "1"), tmp_path / "d.wav")
     reached = lfilter(*actuator(), read(tmp_path / "d.wav")[0][0])[late:]
     a, b = with_it["intervals"][0]
-    assert np.abs(reached[a:b]).max() == pytest.approx(0.4, rel=0.02)
+    assert np.abs(reached[a:b]).max() == pytest.approx(0.4, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -332,10 +421,12 @@ def test_an_experiment_on_a_calibrated_device_is_recorded_in_its_unit(tmp_path):
         (lambda c: c.limits(tone()), UnitError, "signal is in 1"),
         (lambda c: c.safety(tone(unit="N"), Safety(1.0), FS), UnitError, "signal is in N"),
         (lambda c: NullSink(tone(), calibration=c), UnitError, "calibrated in m/s"),
-        (lambda c: Safety(1.0, inverse=[1.0, 2.0]), BadValue, "an odd number of finite taps"),
-        (lambda c: Safety(1.0, inverse=[0.0]), BadValue, "not all 0"),
-        (lambda c: Safety(1.0, inverse=[np.nan]), BadValue, "finite"),
-        (lambda c: Safety(1.0, inverse="x"), BadValue, "must be a list"),
+        (lambda c: Inverse([1.0, 2.0], [1.0]), BadValue, "2 taps must be an odd number"),
+        (lambda c: Inverse([1.0], [1.0], 0), BadValue, "every = 0 at least 1"),
+        (lambda c: Inverse([1.0], [1.0], error=0.0), BadValue, "error = 0.* above 0"),
+        (lambda c: Inverse([0.0], [1.0]), BadValue, "taps must be .* not all 0"),
+        (lambda c: Inverse([1.0], [np.nan]), BadValue, "response must be a row of finite"),
+        (lambda c: Safety(1.0, inverse="x"), BadValue, "inverse = 'x' must be a Inverse"),
         (lambda c: c.drive(tone(unit="m/s^2"), 800.0), BadValue, "above 833 Hz"),
         (
             lambda c: Calibration(c.freq, 1 + np.sin(c.freq), 0 * c.freq, "N").drive(

@@ -10,10 +10,11 @@ from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnitError, UnknownName, constant
-from stimlib.run.safety import GAIN, Safety, Watch, protect, to_device
+from stimlib.run.safety import GAIN, Inverse, Safety, Watch, protect, to_device
 from stimlib.scenes import squeeze
 
 FS = 8000
+INVERSE = Inverse([0.1, 0.9, -0.2], [1.0])
 
 
 def compiled(scene, safety, fs=FS, gain=1.0, target="numba"):
@@ -223,7 +224,7 @@ def test_a_fault_before_an_inverse_filter_is_reported(limits):
     """The guard behind the filter receives only the fade of the one before it."""
     scene = Scene({"force": 1 * Input("f", "N"), "mark": 1 * Input("m")})
     limits = limits | {"slew": {"force": limits["slew"]}} if limits else {}
-    proc = compiled(scene, Safety({"force": 1.0, "mark": 1.0}, inverse=[0.1, 0.9, -0.2], **limits))
+    proc = compiled(scene, Safety({"force": 1.0, "mark": 1.0}, inverse=INVERSE, **limits))
     x = np.full((2, 600), 0.5)
     proc.process(x[:, :50].copy())
     assert Watch(proc).faults() == {}

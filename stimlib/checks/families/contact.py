@@ -398,6 +398,21 @@ def _slew_limit(b, fs, x, y):
     return near(np.clip(x[0], last - b.rate / fs, last + b.rate / fs), 1e-15)
 
 
+@law("ResponseLimit", since=lambda b, fs, x: b.response.size + 2 * b.every)
+def _response_limit(b, fs, x, y):
+    k = np.r_[np.zeros(b.every), b.response, np.zeros(b.every + -b.response.size % b.every)]
+    want, after, step = np.empty(y.size), np.zeros(k.size), (b.slew or np.inf) * b.every / fs
+    for n in range(y.size):
+        seen = np.arange((-1 - x.at - n) % b.every, k.size, b.every)  # the bounded ones
+        rows = np.array([[np.diff(v[seen]) / step, v[seen][1:] / b.most] for v in (after, k)])
+        now, each = rows[:, np.abs(rows[1]) > 0]
+        ends = np.sort([(1 - now) / each, (-1 - now) / each], axis=0)
+        least, most = ends[0].max(initial=-np.inf), ends[1].min(initial=np.inf)
+        want[n] = np.clip(x[0][n], min(least, 0.0), max(most, 0.0))
+        after = np.append(after[1:] + k[1:] * y[n], 0.0)
+    return near(want, 1e-9)
+
+
 @law("Detents", since=1)
 def _detents(b, fs, x, y):
     size = np.abs(x[1]) * (1e-9 + 2.0**-44 * np.abs(x[0]) / b.spacing)

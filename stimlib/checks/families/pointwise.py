@@ -39,7 +39,7 @@ _maps(
         "ForceLimit": lambda x, peak: np.where(
             np.isfinite(x), np.minimum(np.maximum(x, -peak), peak), x
         ),
-        "Tally": lambda x, before: x,
+        "Tally": lambda x, before, after: x,
     },
     {"Exp": np.exp, "Log": np.log, "Sin": np.sin, "Cos": np.cos, "Tanh": np.tanh},
 )

@@ -21,6 +21,7 @@ import numpy as np
 from jax import lax
 
 from ...blocks import fractional, fractional as pot, noise
+from ...blocks.contact import ResponseLimit
 from ...blocks.filters import Cascade, Delay, Fir, First
 from ...blocks.impedance import Gate
 from ...blocks.movement import sinpi
@@ -564,6 +565,21 @@ def carrier(b, p, s, x, run):
     return traced.run(sound, jnp.asarray(f), way, turns, jnp.asarray(contact))
 
 
+def response_limit(b, p, s, x, run):
+    """Run the block ``ResponseLimit``."""
+    k, per = (jnp.asarray(v).reshape(-1, p.keep.size) for v in (p.k, p.per))
+
+    def sample(carry, x):
+        ahead, at = carry
+        ends = jnp.sort(jnp.array([(1 - ahead) * per[at], (-1 - ahead) * per[at]]), axis=0)
+        y = jnp.clip(x, jnp.minimum(ends[0].max(), 0.0), jnp.maximum(ends[1].min(), 0.0))
+        rest, after = ahead + k[at] * jnp.where(jnp.isfinite(x), y, 0.0), (at + 1) % b.every
+        rest = jnp.where(after == 0, p.keep * jnp.append(rest[1:], 0.0), rest)
+        return (rest, after), jnp.where(jnp.isfinite(x), y, x)
+
+    return lax.scan(sample, (jnp.zeros(p.keep.size), 0), spread(x[0], run.n))[1]
+
+
 LOWERINGS: dict[type[Block], Callable] = {
     noise.White: white,
     FilteredNoise: pink,
@@ -581,6 +597,7 @@ LOWERINGS |= {
     Greater: comparison,
     AtLeast: comparison,
     Guard: guard,
+    ResponseLimit: response_limit,
     SpatialNoise: placeforms.spatial_noise,
     Cursor: signalforms.cursor,
     DelayAvatar: signalforms.avatar,
