@@ -29,6 +29,7 @@ from .errors import (
     BadValue as BadValue,
     FaultError as FaultError,
     MissingPackage as MissingPackage,
+    MotionError as MotionError,
     RecordingError as RecordingError,
     SceneError as SceneError,
     SceneFileError as SceneFileError,

@@ -91,6 +91,10 @@ class SinkError(StimlibError, OSError):
     """Error in opening, writing or reading a device or a file."""
 
 
+class MotionError(SinkError):
+    """Error of a session in real time whose motion never came, or stayed away."""
+
+
 class FaultError(StimlibError, RuntimeError):
     """Error of a processor whose output is NaN or infinite."""
 

@@ -77,6 +77,12 @@ def verify_log(
     checks += [*limits_kept(e), *blocks_held(e)]
     say_felt(e)
     e.skipped += log.notes
+    rows = (*(event.data for event in log.events if event.kind == "rows"), log.report or {})
+    last = {"silent": "", "rejected": {}} | {k: v for data in rows for k, v in data.items()}
+    rose = any(c.name == GAIN and c.value > 0 for c in log.changes) or not log.inputs
+    why = last["silent"] or ("" if rose else "the gain rises with the first motion, and has not")
+    checks[:0] = [Check("b", "no motion was received", 1, 0, str(why)[:500])] if why else []
+    e.numbers += [f"rows of motion rejected: {last['rejected']}"[:500]] if last["rejected"] else []
     for event in (event for event in log.events if event.kind in ("rise", "fall")):
         where = (
             "before sample 0, from silence to it"

@@ -179,6 +179,16 @@ def played(
                 else:
                     with terminal(made.texts) as front_end:
                         experiments.run(running, front_end, sink, **options)
+            if wrong := [
+                d
+                for record in running.records
+                for d in record.displayed
+                if d.get("missed") or d.get("rejected")
+            ]:
+                note(
+                    f"{len(wrong)} presentations were repeated, or had rows of motion rejected: see"
+                    f" stimlib experiment status {defined}"
+                )
         except (KeyboardInterrupt, SystemExit, SinkError, FaultError) as e:
             if page:
                 given |= {"host": host, "port": port or None}
@@ -262,6 +272,8 @@ def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False
             f"{pilot}{simulated}{s['participant']} session {s['session']}: {s['trials']} trials"
             f"{old}, {s['training']} of them training ({conditions});"
             f" {s['replays']} replays, {s['unanswered']} presentations without an answer,"
+            f" {s['missed']} presented again, {sum(s['rejected'].values())} rows of motion"
+            " rejected,"
             f" {s['lost']} samples lost, {s['limited']} limited; last answer"
             f" {s['last'][:19] or 'none'}"
         )

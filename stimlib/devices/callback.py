@@ -55,9 +55,9 @@ LEAD, TAIL, ROSE, FELL, LEVELS, MADE, TICKS = range(82, 89)
 # block, with a count of writes that is odd while they change
 MARKS, MARKED, MARK_LAST, TIMED_AT, TIMED_NS, TIMES = range(89, 95)
 # how late blocks begin: their histogram; ns of a frame (bits of a float); when the next
-# block is due, or 0
-LATENESS, FRAME_NS, DUE = range(95, 98)
-WORDS = 98
+# block is due, or 0; whether the gain has ever risen with a motion in real time
+LATENESS, FRAME_NS, DUE, MOVED = range(95, 99)
+WORDS = 99
 
 IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
 NONE, FROM_TABLE, TIMED, LIVE, SIGNALS = 0, 1, 2, 3, 4  # MOTION
@@ -271,6 +271,7 @@ def judge(c, i, m, held):
         c[STALE] = 0
         event(c, i, BACK, 0, 0, 0)
         if c[FADING] == 0:
+            c[MOVED] = 1
             set_gain(c, i, 1.0)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -24,6 +24,20 @@ LOG_SECONDS = 4.0
 
 FOREVER = 2**62
 REASONS = ("stop", "fault", "error", "close")
+
+# the name and the data of each event of callback.py, from its three numbers; the last
+# argument is the second number as a float
+EVENTS: tuple[tuple[str, Callable[..., dict[str, Any]]], ...] = (
+    ("set", lambda p, a, b, c, v: {"name": [*p.slots][a], "value": v, "ramp": c}),
+    ("lost", lambda p, a, *_: {"frames": a}),
+    ("stale", lambda p, a, *_: {"samples": a}),
+    ("fresh", lambda *_: {}),
+    ("stop", lambda p, a, *_: {"reason": REASONS[a]}),
+    ("gap", lambda p, a, b, *_: {"frames": a, "delivered": bool(b)}),
+    ("rise", lambda p, a, *_: {"frames": a}),
+    ("fall", lambda p, a, *_: {"frames": a}),
+    ("mark", lambda p, a, b, c, v: {"name": p.markers[a], "value": v}),
+)
 
 
 PUMP = Path(__file__).with_name("callback.py").read_text(), "pump"
@@ -149,7 +163,7 @@ class Pump:
                 [[source.inputs[name].scale, source.inputs[name].offset] for name in proc.inputs],
                 float,
             )
-            self._fill(MOTION=n.SIGNALS, IN_SCALE=place(scale), CONNECTED=1)
+            self._fill(MOTION=n.SIGNALS, IN_SCALE=place(scale))
         self.live = isinstance(source, (Live, Signals))
         self._fill(STALE=int(self.live))
         self._records = np.zeros((512, n.RECORD), np.int64)
@@ -289,27 +303,12 @@ class Pump:
 
     def events(self) -> list[tuple[int, str, dict[str, Any]]]:
         """Return (sample index, kind, data) for each event since the last call."""
-        n, names, found = self.native, list(self.slots), []
-        while count := n.get_events(self.words, self._records):
+        found = []
+        while count := self.native.get_events(self.words, self._records):
             for at, kind, a, b, c in self._records[:count].tolist():
-                if kind == n.SET:
-                    value = float(np.int64(b).view(np.float64))
-                    found.append((at, "set", {"name": names[a], "value": value, "ramp": c}))
-                elif kind == n.LOSS:
-                    found.append((at, "lost", {"frames": a}))
-                elif kind == n.GONE:
-                    found.append((at, "stale", {"samples": a}))
-                elif kind == n.BACK:
-                    found.append((at, "fresh", {}))
-                elif kind == n.MARK:
-                    value = float(np.int64(b).view(np.float64))
-                    found.append((at, "mark", {"name": self.markers[a], "value": value}))
-                elif kind == n.ENDING:
-                    found.append((at, "stop", {"reason": REASONS[a]}))
-                elif kind in (n.RISE, n.FALL):
-                    found.append((at, "rise" if kind == n.RISE else "fall", {"frames": a}))
-                else:
-                    found.append((at, "gap", {"frames": a, "delivered": bool(b)}))
+                value = float(np.int64(b).view(np.float64))
+                name, data = EVENTS[kind]
+                found.append((at, name, data(self, a, b, c, value)))
         return found
 
     def timed(self) -> tuple[int, int] | None:

@@ -32,7 +32,7 @@ REMEDIES = {
     "no OSC": "send Open Sound Control 1.0",
     "another address": "listen to the address that the sender uses",
     "not finite": "let the sender repeat the last number, or accept the silence",
-    "outside its limits": "compare limits and scale with the unit that is sent",
+    "outside its limits": "is scale missing? Compare scale and limits with the unit that is sent",
     "out of order": "use a cable or a transport that keeps the order",
     "repeated": "nothing: the sender repeated a row with its time",
     "partial line": "nothing: its beginning was missing",

@@ -14,6 +14,7 @@ from ..run.safety import Watch
 from .engine import Pump
 from .markers import Markers
 from .rows import REMEDIES
+from .sources import SILENT
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,10 @@ class SessionReport:
     jitter : float, s
         For a stream with the sender's times: 99 % of the rows came within this time
         after the earliest.
+    silent : str
+        Empty, or what to say of a session whose motion in real time never came.
+    quiet : float, s
+        How long, at the end, the last position was held because no new one came.
     rise, fall : int
         Frames of the fade-in before sample 0, and of the fade-out after the last
         sample. They do not count as produced.  If they are 0, the fades lie on the
@@ -92,6 +97,8 @@ class SessionReport:
     rejected: dict[str, int] = field(default_factory=dict)
     jitter: float = 0.0
     lateness: dict[str, float] = field(default_factory=dict)
+    silent: str = ""
+    quiet: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain JSON data."""
@@ -120,9 +127,14 @@ class SessionReport:
             (self.unlogged, f"{self.unlogged} samples not logged"),
             (self.skipped, f"{self.skipped} columns of motion came too fast"),
             (self.markers, f"{self.markers} markers, {self.lost_markers} lost{unsent}"),
+            (self.silent, self.silent),
+            (
+                self.quiet > SILENT and not self.silent,
+                f"the last position was held for the last {self.quiet:.3g} s",
+            ),
             (self.rows, f"{self.rows} rows of motion"),
             (
-                self.rejected,
+                self.rejected and not self.silent,
                 f"{sum(self.rejected.values())} rows rejected: "
                 + ", ".join(f"{self.rejected[why]} {why}" for why in reasons)
                 + f" ({REMEDIES.get(''.join(reasons[:1]), 'see its receive')})",
@@ -149,6 +161,8 @@ class Recorder:
     markers : Markers
     latency : callable
         Returns the seconds from the callback to the device.
+    received : callable
+        Returns what came of a motion in real time, see ``Sink._received``.
     """
 
     def __init__(
@@ -159,16 +173,21 @@ class Recorder:
         fail: Callable[[Exception, int], None],
         markers: Markers,
         latency: Callable[[], float],
+        received: Callable[[], dict[str, Any]],
     ):
         self.pump, self.watch, self.writer, self._fail = pump, watch, writer, fail
-        self.markers, self._latency = markers, latency
+        self.markers, self._latency, self._received = markers, latency, received
         self.see: Callable[[int, np.ndarray, np.ndarray], None] = lambda at, x, y: None
         self._column = np.zeros((len(pump.proc.inputs), 1))  # the newest motion
         self.stales = 0  # how often the motion stayed away
         self._cursor = 0  # frames that the log has
         self._pending: list[tuple[int, str, dict[str, Any]]] = []
         self._gone: list[str] = []  # outputs that have failed
-        self._counts: tuple[dict[str, Any], dict[str, Any]] = {}, {}
+        # what the log has; of a motion that is not counted and came it needs no more
+        self._counts: dict[str, dict[str, Any]] = {
+            "clip": {"counts": {}, "outside": {}},
+            "rows": {"silent": ""},
+        }
         self._counted_at = time.monotonic()
 
     def drain(self) -> None:
@@ -238,11 +257,12 @@ class Recorder:
             self._put(facts.pop("sample"), "mark", **facts)
 
     def _put_counts(self) -> None:
-        counts = self.watch.counts(), self.watch.outside()
         self._counted_at = time.monotonic()
-        if counts != self._counts:
-            self._counts = counts
-            self._put(self.pump.index, "clip", counts=counts[0], outside=counts[1])
+        clip = {"counts": self.watch.counts(), "outside": self.watch.outside()}
+        for kind, now in ("clip", clip), ("rows", self._received()):
+            if now and now != self._counts[kind]:
+                self._counts[kind] = now
+                self._put(self.pump.index, kind, **now)
 
     def _put_events(self, until: int) -> None:
         """Log the events at or before a sample."""

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Scene
-from ..errors import BadValue, FaultError, SinkError, StimlibError, UnknownName
+from ..errors import BadValue, FaultError, MotionError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
 from .engine import PUMP, Pump
@@ -33,11 +33,13 @@ from .markers import Markers, Send, checked_name
 from .process import abandoned, account, begin, begin_playing, end_playing, open_sinks, signals_wait
 from .session import Recorder, SessionReport
 from .sources import (
+    NEVER,
     Feeder,
     Live,
     Receiver,
     Recorded,
     Scripted,
+    Signals,
     Stream,
     columns_of,
     length,
@@ -148,6 +150,7 @@ class Sink:
     _worker: threading.Thread | None = None
     _thread: threading.Thread | None = None  # that of start_loop
     _feeder: Feeder | Receiver | None = None
+    _counted: Any = None  # what counts the motion: rows, rejected, jitter and missing()
     _last_latency = 0.0
     _recorder: Any = SimpleNamespace(stales=0)  # until it is started
     _telling: Any = SimpleNamespace(count=0, lost=0, unsent=0)
@@ -351,10 +354,16 @@ class Sink:
             self._feeder = Feeder(self.pump, self.motion, self._fail)
             self._feeder.fill()
         elif isinstance(self.motion, Stream):
-            self._feeder = Receiver(self.pump, self.motion, self._fail)
+            self._feeder = self._counted = Receiver(self.pump, self.motion, self._fail)
         self._telling = Markers(self.rate, self._send, self._fail)
         self._recorder = Recorder(
-            self.pump, self._watch, self._make_log(), self._fail, self._telling, self._latency
+            self.pump,
+            self._watch,
+            self._make_log(),
+            self._fail,
+            self._telling,
+            self._latency,
+            self._received,
         )
         self._calls, self._silence, self._turns, self._waited = 0, 0.0, 0, 0.0
         self._over = threading.Event()
@@ -408,6 +417,8 @@ class Sink:
         ------
         SinkError
             Not started; the device has failed.
+        MotionError
+            The session has ended, and its motion in real time never came.
         FaultError
             An output has become non-finite.
         """
@@ -425,7 +436,12 @@ class Sink:
         self.check()
 
     def check(self) -> None:
-        """Raise the error of the device or its threads, if there is one."""
+        """Raise the error of the device or its threads, if there is one.
+
+        A session that has ended without any motion is an error, too.
+        """
+        if self.error is None and self.finished and (why := self._received().get("silent")):
+            self.error = MotionError(f"{self.device}: {why}")
         if self.error is not None:
             raise self.error
 
@@ -726,13 +742,24 @@ class Sink:
             markers=self._telling.count,
             lost_markers=self._telling.lost,
             unsent_markers=self._telling.unsent,
+            quiet=p.read("RUN") / self.rate,
+            jitter=self._counted.jitter if self._counted else 0.0,
             **self._received(),
         )
 
     def _received(self) -> dict[str, Any]:
-        if not isinstance(f := self._feeder, Receiver):
+        """Return what came of a motion in real time, and what to say if none did."""
+        p, counted = self.pump, self._counted
+        if not (p.live and p.index):
             return {}
-        return {"rows": f.rows, "rejected": dict(f.rejected), "jitter": f.jitter}
+        moved = bool(p.read("MOVED"))
+        if counted is None:
+            return {"silent": "" if moved else NEVER[isinstance(self.motion, Signals)]}
+        return {
+            "silent": counted.missing(moved),
+            "rows": counted.rows,
+            "rejected": dict(counted.rejected),
+        }
 
     def _delay(self) -> float:
         """Return the latency of the device, or its last one after it has closed."""

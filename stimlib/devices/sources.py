@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, SinkError, public, shortened
+from ..errors import BadValue, MotionError, public, shortened
 from ..motion.source import check_names, positions, sources_of
+from .rows import REMEDIES
 
 
 @public
@@ -84,6 +85,13 @@ class Live:
 
 SILENT = 0.05
 """Seconds without motion after which a source counts as silent."""
+# seconds from sample 0 on in which the first row of a stream that stops must come
+FIRST = 1.0
+NONE = "no motion was received"
+NEVER = (  # by ``Live`` and by ``Signals``
+    f"{NONE}: nothing was pushed in time: call Sink.push while the session plays",
+    f"{NONE}: an input of the device is not connected: connect all, see Signal(connect=..)",
+)
 Receive = Callable[[float], tuple[Sequence[Any], ...]]
 JUMP = 1.0  # s: by more, a sender's clock was set
 NUMBERS: Any = (int, float, np.integer, np.floating)
@@ -117,7 +125,9 @@ class Stream(Live):
         outlier causes no motion.
     silence : {"fade", "hold", "stop"}
         After 50 ms without a row: fade out until there is one again, hold the last
-        position, or end the session with an error.
+        position, or end the session with an error.  With "stop", the first row may come
+        up to 1 s after sample 0.  A session in which no row was taken at all is always
+        an error.
     """
 
     receive: Receive | None = None
@@ -307,6 +317,67 @@ def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None
     return x
 
 
+def none_of(receive: Any, counted: Any) -> str:
+    """Return what to say of a stream from which no row was taken in time.
+
+    Parameters
+    ----------
+    receive : callable
+        Of the stream; its ``place``, if it has one, is where rows should come.
+    counted : object
+        With ``rows``, ``rejected`` and ``examples``, as a `Receiver` has them.
+
+    Examples
+    --------
+    >>> from types import SimpleNamespace
+    >>> why = "outside its limits"
+    >>> examples = {why: "[12.7]"}
+    >>> counted = SimpleNamespace(
+    ...     rows=0, rejected=Counter({why: 193}), examples=examples
+    ... )
+    >>> none_of(None, counted)[24:]
+    '193 rows came and none was taken: 193 outside its limits (first: [12.7]): ...'
+    """
+    if not (rejected := (Counter({"too late": counted.rows}) + counted.rejected).most_common()):
+        at = getattr(receive, "place", "the receiver")
+        return f"{NONE}: no row came at {at}: is the sender running, and does it send there?"
+    first = {why: f" (first: {row})" for why, row in counted.examples.copy().items()}
+    each = ", ".join(f"{n} {why}{first.get(why, '')}" for why, n in rejected)
+    remedies = REMEDIES | {"too late": "start the sender before the session"}
+    came, remedy = sum(n for _, n in rejected), remedies.get(rejected[0][0], "see its receive")
+    return f"{NONE}: {came} rows came and none was taken: {each}: {remedy}"
+
+
+def positions_of(
+    row: Any,
+    at: float,
+    columns: Sequence[tuple[Any, ...]],
+    newest: tuple[float, list[float]] = (-math.inf, []),
+) -> tuple[list[float], str | None]:
+    """Return the positions of a row, and the reason why it is rejected.
+
+    A column is the key of a number in the row, its scale, and its range.
+    """
+    try:
+        found = [row[k] for k, *_ in columns]
+    except (LookupError, TypeError) as e:  # the row is shorter, or of another kind
+        return [], UNLIKE.get(type(e), "no numbers")
+    x = [
+        float(v) * scale if isinstance(v, NUMBERS) and -1e308 < v < 1e308 else math.nan
+        for v, (_, scale, *_) in zip(found, columns, strict=True)
+    ]
+    wrong = {
+        "no numbers": not all(isinstance(v, NUMBERS) and v is not bool(v) for v in found),
+        "not finite": not all(map(math.isfinite, x)),
+        "outside its limits": not all(
+            low <= v <= high for v, (*_, low, high) in zip(x, columns, strict=True)
+        ),
+        "out of order": 0.0 < newest[0] - at <= JUMP,
+        "repeated": (at, x) == newest,
+    }
+    return x, next(filter(wrong.get, wrong), None)
+
+
 class Receiver(threading.Thread):
     """A thread that converts the rows of a stream into motion.
 
@@ -347,18 +418,29 @@ class Receiver(threading.Thread):
 
     def run(self) -> None:
         """Receive rows until the session ends; report an error to the session."""
-        heard = None
+        heard, patience = time.monotonic(), FIRST
         while not self._over.is_set():
             try:
                 found = self._source.receive(0.02)  # type: ignore[misc]
                 self.turns += 1
                 if self._take(*found):
+                    heard, patience = time.monotonic(), SILENT
+                elif self._pump.state != self._pump.native.RUNNING:
                     heard = time.monotonic()
-                elif self._source.silence == "stop" and heard and time.monotonic() - heard > SILENT:
-                    raise SinkError(f"no motion has come for {1e3 * SILENT:g} ms")
+                elif self._source.silence == "stop" and time.monotonic() - heard > patience:
+                    raise MotionError(
+                        f"no motion has come for {1e3 * SILENT:g} ms: {self.rows} rows came before,"
+                        f" and {self.rejected.total()} were rejected"
+                        if self.rows
+                        else self.missing(False)
+                    )
             except BaseException as e:
                 self._failed(e, what="the stream failed")
                 return
+
+    def missing(self, moved: bool) -> str:
+        """Return what to say of a session that has not moved, or an empty text."""
+        return "" if moved else none_of(self._source.receive, self)
 
     def _take(
         self,
@@ -369,7 +451,7 @@ class Receiver(threading.Thread):
         """Put the valid rows into the ring buffer, and return how many there were."""
         now, taken, refused = time.monotonic(), [], [*rejected]
         for row, at in zip(rows, times, strict=True):
-            x, why = self._positions(row, at)
+            x, why = positions_of(row, at, self._columns, self._newest)
             if why:
                 refused.append((why, shortened(row, 40)))
                 continue
@@ -379,34 +461,12 @@ class Receiver(threading.Thread):
                 if self._late and abs(now - at - self._late[-1]) > JUMP:
                     self._late.clear()  # the sender has set its clock
                 self._late.append(now - at)
-        for why, received in refused:
-            self.rejected[why] += 1
-            self.examples.setdefault(why, received[:40])
+        self.rejected.update(why for why, _ in refused)
+        self.examples = {why: came[:40] for why, came in reversed(refused)} | self.examples
         self.rows += len(taken)
         if taken:
             self._pump.put_motion(np.array(taken, np.float64, order="F").T)
         return len(taken)
-
-    def _positions(self, row: Any, at: float) -> tuple[list[float], str | None]:
-        """Return the positions of a row, and the reason why it is rejected."""
-        try:
-            found = [row[k] for k, *_ in self._columns]
-        except (LookupError, TypeError) as e:  # the row is shorter, or of another kind
-            return [], UNLIKE.get(type(e), "no numbers")
-        x = [
-            float(v) * scale if isinstance(v, NUMBERS) and -1e308 < v < 1e308 else math.nan
-            for v, (_, scale, *_) in zip(found, self._columns, strict=True)
-        ]
-        wrong = {
-            "no numbers": not all(isinstance(v, NUMBERS) and v is not bool(v) for v in found),
-            "not finite": not all(map(math.isfinite, x)),
-            "outside its limits": not all(
-                low <= v <= high for v, (*_, low, high) in zip(x, self._columns, strict=True)
-            ),
-            "out of order": 0.0 < self._newest[0] - at <= JUMP,
-            "repeated": (at, x) == self._newest,
-        }
-        return x, next(filter(wrong.get, wrong), None)
 
     def stop(self) -> None:
         """End the thread."""

@@ -31,10 +31,13 @@ PAUSE = 1.0  # s between calls, after which what waits at a serial port may have
 
 
 class Transport(AbstractContextManager["Transport"]):
-    """A function that sends markers or receives motion, with a method ``close``."""
+    """A function that sends markers or receives motion, with a method ``close``.
 
-    def __init__(self, function: Callable[[Any], Any], close: Callable[[], Any]):
-        self._function, self.close = function, close
+    ``place`` says where rows of motion should come, for errors.
+    """
+
+    def __init__(self, function: Callable[[Any], Any], close: Callable[[], Any], place: str = ""):
+        self._function, self.close, self.place = function, close, place
 
     def __call__(self, given: Any) -> Any:
         """Send a marker, or wait for rows for at most the given number of seconds."""
@@ -357,7 +360,7 @@ def lsl_motion(name: str, wait: float = 10.0) -> Transport:
         named = [dict(zip(keys, [*r, *r], strict=True)) if keys else r for r in (row, *rows)]
         return named, [at, *times], []
 
-    return Transport(receive, inlet.clear)
+    return Transport(receive, inlet.clear, f"the LSL stream {name!r}")
 
 
 @public
@@ -431,7 +434,7 @@ def osc_motion(port: int, address: str, host: str = "127.0.0.1") -> Transport:
             ]
         return rows, [math.nan] * len(rows), rejected
 
-    return Transport(receive, here.close)
+    return Transport(receive, here.close, f"UDP port {here.getsockname()[1]} for OSC {address}")
 
 
 @public
@@ -477,7 +480,7 @@ def udp_motion(
         found = [data.rstrip(b"\0") for data in datagrams(here, timeout)]  # of C's texts
         return rows_of(b"\n".join(found).splitlines(), timed, comma)
 
-    made = Transport(receive, here.close)
+    made = Transport(receive, here.close, f"UDP port {here.getsockname()[1]}")
     made.port = here.getsockname()[1]  # type: ignore[attr-defined]
     return made
 
@@ -534,4 +537,4 @@ def serial_motion(
             left[0] = CUT
         return rows_of(lines, timed, comma)
 
-    return Transport(receive, lambda: line[0].close())
+    return Transport(receive, lambda: line[0].close(), f"port {port}")

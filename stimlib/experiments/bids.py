@@ -40,6 +40,10 @@ COLUMNS = {
     "replays": {"Description": "How often the stimuli were presented again"},
     "simulated": {"Description": "Whether a simulated observer answered, and no participant"},
     "training": {"Description": "Whether the trial was for training and does not count"},
+    "missed": {"Description": "Presentations without a page or motion, which were repeated"},
+    "rows": {"Description": "Rows of motion that were taken while the stimuli were presented"},
+    "rejected": {"Description": "Rows of motion that were rejected meanwhile"},
+    "quiet": {"Description": "Time without new motion at the end of a stimulus", "Units": "s"},
     # the columns of any interval, and of any question
     "interval": {"Description": "Stimulus of this interval: its name, or its scene"},
     "_started": {

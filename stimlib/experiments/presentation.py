@@ -11,9 +11,10 @@ import dataclasses as dc
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from datetime import UTC, datetime
 from functools import partial
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,12 +28,12 @@ from ..core.scene import Scene
 from ..devices.available import SINKS as KINDS, make
 from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
-from ..errors import BadValue, UnknownName, public
+from ..errors import BadValue, MotionError, UnknownName, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered, without_inverse
 from ..files.log_writer import LogWriter, header
 from ..run.rendering import render
-from ..run.safety import Safety
+from ..run.safety import GAIN, Safety
 from .experiment import STARTS, Cursor, Experiment
 from .trial import FAST, Trial
 
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from .session import Session
 
 TOLD = {"produced", "delivered", "lost", "underruns", "clips", "outside", "faults", "stale"}
-TOLD |= {"rise", "fall"}
+TOLD |= {"rise", "fall", "rows", "rejected", "quiet", "silent"}
 """Fields of a sink's report that the record of a trial contains."""
 
 MASKING_STREAM = 2**32 - 1  # of its noise, which no scene has
@@ -306,11 +307,14 @@ def present(
         report (``produced``, ``delivered``, ``lost``, ``underruns``, ``clips``,
         ``faults``, ``stale``); with a log also its name, and ``peak`` and ``rms`` of
         each output in each interval as delivered, after all limits; with a cursor also
-        ``following``, see `followed`. ``started`` is the date and time of sample 0, ISO
-        8601, UTC; ``clock`` is whether the sink ran in real time from then on. Of a
-        self-paced interval ``interval`` is its number, and ``intervals`` ends where the
-        stimulus began to fade out; with ``timing.starts`` it begins at the sample at
-        which that held, and ``held`` says whether it did.
+        ``following``, see `followed`. A presentation whose motion in real time never
+        came, or stayed away in an interval (by its log), is ``missed``; ``silent`` says
+        why. ``rows``, ``rejected`` and ``quiet`` are those of the sink's report.
+        ``started`` is the date and time of sample 0, ISO 8601, UTC; ``clock`` is
+        whether the sink ran in real time from then on. Of a self-paced interval
+        ``interval`` is its number, and ``intervals`` ends where the stimulus began to
+        fade out; with ``timing.starts`` it begins at the sample at which that held, and
+        ``held`` says whether it did.
 
     Raises
     ------
@@ -373,7 +377,7 @@ def present(
         ends = min(ends, known + round(t.interval * experiment.fs))
     if not isinstance(playing := made(scene, safety, **options, **clock), Sink):
         raise BadValue(f"present: sink gives a {type(playing).__name__}, where it must give a Sink")
-    with playing:
+    with suppress(MotionError), playing:  # it is in the report
         playing.open(experiment.fs, channels if len(channels) < len(scene.outputs) else None)
         playing.start((ends + late) / experiment.fs)
         zero = datetime.now(UTC).isoformat()
@@ -405,7 +409,11 @@ def present(
         "intervals": at,
     }
     shown |= {"time": "own", "started": zero, "clock": getattr(playing, "clock", True), **told}
-    return shown if log is None else shown | {"log": Path(log).name} | measured(experiment, log, at)
+    shown["silent"] = str(playing.error or "")
+    found = {} if log is None else {"log": Path(log).name} | measured(experiment, log, at)
+    if not shown["silent"] and any(found.get("away", ())):
+        shown["silent"] = f"no motion came for {max(found['away']):.3g} s of an interval"
+    return shown | found | ({"missed": True} if shown["silent"] else {})
 
 
 def _first_held(experiment: Experiment, motion: Any, first: int, end: int) -> int | None:
@@ -432,7 +440,8 @@ def measured(
     They are computed from the samples delivered according to the log; for a calibrated
     device, from the outputs before the inverse filter. If there is a reference to
     follow, the result includes how well the hand followed it. An interval that was
-    stopped gives None.
+    stopped gives None. ``away`` is for how many seconds of each interval a motion in
+    real time stayed away, so that the outputs were faded out.
 
     Parameters
     ----------
@@ -455,6 +464,10 @@ def measured(
         what: {name: values[:, k].tolist() for k, name in enumerate(log.outputs[: len(scales)])}
         for what, values in (("peak", peak), ("rms", np.sqrt(power)))
     }
+    end = min([log.frames, *(e.at for e in log.events if e.kind == "stop")])
+    gains = [(c.at, c.value) for c in log.changes if c.name == GAIN and c.at < end]
+    off = [(p, q) for (p, gain), (q, _) in pairwise([(0, 0.0), *gains, (end, 0.0)]) if not gain]
+    found["away"] = [sum(max(0, min(b, q) - max(a, p)) for p, q in off) / log.fs for a, b in at]
     if experiment.cursor is not None and experiment.cursor.input in log.inputs:
         k = log.inputs.index(experiment.cursor.input)
         hands = [log.motion[a:b][:, k] for a, b in at]

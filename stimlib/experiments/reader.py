@@ -303,10 +303,10 @@ def status(saved: Saved) -> dict[str, Any]:
         ``participant``, ``session``, ``pilot``, ``simulated``, ``trials``,
         ``training``, ``conditions`` (trials by blinded name), ``replays``,
         ``unanswered`` (logs of presentations without an answer, because the device
-        failed or the session was interrupted), ``shared`` (trials whose intervals share
-        one time axis, as in older sessions: see
-        `stimlib.experiments.trial.Record.time`), ``lost`` samples, ``limited`` samples,
-        ``last`` (date and time).
+        failed or the session was interrupted), ``missed`` (presented again),
+        ``rejected`` (rows of motion), ``shared`` (trials whose intervals share one time
+        axis, as in older sessions: see `stimlib.experiments.trial.Record.time`),
+        ``lost`` samples, ``limited`` samples, ``last`` (date and time).
     """
     trials = [r for r in saved.records if r.trial.stimuli]
     counts = Counter(blinded(saved.header["seed"], r.trial.condition) for r in trials)
@@ -320,6 +320,7 @@ def status(saved: Saved) -> dict[str, Any]:
         "conditions": dict(sorted(counts.items())),
         "replays": sum(r.answer.replays for r in saved.records),
         "unanswered": len(logs - {d.get("log") for d in shown_once}),
+        **{k: _moved(shown_once)[k] for k in ("missed", "rejected")},
         "shared": sum(r.time == "shared" for r in saved.records),
         "lost": sum(d.get("lost", 0) for d in shown_once),
         "limited": sum(
@@ -351,7 +352,10 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
         ``interval_1`` (name of its stimulus, or scene), ``interval_1_started`` and
         ``interval_1_stopped`` in s since the session began, and so on; and each
         question after the last trial, with one answer in all rows of a session. None is
-        unknown (such as times of a sink without a clock), or not asked.
+        unknown (such as times of a sink without a clock), or not asked. If any
+        presentation has them, also ``missed`` (how many were presented again), ``rows``
+        of motion, ``rejected`` rows by reason, and ``quiet``, the seconds at the end
+        without new motion.
 
     Raises
     ------
@@ -386,6 +390,19 @@ def columns(found: Sequence[Saved], training: bool = False) -> dict[str, list[An
             for j, what in enumerate(("", "_started", "_stopped"))
         },
         **{q: [s.after.get(q) for s, _ in rows] for s in found for q in s.after},
+        **{
+            k: [_moved(r.displayed)[k] for _, r in rows]
+            for k in ("missed", "rows", "rejected", "quiet")
+            if any(d.get(k) for _, r in rows for d in r.displayed)
+        },
+    }
+
+
+def _moved(displayed: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return what is known of the motion of a trial, over all its presentations."""
+    found = {k: sum(d.get(k, 0) for d in displayed) for k in ("missed", "rows", "quiet")}
+    return found | {
+        "rejected": dict(sum((Counter[str](d.get("rejected")) for d in displayed), Counter[str]()))
     }
 
 

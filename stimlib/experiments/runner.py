@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..errors import public
+from ..errors import MotionError, public
 from .designs import trials_of
 from .presentation import prepare, present
 from .questions import Question
@@ -25,13 +25,18 @@ from .trial import Answer, Observer, Record, Stimulus, Trial, answered, correct
 
 Display = Callable[..., dict[str, Any]]
 """Function that displays a trial, ``display(trial, folder)``, with a folder for the
-log, and returns its record. If the record says ``missed``, the participant was not
-present throughout, and the trial is displayed again; both records are kept.
+log, and returns its record. If the record says ``missed``, the participant or the
+motion was not there throughout, and the trial is displayed again; both records are
+kept. After ``REPEATS`` records in a row that say that the motion was ``silent``, the
+session ends.
 
 Self-paced intervals are displayed one by one, as trials of one stimulus, with the
 keywords ``interval``, ``meanwhile``, ``lasts`` and ``started`` of
 `stimlib.experiments.presentation.present`.
 """
+
+# presentations of a stimulus in a row without motion, after which a session ends
+REPEATS = 3
 
 
 class FrontEnd(Protocol):
@@ -83,6 +88,9 @@ def run(
     BadValue, UnknownName
         As `stimlib.experiments.presentation.prepare` and `Session.check_kind`, before
         the participant reads anything.
+    MotionError
+        The motion stayed away in ``REPEATS`` presentations in a row; the session can be
+        resumed.
 
     Examples
     --------
@@ -105,6 +113,12 @@ def run(
                     if isinstance(sink, str)
                     else sink(part, folder, **how)
                 )
+                if shown[-1].get("missed"):
+                    silent = [d.get("silent") for d in shown[-REPEATS:]]
+                    if all(silent) and len(silent) == REPEATS:
+                        raise MotionError(f"{REPEATS} presentations in a row: {silent[-1]}")
+                    front_end.tell(say("unmoved" if silent[-1] else "missed"))
+                    front_end.ready(say("again"))
         return shown
 
     session.check_kind(getattr(front_end, "simulated", False))

@@ -277,15 +277,15 @@ def export_c(
         "README.md": README.format(version=__version__, **facts) + more,
     }
     into = make_folder(folder)
-    files = {into / file: text for file, text in texts.items()}
-    for path in filter(Path.is_file, files):
+    files: dict[str | os.PathLike[str], str | bytes] = {into / f: t for f, t in texts.items()}
+    for path in filter(os.path.isfile, files):
         with open(path, "rb") as f:
             if MARK not in f.read(1000):
                 raise SinkError(
                     f"{path} is there already, from elsewhere; give another folder or name"
                 )
     publish_all(files)
-    return Exported(tuple(files), writer.size, y.size, errors)
+    return Exported(tuple(map(Path, files)), writer.size, y.size, errors)
 
 
 def run_here(

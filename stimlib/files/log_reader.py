@@ -81,6 +81,7 @@ EVENTS: dict[str, dict[str, fields.Test]] = {
     "gap": {"frames": COUNT},
     "rise": {"frames": COUNT},
     "fall": {"frames": COUNT},
+    "rows": {"silent": fields.text},
 }
 
 

@@ -204,7 +204,7 @@ class ExperimentPage(Keyed):
 
     def ready(self, text: str) -> None:
         """Wait for any key of the participant; show the experimenter the trial."""
-        if text != self.texts("done"):  # which is of the same trial
+        if text not in (self.texts("done"), self.texts("again")):  # which are of the same trial
             self._trial, self._layouts = text, LAYOUTS
         self._note(text)
         super().ready(text)
@@ -299,11 +299,11 @@ class ExperimentPage(Keyed):
                 self._during = NOTHING
                 with self._held():
                     self._sink = self._inputs = None
-            if not self._missed:
-                return found
-            self.tell(self.texts("missed"))
-            super(ExperimentPage, self).ready(self.texts("again"))
-            return found | {"missed": True}
+            if self._missed:  # its motion may have gone with it
+                return found | {"missed": True, "silent": ""}
+            if why := found.get("silent"):
+                self._note(why)
+            return found
 
         return show
 
@@ -314,7 +314,9 @@ class ExperimentPage(Keyed):
 
         def made(scene: Any, safety: Any, motion: Any, **options: Any) -> Sink:
             inputs = self._inputs = Inputs(scene, experiment.fs, ranges, None, BANDWIDTH, 0.0)
-            return PageSink(scene, safety, feed=inputs.columns, take=self._see, **options)
+            return PageSink(
+                scene, safety, feed=inputs.columns, take=self._see, counted=inputs, **options
+            )
 
         return made
 

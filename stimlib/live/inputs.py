@@ -6,8 +6,8 @@ import math
 import threading
 import time
 import weakref
-from collections import deque
-from collections.abc import Callable, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from ..blocks.filters import track
 from ..core.graph import Block, Input
 from ..core.scene import Scene
-from ..errors import BadValue, UnknownName
+from ..devices.sources import NONE, none_of, positions_of
+from ..errors import BadValue, UnknownName, shortened
 from ..motion.generators import sinusoid
 from ..motion.recorded import LIFTED
 from ..motion.source import positions
@@ -116,6 +117,9 @@ class Inputs:
     One thread calls ``columns``; another may call the other methods at the same time,
     and none of them blocks.
 
+    Like a ``Receiver``, it counts the motion since ``count``: ``rows`` of the stream,
+    those ``rejected`` by reason, and what is ``missing``.
+
     Parameters
     ----------
     scene : Scene
@@ -184,12 +188,9 @@ class Inputs:
         self._moves: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
         self.newest = [0.0, 0.0]  # time stamp of the newest move, and when it came
         self._forget()
-        self.row: list[float] = []  # the newest of the stream
-        self.stream, self.stream_error = stream, ""
-        if stream is not None:
-            threading.Thread(
-                target=_listen, args=(weakref.ref(self), stream), name="stimlib stream", daemon=True
-            ).start()
+        self.row: dict[Any, float] = {}  # the newest of the stream
+        self.stream, self.stream_error, self.jitter = stream, "", 0.0
+        self.count()
         self.sources = first_sources(scene, ranges, self.given)
         self._see_touch()
         self._changed: dict[str, float | None] = dict.fromkeys(
@@ -199,6 +200,54 @@ class Inputs:
         self._from = np.zeros(len(self.names))
         self._follow = compile(following(len(self.names), bandwidth), fs) if self.names else None
         self._row = {name: k for k, name in enumerate(self._follow.inputs)} if self._follow else {}
+        if stream is not None:
+            threading.Thread(
+                target=_listen, args=(weakref.ref(self), stream), name="stimlib stream", daemon=True
+            ).start()
+
+    def count(self) -> None:
+        """Begin to count the motion of a session."""
+        self._moved, self.rows = set[int](), 0  # fingers; rows that were in range
+        self.rejected, self.examples = Counter[str](), dict[str, str]()
+
+    def missing(self, moved: bool = True) -> str:
+        """Return what to say if an input awaits a pointer or a stream and none came."""
+        sources = list(self.sources.values())
+        streams = any(s["from"] == "stream" for s in sources)
+        if streams and (self.stream_error or not self.rows):
+            return (
+                f"the stream has ended: {self.stream_error}"
+                if self.stream_error
+                else none_of(self.stream, self)
+            )
+        away = {s["finger"] for s in sources if s["from"] in POINTERS} - self._moved
+        return f"{NONE}: no pointer moved on the page (finger {min(away)})" if away else ""
+
+    def take(
+        self, rows: Sequence[Any], times: Sequence[float] = (), rejected: Sequence[Any] = ()
+    ) -> None:
+        """Keep the newest row of the stream; count rows that are no motion, by reason.
+
+        A number outside of its source's range is counted, too, and limited to it.
+        """
+        sources, wrong = list(self.sources.values()), [*rejected]
+        columns = [
+            (s["channel"], s["scale"], s["low"], s["high"])
+            for s in sources
+            if s["from"] == "stream"
+        ]
+        for row in rows:
+            # numbers with labels are taken in their order
+            values = [*row.values()] if isinstance(row, Mapping) and 0 not in row else row
+            keys = [*values] if isinstance(values, Mapping) else [*range(len(values))]
+            every = [(k, 1.0, -math.inf, math.inf) for k in keys]
+            _, why = positions_of(values, math.nan, [*columns, *every])
+            if why in (None, "outside its limits"):
+                self.row = {k: values[k] for k in keys}
+            wrong += [(why, shortened(row, 40))] if why else []
+            self.rows += not why
+        self.rejected.update(why for why, _ in wrong)
+        self.examples = dict(reversed(wrong)) | self.examples
 
     def _see_touch(self) -> None:
         self.touches = any(s["from"] in ("contact", "pressure") for s in self.sources.values())
@@ -206,7 +255,9 @@ class Inputs:
     def move(self, finger: int, u: float, v: float, p: float, on: float, t: float = 0.0) -> None:
         """Move a finger, with effect ``delay`` after t, the time in ms on its page."""
         before, now, reports = self.fingers[finger], time.perf_counter(), self._reports[finger]
-        if not (on or not self.touches):
+        if on or not self.touches:
+            self._moved.add(finger)
+        else:
             u, v = before[:2]
         self.fingers[finger] = (u, v, p if on else 0.0, float(on))
         at = 1e-3 * t + self._page.offset(1e-3 * t, now) if t else now
@@ -307,7 +358,7 @@ class Inputs:
         """
         kind, low, high = source["from"], source["low"], source["high"]
         if kind == "stream":
-            there = source["channel"] < len(self.row)
+            there = source["channel"] in self.row
             v = self.row[source["channel"]] * source["scale"] if there else max(0.0, low)
             return min(max(v, low), high), 1.0
         if kind not in POINTERS and not (zero and kind == "value"):
@@ -352,15 +403,13 @@ def _listen(to: weakref.ref[Inputs], stream: Callable[[float], tuple[Any, ...]])
     """Keep the newest row of a stream until it fails or its inputs are gone."""
     while True:
         try:
-            rows = stream(0.1)[0]
-            rows, error = [list(row) for row in rows if all(map(math.isfinite, row))], ""
+            found = stream(0.1)
+            if (inputs := to()) is not None:
+                inputs.take(*found)
         except Exception as e:
-            rows, error = [], str(e)
-        if (inputs := to()) is None:
+            if (inputs := to()) is not None:
+                inputs.stream_error = str(e) or type(e).__name__
             return
-        if rows:
-            inputs.row = rows[-1]
-        if error:
-            inputs.stream_error = error
+        if inputs is None:
             return
         del inputs  # while it waits, too

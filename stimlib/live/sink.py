@@ -37,6 +37,9 @@ class PageSink(Sink):
     feed : callable
         ``feed(at, n)`` returns the motion of samples at .. at + n - 1, shape (n_inputs,
         n), as finite real numbers of any type, which are copied.
+    counted : Inputs, optional
+        What counts the motion that ``feed`` returns: a session in which none came is an
+        error. By default that is not known.
     take : callable
         ``take(at, x, y)`` receives each block: motion (float64), and frames as for a
         device, shape (n_outputs, n) of float32. The arrays are overwritten after it
@@ -80,11 +83,12 @@ class PageSink(Sink):
         *,
         feed: Callable[[int, int], NDArray[np.float64]],
         take: Callable[[int, NDArray[np.float64], NDArray[np.float32]], None],
+        counted: Any = None,
         **options: Any,
     ):
         motion = Live(1.0) if isinstance(scene, Scene) and scene.inputs else None
         super().__init__(scene, safety, motion=motion, realtime=False, **options)
-        self._feed, self._take, self._stands = feed, take, False
+        self._feed, self._take, self._stands, self._counted = feed, take, False, counted
         self._places = place(feed), place(take)
         self._x = np.zeros((len(scene.inputs) if motion else 0, 1))
         self.late = self.busy = 0.0

@@ -263,7 +263,7 @@ class Stream:
             try:
                 await self._beside(self._end)
             except Exception as e:
-                why = _why(e)
+                why = "; ".join(filter(None, (why, _why(e))))
             self._send_report(sink)
         if self._left:
             self.inputs.lift()
@@ -293,6 +293,7 @@ class Stream:
             self.safety,
             feed=self._feed,
             take=self._take,
+            counted=self.inputs,
             seed=self.seed,
             params=params,
             log=log,
@@ -304,6 +305,7 @@ class Stream:
         sink = self._made(log)
         sink.open(self.fs, block=self.block)
         self.session += 1
+        self.inputs.count()
         sink.start()
         self._sink = sink
 
@@ -311,12 +313,14 @@ class Stream:
         sink, self._sink = self._sink, None
         if sink is not None:
             sink.close()
+            r = sink.report()
             if self.log is not None:
-                r = sink.report()
                 self.recorded = f"Recorded {r.produced / self.fs:.1f} s in {self.log}" + (
                     f", {r.lost} samples lost in {r.underruns} gaps" if r.lost else ""
                 )
                 self.say(self.recorded)
+            if r.silent or r.rejected:
+                self.say(str(r))
             sink.check()
 
     def _new_folder(self) -> Path:
@@ -392,6 +396,9 @@ class Stream:
             "late": max(0.0, sink.late),
             "clips": r.clips,
             "faults": r.faults,
+            "silent": r.silent,
+            "rows": r.rows,
+            "rejected": r.rejected,
             "time": time.time(),
             "busy": sink.busy,
         }

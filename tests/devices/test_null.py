@@ -154,8 +154,11 @@ def test_a_stall_is_told_and_accounted():
 
 def test_the_hand_may_be_pushed():
     log = Seen()
-    with begun(fast(Scene({"y": 1 * Input("x")}), 1.0, motion=Live(), log=log), 1.0) as sink:
+    with fast(Scene({"y": 1 * Input("x")}), 1.0, motion=Live(), log=log) as sink:
+        sink.open(FS)
         refused(BadValue, "push: x must be", sink.push, np.zeros((2, 3)))
+        assert sink.push(np.full((1, 64), 0.5)) == 64
+        sink.start(1.0)
         while not sink.finished:
             sink.push(np.full((1, 64), 0.5))
     assert sink.report().produced == FS

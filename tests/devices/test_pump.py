@@ -356,6 +356,7 @@ def test_signals_as_positions():
     rng = np.random.default_rng(0)
     ins = rng.uniform(-0.4, 0.4, (2, 1000)).astype(np.float32)
     bench.pump.start(None)
+    bench.pump.write("CONNECTED", 1)
     for k in range(0, 1000, 100):
         bench.pump.buffers("INS")[:] = [ins[a, k:].ctypes.data for a in range(2)]
         bench.block(100)

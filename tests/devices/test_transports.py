@@ -19,7 +19,7 @@ from pythonosc import osc_message_builder, osc_packet
 from typer.testing import CliRunner
 
 import stimlib
-from stimlib import BadValue, Input, Scene, SinkError, UnknownName, constant
+from stimlib import BadValue, Input, MotionError, Scene, SinkError, UnknownName, constant
 from stimlib.blocks import burst, every
 from stimlib.cli.app import app
 from stimlib.devices import (
@@ -491,9 +491,11 @@ def test_bad_streams(change, says):
 
 def test_a_stream_is_pushed_by_nobody_else():
     stream = Stream(receive=lambda timeout: (time.sleep(timeout), ([], []))[1], columns={"x": 0})
-    with begun(NullSink(SPRING, 50.0, motion=stream, realtime=False)) as sink:
-        with pytest.raises(SinkError, match="make the sink with motion=Live"):
-            sink.push(np.zeros((1, 1)))
+    with pytest.raises(MotionError, match="no row came"):  # as it is silent
+        with begun(NullSink(SPRING, 50.0, motion=stream, realtime=False), 0.1) as sink:
+            with pytest.raises(SinkError, match="make the sink with motion=Live"):
+                sink.push(np.zeros((1, 1)))
+            sink.wait()
 
 
 def test_gaps_are_remembered_by_samples():

@@ -392,6 +392,7 @@ def test_a_page_sees_that_its_server_is_silent_killed_or_another(site):
         page.until(READY)
         page.click("#run")
         page.until(RUNS)
+        said(page, "running, no motion was received: no pointer moved on the page")
         page.click("#sound")
         until(page, "live.sound.figures")
         time.sleep(0.5)  # until the sound has begun

@@ -14,7 +14,7 @@ from live.test_asking import page
 from websockets.exceptions import ConnectionClosed
 
 from stimlib.devices import NullSink
-from stimlib.errors import BadValue, SinkError
+from stimlib.errors import BadValue, MotionError, SinkError
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Drawing, Timing
 from stimlib.experiments.papers.nodules import nodules
@@ -106,6 +106,20 @@ def test_nothing_is_drawn_for_who_wants_nothing_and_what_is_hidden_only_if_it_is
     assert drawing["hidden"] and not drawing["cursor"] and drawing["beside"] == [-0.015, 0.0]
     refused(BadValue, r"beside = \(0.0, 15.0\) must be", Drawing, beside=(0.0, 15.0))
     refused(BadValue, "mark 'a' at", Drawing, marks={"a": (float("nan"), 0.0)})
+
+
+def test_a_pointer_that_never_comes_is_no_trial(tmp_path):
+    """The stimulus comes again, and then the session ends, to be resumed."""
+    with asked(tmp_path, seen(0.1), "page") as running, page(running) as phone:
+        for text in ("Trial 1 of 1", "Once more", "Once more"):
+            asks = phone.until(phase="ask")
+            assert (asks["text"], asks["trial"]) == (text, "Trial 1 of 1")
+            assert (text == "Once more") == ("movement was not received" in str(asks["told"]))
+            phone.answer("", asks["number"])
+        assert "has stopped" in str(phone.until(phase="end")["told"])
+    (error,) = running.errors
+    assert isinstance(error, MotionError) and "3 presentations in a row: page: no mot" in str(error)
+    assert "no pointer moved" in running.notes[-1] and running.session.records == []
 
 
 def test_the_hand_on_a_device_is_drawn_from_its_motion(tmp_path):

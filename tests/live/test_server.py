@@ -180,6 +180,21 @@ def test_a_session_is_driven_heard_and_recorded(server):
     assert np.array_equal(np.concatenate([frames for _, frames, _ in delivered(log)])[:, 0], y)
 
 
+def test_each_session_awaits_its_own_motion(server):
+    with greeted(server) as client:
+        for moves, says in ((1, ""), (0, "page: no motion was received: no pointer moved")):
+            client.say("start")
+            client.until(phase="running")
+            for _ in range(moves):
+                client.ws.send(MOVE)
+            client.hear(5)
+            client.say("stop")
+            why = client.until(phase="idle")["why"]
+            assert why[: len(says) or None] == says
+            last = [m for m in client.texts if m["is"] == "report"][-1]
+            assert last["silent"] in why and bool(last["silent"]) == bool(says)
+
+
 def test_a_block_does_not_wait_until_the_one_before_is_acknowledged(server):
     # accepted connections have it from there
     assert server._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)

@@ -60,13 +60,19 @@ function greet(hello) {
   hear(Math.max(0, outputs.findIndex(o => !/^[xy]\d?$|^depth/.test(o.name))));
 }
 
+/** What the session does, and whether it has had any motion yet. */
+function status() {
+  const { state, report } = live, waits = runs() && report?.session === state.session && report.silent;
+  const who = mine() ? "this page controls" : state.controlled ? "another page controls, this one watches" : "no page controls";
+  if (live.hello.alone) words(WORDS[state.phase], runs() ? "good" : "");
+  else words(`Connected, ${WORDS[state.phase]}${state.log ? ", recording" : ""}${waits ? `, ${waits}` : ""}; ${who}`, runs() ? "good" : "");
+}
+
 function become(state) {
   const another = live.state?.session !== state.session, back = away;
   live.state = state;
   away = false;
-  const who = mine() ? "this page controls" : state.controlled ? "another page controls, this one watches" : "no page controls";
-  if (live.hello.alone) words(WORDS[state.phase], runs() ? "good" : "");
-  else words(`Connected, ${WORDS[state.phase]}${state.log ? ", recording" : ""}; ${who}`, runs() ? "good" : "");
+  status();
   if (another || back) field.again();
   if (another) {
     Object.assign(sound, { gaps: 0, causes: {} });
@@ -119,6 +125,7 @@ function count(report) {
   $("clock").textContent = `${report.seconds.toFixed(1)} s`;
   const broken = Object.keys(report.faults);
   if (broken.length) note(`Not finite: ${broken.join(", ")}. The session was faded out.`);
+  if (live.state && !away) status();
 }
 
 function take(data) {
@@ -240,9 +247,10 @@ function loudness() {
 
 /** What was late, of all that is made, drawn and heard, and why. */
 function gaps() {
-  const { lost, underruns, skipped } = live.report ?? {}, all = sound.missing();
+  const { lost, underruns, skipped, rejected } = live.report ?? {}, all = sound.missing();
   if (underruns) all.push(`${underruns} in the stimulus (server late: ${short(lost / live.hello.fs)} s lost)`);
   if (skipped) all.push(`${skipped} blocks not drawn (browser late)`);
+  for (const [why, n] of Object.entries(rejected ?? {})) all.push(`${n} rows of motion rejected (${why})`);
   if (silences) all.push(`${silences} without an answer from the server`);
   return all.join("; ") || "none";
 }

@@ -1,0 +1,421 @@
+"""Motion that never comes is reported: every way, over every transport."""
+
+import dataclasses
+import json
+import math
+import os
+import pty
+import shutil
+import socket
+import threading
+import time
+import tty
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from itertools import count, product
+
+import numpy as np
+import pytest
+from devices.servers import begun
+from experiments.some import TASK, experiment, observer
+from live.test_server import greeted
+
+from stimlib import Input, MotionError, Param, Scene
+from stimlib.checks import verify_log
+from stimlib.devices import (
+    Live,
+    NullSink,
+    Signal,
+    Signals,
+    Stream,
+    lsl_motion,
+    osc_motion,
+    serial_motion,
+    udp_motion,
+)
+from stimlib.experiments import ConstantStimuli, Session, Simulated, Timing, present, run
+from stimlib.experiments.reader import columns, sessions, status
+from stimlib.files import read_log
+from stimlib.live.server import Server
+from stimlib.live.stream import Stream as Site
+
+SPRING = Scene({"force": Param("k", 2.0, "N/m") * Input("x", "m")})
+GOOD = 0.0, 0.01
+
+# k-th row: the sender's time, its numbers (the second is x), and its OSC address
+WAYS = {
+    "never started": lambda k: None,
+    "to another place": lambda k: (k, GOOD),
+    "another address": lambda k: (k, GOOD, "/other"),
+    "too short": lambda k: (k, GOOD),  # its column is 2
+    "outside its limits": lambda k: (k, (0.0, 12.7)),
+    "text": lambda k: (k, ("hello", "world")),
+    "not finite": lambda k: (k, (0.0, math.nan)),
+    "the first row only": lambda k: None if k else (k, GOOD),
+    "out of order": lambda k: (1.0 - 1e-4 * k, GOOD),
+    "after the end": lambda k: (k, GOOD),
+}
+REASONS = {"text": ("no numbers", "not finite")} | {
+    w: (w,) for w in ("another address", "too short", "outside its limits", "not finite")
+}
+"""Ways in which rows come, and why they are rejected."""
+COMES = "the first row only", "out of order"
+"""Ways in which one row is taken."""
+
+NAMES = count()
+
+
+# Transports: a function that receives, and one that sends a row -----------------------
+def line(row):
+    return " ".join(map(str, (row[0], *row[1]))).encode() + b"\n"
+
+
+@contextmanager
+def udp():
+    receive = udp_motion(0, timed=True)
+    with receive, socket.socket(type=socket.SOCK_DGRAM) as here:
+        yield receive, lambda row: here.sendto(line(row), ("127.0.0.1", receive.port))
+
+
+@contextmanager
+def osc():
+    messages = pytest.importorskip("pythonosc.osc_message_builder")
+    with socket.socket(type=socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+
+    def send(row):
+        message = messages.OscMessageBuilder(address=row[2] if len(row) > 2 else "/hand")
+        for v in row[1]:
+            message.add_arg(v)
+        here.sendto(message.build().dgram, ("127.0.0.1", port))
+
+    with osc_motion(port, "/hand") as receive, socket.socket(type=socket.SOCK_DGRAM) as here:
+        yield receive, send
+
+
+@contextmanager
+def serial():
+    pytest.importorskip("serial")
+    here, port = pty.openpty()
+    tty.setraw(port)
+    with serial_motion(os.ttyname(port), timed=True) as receive:
+        os.write(here, b"\n")  # what is before the first end of a line may be cut
+        receive(1.0)
+        yield receive, lambda row: os.write(here, line(row))
+    os.close(here), os.close(port)
+
+
+@contextmanager
+def lsl():
+    pylsl = pytest.importorskip("pylsl")
+    name, began = f"stimlib never {os.getpid()} {next(NAMES)}", pylsl.local_clock()
+    out = pylsl.StreamOutlet(pylsl.StreamInfo(name, "MoCap", 2, 500.0, "double64", name))
+    with lsl_motion(name) as receive:
+        yield receive, lambda row: out.push_sample(row[1], began + row[0])
+
+
+@contextmanager
+def own():
+    rows = []
+
+    def receive(timeout):
+        time.sleep(0.002)
+        taken, rows[:] = rows[:], []
+        return [values for _, values, *_ in taken], [at for at, *_ in taken]
+
+    yield receive, rows.append
+
+
+LINKS = {f.__wrapped__.__name__: f for f in (udp, osc, serial, lsl, own)}
+ABSENT = {
+    *((name, "another address") for name in LINKS if name != "osc"),
+    ("osc", "out of order"),  # which sends no time
+    ("lsl", "text"),
+}
+"""What a transport has no way to do."""
+
+
+@contextmanager
+def linked(link, way):
+    """Yield what receives, and ``feed(over)``, which sends the next row of this way."""
+    with LINKS[link]() as (receive, send), LINKS[link]() as (_, elsewhere):
+        to, numbers = elsewhere if way == "to another place" else send, count()
+
+        def feed(over=False):
+            row = WAYS[way](next(numbers)) if over or way != "after the end" else None
+            if row is not None:
+                to(row)
+            time.sleep(0.003)
+
+        yield receive, feed
+
+
+def source(receive, way, **more):
+    columns = {"x": 2 if way == "too short" else 1}
+    return Stream(receive=receive, columns=columns, limits={"x": (0.0, 0.02)}, **more)
+
+
+def until(there, feed):
+    """Go on until what was sent has come, however busy the machine is."""
+    end = time.monotonic() + 10
+    while not there() and time.monotonic() < end:
+        feed()
+
+
+def names_it(way, text, rejected):
+    """Whether a text says that no motion came, and why as far as it can be known."""
+    assert "no motion was received" in text, text
+    assert set(rejected) <= {*REASONS.get(way, ()), "partial line"}, rejected
+    if way in REASONS:
+        assert any(why in rejected and f"{why} (first: " in text for why in REASONS[way]), text
+    elif way == "after the end":
+        assert "too late" in text or "no row came" in text, text
+    elif "partial line" not in rejected:  # the first of a serial port
+        assert "no row came at" in text and "is the sender running" in text, text
+
+
+# Settings -----------------------------------------------------------------------------
+def session(link, way, folder, silence):
+    """A session on a sink: it raises, its report, its log and ``verify`` say why."""
+    with linked(link, way) as (receive, feed):
+        motion = source(receive, way, silence=silence)
+        sink = NullSink(SPRING, 50.0, motion=motion, log=folder, realtime=False)
+        said = ""
+        try:
+            with begun(sink, 0.1, fs=1000):
+                while not sink.finished:
+                    feed()
+                feed(True)
+                until(lambda: way not in REASONS or sink._feeder.rejected, feed)
+        except MotionError as e:
+            said = str(e)
+    sink._worker.join(60)  # a busy machine writes it later than ``close`` waits
+    report, log = sink.report(), read_log(folder)
+    if way in COMES and report.rows:
+        assert said or "motion stale 1 times" in str(report) or "1 rows of motion" in str(report)
+        return
+    names_it(way, said, report.rejected)
+    assert report.silent in said and report.silent in str(report)
+    assert log.report["silent"] == report.silent
+    event = [e.data for e in log.events if e.kind == "rows"][-1]
+    assert (event["silent"], event["rejected"]) == (report.silent, report.rejected)
+    found = verify_log(log)
+    assert not found.passed and found.checks[0].name == "no motion was received"
+    assert [c.name for c in found.checks if not c.passed] == ["no motion was received"]
+
+
+def trial(link, way, folder, silence):
+    """A trial of an experiment: it is no answer, and says why."""
+    with linked(link, way) as (receive, feed):
+        made = experiment(motion=source(receive, way, silence=silence))
+        design = made.designed("P01")
+
+        def hand(sink):
+            while not sink.finished:
+                feed()
+            feed(True)
+            until(lambda: way not in REASONS or sink._feeder.rejected, feed)
+
+        made = dataclasses.replace(made, hand=hand)
+        task = design.next(design.init(1))
+        shown = present(made, task, "null", folder, realtime=False)
+    if way in COMES and silence == "hold" and shown.get("rows"):
+        assert shown["rows"] == 1
+        return
+    assert shown["missed"] and shown["silent"]
+    if way not in COMES:
+        names_it(way, shown["silent"], shown.get("rejected", {}))
+        assert shown["peak"] == {"force": [0.0, 0.0]}
+
+
+def page(link, way, folder, silence):
+    """A session of the live page, whose x is a number of the stream."""
+    with linked(link, way) as (receive, feed):
+        site = Site(
+            SPRING, 1000.0, 50.0, ranges={"x": (0, 0.02)}, block=20, stream=receive, folder=folder
+        )
+        with Server(site, token="T") as server, greeted(server) as client:
+            channel = 2 if way == "too short" else 1
+            client.say("source", input="x", **{"from": "stream"}, channel=channel)
+            client.say("start")
+            client.until(phase="running")
+            for _ in range(10):
+                feed()
+            until(lambda: way not in REASONS or site.inputs.rejected, feed)
+            client.say("stop")
+            why = client.until(phase="idle")["why"]
+            assert not [m for m in client.texts if m["is"] == "error"]
+            report = [m for m in client.texts if m["is"] == "report"][-1]
+    if way in COMES and not why:
+        assert report["rows"]
+        return
+    names_it(way, why, report["rejected"])
+    assert "no motion was received" in report["silent"]
+
+
+@pytest.mark.filterwarnings("ignore:the log is not written yet")
+@pytest.mark.parametrize(
+    "setting, silence, more",
+    [(session, "stop", ("fade", "hold")), (trial, "fade", ("hold", "stop")), (page, "", ())],
+)
+def test_motion_that_never_comes_is_no_success(setting, silence, more, tmp_path):
+    """Every way over every transport, all at once; one with all that silence may do."""
+    cases = [*product(LINKS, WAYS, [silence]), *product(["own"], WAYS, more)]
+    cases = [case for case in cases if case[:2] not in ABSENT]
+    with ThreadPoolExecutor(16) as pool:
+        running = {}
+        for link, way, silent in cases:
+            (folder := tmp_path / f"{link} {way} {silent}").mkdir()
+            running[link, way, silent] = pool.submit(setting, link, way, folder, silent)
+    failed = {case: done.exception() for case, done in running.items() if done.exception()}
+    assert len(running) >= 41 and not failed, failed
+
+
+@pytest.mark.parametrize("clocked", [False, True])
+@pytest.mark.parametrize(
+    "motion, says", [(Live(), "nothing was pushed"), (Signals({"x": Signal(1.0)}), "not connected")]
+)
+def test_nothing_pushed_and_nothing_connected_are_no_success(motion, says, clocked, tmp_path):
+    how = {"clocked": clocked, "realtime": False, "log": tmp_path / "a"}
+    sink = NullSink(SPRING, 50.0, motion=motion, **how)
+    with pytest.raises(MotionError, match=f"null: no motion was received: .*{says}"):
+        with begun(sink, 0.1, fs=1000):
+            sink.wait()
+    assert says in sink.report().silent and says in str(sink.report())
+    assert verify_log(read_log(tmp_path / "a")).checks[0].name == "no motion was received"
+
+
+def streamed(receive, seconds, **more):
+    motion = Stream(receive=receive, columns={"x": 1}, **more)
+    return begun(NullSink(SPRING, 50.0, motion=motion, realtime=False), seconds, fs=1000)
+
+
+def test_a_stream_that_stops_awaits_its_first_row_for_longer_than_the_next():
+    calls, over = count(), threading.Event()
+
+    def receive(timeout):
+        time.sleep(0.004)
+        comes = next(calls) > 20 and not over.is_set()  # at least 80 ms late
+        return ([GOOD], [math.nan]) if comes else ([], [])
+
+    with streamed(receive, 0.3, silence="stop") as sink:
+        sink.wait()
+        over.set()
+        time.sleep(0.15)  # a session that has ended awaits none
+    assert sink.report().rows > 1 and not sink.report().silent
+    with pytest.raises(MotionError, match="no row came at the receiver: is the sender running"):
+        with streamed(
+            lambda timeout: time.sleep(timeout) or ([], []), None, silence="stop"
+        ) as sink:
+            sink.wait(30)
+    assert sink.report().produced < 30_000
+
+
+def test_motion_in_the_last_fade_is_none():
+    with pytest.raises(MotionError, match="nothing was pushed in time"):
+        with begun(NullSink(SPRING, 50.0, motion=Live(), clocked=False), block=1) as sink:
+            sink.pump.stop("stop")
+            while not sink.finished:
+                sink.pump.put_motion(np.full((1, 1), 0.01))
+
+
+def test_a_killed_session_and_an_older_log_say_it_too(tmp_path):
+    """The killed one by its events, the older one because its gain never rose."""
+    folder, killed, older = (tmp_path / name for name in ("a", "killed", "older"))
+    with pytest.raises(MotionError):
+        motion = Stream(receive=lambda s: time.sleep(s) or ([(9.9,)], [0.0]), columns={"x": 1})
+        sink = NullSink(SPRING, 50.0, motion=motion, realtime=False, log=folder)
+        with begun(sink, fs=1000):
+            until(
+                lambda: '"rows"' in (folder / "events.jsonl").read_text(), lambda: time.sleep(0.01)
+            )
+            shutil.copytree(folder, killed)
+    shutil.copytree(folder, older)
+    lines = (folder / "events.jsonl").read_text().splitlines(True)
+    (older / "events.jsonl").write_text("".join(x for x in lines if '"kind": "rows"' not in x))
+    facts = json.loads((folder / "report.json").read_text())
+    assert facts["rejected"].keys() == {"too short"}
+    for name in ("silent", "rows", "rejected", "quiet"):
+        del facts[name]
+    (older / "report.json").write_text(json.dumps(facts))
+    for place, says in ((killed, "1 too short"), (older, "the gain rises"), (folder, "too short")):
+        first = verify_log(read_log(place)).checks[0]
+        assert first.name == "no motion was received" and not first.passed
+        assert says.lstrip("1 ") in first.text
+
+
+# Trials -------------------------------------------------------------------------------
+class Told(Simulated):
+    """A simulated participant who remembers what is said."""
+
+    def __init__(self, session):
+        super().__init__(session, observer)
+        self.said = []
+
+    def tell(self, text):
+        self.said.append(text)
+
+    ready = tell
+
+
+def test_a_trial_without_motion_is_presented_again_and_the_session_can_be_resumed(tmp_path):
+    shown, there = count(1), 99  # which presentation has motion
+
+    def receive(timeout):
+        time.sleep(0.004)
+        return ([GOOD], [math.nan]) if presented >= there else ([], [])
+
+    def hand(sink):
+        nonlocal presented
+        presented = next(shown)
+
+    made = experiment(
+        design=ConstantStimuli(((TASK, 4.0),)),
+        motion=Stream(receive=receive, columns={"x": 1}, silence="hold"),
+        hand=hand,
+        timing=Timing(interval=0.1, gap=0.05, before=0.2, ramp=0.0),
+    )
+    presented = 0
+    with pytest.raises(MotionError, match="3 presentations in a row: null: no motion was rec"):
+        with Session(made, tmp_path, "P01") as session:
+            run(session, Told(session), "null", realtime=False)
+    assert session.records == [] and next(shown) == 4
+    there = 6  # the second presentation after the one that this line has counted
+    with Session(made, tmp_path, "P01", resume=True) as again:
+        run(again, told := Told(again), "null", realtime=False)
+    first, second = again.records[0].displayed
+    assert (
+        first["missed"] and "no row came" in first["silent"] and first["log"].endswith("-4.stimlog")
+    )
+    assert "missed" not in second and second["rows"] > 1 and second["peak"]["force"][0] > 0
+    assert [x for x in told.said if "movement" in x or x == "Once more"] == [
+        "Your movement was not received. You will feel the same again.",
+        "Once more",
+    ]
+    table = columns(sessions(made.name, tmp_path))
+    assert table["missed"] == [1] and table["rows"] == [second["rows"]]
+    (saved,) = sessions(made.name, tmp_path)
+    assert (status(saved)["missed"], status(saved)["rejected"]) == (1, {})
+
+
+def test_who_is_away_may_be_so_for_longer(tmp_path):
+    """A page that is gone says nothing of the motion: it is waited for."""
+    made = experiment(design=ConstantStimuli(((TASK, 4.0),)))
+    shown = iter([{"missed": True}] * 5 + [{}])
+    with Session(made, tmp_path, "P01") as session:
+        run(session, told := Told(session), lambda trial, folder: next(shown))
+    assert len(session.records[0].displayed) == 6 and "connection was lost" in str(told.said)
+
+
+def test_motion_that_stays_away_within_an_interval_makes_the_trial_be_presented_again(tmp_path):
+    """The first interval is whole; the motion ends before the second."""
+    timing = Timing(interval=0.1, gap=0.5, before=0.5, ramp=0.0)
+    push = {"motion": Live(keep=1.0), "hand": lambda sink: sink.push(np.full((1, 735), 0.5))}
+    made = experiment(timing=timing, **push)
+    design = made.designed("P01")
+    task = design.next(design.init(1))
+    shown = present(made, task, "null", tmp_path / "a", realtime=False)
+    assert shown["missed"] and shown["away"] == [0.0, 0.1] and shown["quiet"] > 0.05
+    assert shown["silent"] == "no motion came for 0.1 s of an interval"
+    assert shown["peak"]["force"][0] > 0 == shown["peak"]["force"][1]
