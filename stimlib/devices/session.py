@@ -232,8 +232,8 @@ class Recorder:
         counts = self.watch.counts(), self.watch.outside()
         self._counted_at = time.monotonic()
         if counts != self._counts:
-            self._counts = counts
-            self._put(self.pump.index, "clip", counts=counts[0], outside=counts[1])
+            self._counts, outside = counts, {"outside": counts[1]} if counts[1] else {}
+            self._put(self.pump.index, "clip", counts=counts[0], **outside)
 
     def _put_events(self, until: int) -> None:
         """Log the events at or before a sample."""
