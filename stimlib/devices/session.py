@@ -184,10 +184,7 @@ class Recorder:
         self._pending: list[tuple[int, str, dict[str, Any]]] = []
         self._gone: list[str] = []  # outputs that have failed
         # what the log has; of a motion that is not counted and came it needs no more
-        self._counts: dict[str, dict[str, Any]] = {
-            "clip": {"counts": {}, "outside": {}},
-            "rows": {"silent": ""},
-        }
+        self._counts: dict[str, dict[str, Any]] = {"clip": {"counts": {}}, "rows": {"silent": ""}}
         self._counted_at = time.monotonic()
 
     def drain(self) -> None:
@@ -258,7 +255,8 @@ class Recorder:
 
     def _put_counts(self) -> None:
         self._counted_at = time.monotonic()
-        clip = {"counts": self.watch.counts(), "outside": self.watch.outside()}
+        outside = self.watch.outside()
+        clip = {"counts": self.watch.counts()} | ({"outside": outside} if outside else {})
         for kind, now in ("clip", clip), ("rows", self._received()):
             if now and now != self._counts[kind]:
                 self._counts[kind] = now
