@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numpy as np
 
@@ -56,7 +57,14 @@ def _scanned(b, fs, x, y):
 def _playback(b, fs, x, y):
     from ...design.filters import resampled  # how it keeps waves, tests/blocks/test_events.py says
 
-    n, table = sample_of(x[0], fs), resampled(b.samples, b.rate, fs)
+    n = sample_of(x[0], fs)
+    if b.loop and fs != b.rate:  # so many turns are so many samples, up to 2^17
+        one = b.samples.size * Fraction(fs) / Fraction(b.rate)
+        whole = one.limit_denominator(max(1, 2**17 // one)) or Fraction(1, 2**17 // one)
+        at = [float(v * b.samples.size / whole) for v in (n % whole.numerator).astype(int)]
+        want, _ = _scanned(b, fs, [np.array(at) / b.rate], y)
+        return near(np.where(n >= 0, want, 0), 1e-13)
+    table = resampled(b.samples, b.rate, fs)
     inside = (n >= 0) & (b.loop | (n < table.size))
     return near(np.where(inside, table[n % table.size], 0), 1e-13)
 
