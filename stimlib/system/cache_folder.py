@@ -13,12 +13,14 @@ import stat
 import tempfile
 import threading
 import warnings
-from importlib import _bootstrap as imports  # type: ignore[attr-defined]
+from importlib import _bootstrap
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
 lock = threading.RLock()
+imports: Any = _bootstrap
 
 
 def _hold() -> None:
