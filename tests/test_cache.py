@@ -434,6 +434,45 @@ def test_forks_and_threads_in_any_order_compile_each_entry_once(tmp_path):
     assert re.fullmatch(r"ends_\w{20}\.\w{8}\.tmp", left), "what the killed one left; no lock"
 
 
+LAZY = """
+import os, signal, sys, threading
+import numpy as np
+import stimlib
+def used():
+    x = stimlib.Input("x", "kg*m/s^2/m")
+    proc = stimlib.compile(stimlib.Scene({"y": x * 2.0}), 1000, sys.argv[2])
+    os.write(1, b"%g\\n" % proc.process(np.ones((1, 1)))[0, 0])
+other = threading.Thread(target=used)
+other.start()
+while sys.argv[1] not in sys.modules:
+    pass
+if not (pid := os.fork()):
+    signal.alarm(40)
+    try:
+        used()
+        os._exit(0)
+    finally:
+        os._exit(1)
+sys.exit(os.waitpid(pid, 0)[1] != 0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "target"),
+    [
+        ("pint", "numba"),  # while it is imported, by a thread that has no twin in the child
+        ("numba", "numba"),
+        ("stimlib.targets.numba.engine", "numba"),
+        ("stimlib.targets.python", "python"),
+    ],
+)
+def test_a_fork_while_a_thread_renders_for_the_first_time_renders(module, target, tmp_path):
+    (tmp_path / "lazy.py").write_text(LAZY)
+    words = [sys.executable, "-W", "ignore", "lazy.py", module, target]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, timeout=100)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "2\n2\n", "")
+
+
 # Blocks of users ----------------------------------------------------------------------
 MODULE = """
 from dataclasses import dataclass

@@ -130,7 +130,12 @@ def chirp(f0: float, f1: float, seconds: float, kind: str = "linear") -> Block:
     return Chirp(Time(), f0, f1, seconds, kind)
 
 
+FINE = 2**17
+"""Samples of the turns of a loop that is no whole number of samples: 1 MB."""
+
+
 # Parameters of `Playback` at a sample rate.
+#   samples  of a loop, those of several turns where one is no whole number of them
 PlaybackParams = namedtuple("PlaybackParams", "fs samples loop")
 
 
@@ -160,12 +165,17 @@ class Playback(Block):
             8 * self.samples.size * fs / self.rate,
             f"playback: bytes of its samples at fs = {fs:g} Hz",
         )
-        return (
-            PlaybackParams(
-                fs, resampled(self.samples, self.rate, fs, name="playback"), float(self.loop)
-            ),
-            (),
-        )
+        if not self.loop or fs == self.rate:
+            table = resampled(self.samples, self.rate, fs, name="playback")
+            return PlaybackParams(fs, table, float(self.loop)), ()
+        p, _ = Scanned(self.t, self.samples, self.rate, True, self.unit).design(fs)
+        length = self.samples.size * Fraction(fs) / Fraction(self.rate)
+        most = max(1, int(FINE / length))
+        # samples over turns, nearest to the length of a turn
+        size, turns = max(length.limit_denominator(most), Fraction(1, most)).as_integer_ratio()
+        at = np.arange(size) * (int(p.size) * turns)
+        y = between(p.samples, at // size % int(p.size), at % size / size)
+        return PlaybackParams(fs, y, 1.0), ()
 
     @staticmethod
     def step(p, s, t):
@@ -270,7 +280,10 @@ def playback(
     rate : float
         Their sample rate in Hz.
     loop : bool
-        Again and again; the length of a loop is rounded up to whole samples of fs.
+        Again and again, without a seam.  A loop need not be a whole number of samples
+        of fs: its frequencies are off by less than 8e-6 of themselves, and exact where
+        turns of it are a whole number of samples up to 131 072, such as 500 samples at
+        44.1 kHz, whose 147 turns are 80 000 at 48 kHz.
     unit : str
         Of the samples.
     at : Block, optional

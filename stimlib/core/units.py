@@ -10,6 +10,7 @@ import re
 from functools import cache, lru_cache
 
 from ..errors import UnitError, public
+from ..system.cache_folder import lock
 
 _SHOWN = (
     "m",
@@ -156,9 +157,10 @@ def _names() -> dict[Unit, str]:
 
 @cache
 def _registry():
-    import pint  # here, because it takes longer to load than the rest of stimlib together
+    with lock:  # a fork waits until it is loaded
+        import pint  # here, because it takes longer to load than the rest of stimlib together
 
-    return pint.UnitRegistry()
+        return pint.UnitRegistry()
 
 
 @public

@@ -247,7 +247,7 @@ class Hashes:
     def __init__(self, spans: list[Span]):
         self.spans, self.done = spans, 0
         self.wrong: list[tuple[int, int]] = []
-        self._digest, self._bad = hashlib.sha256(), False
+        self._digest = hashlib.sha256()
 
     def add(self, at: int, frames: NDArray[np.float32]) -> None:
         """Add delivered frames, beginning at sample ``at``."""

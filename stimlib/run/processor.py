@@ -26,6 +26,7 @@ from ..core.program import (
     rate,
 )
 from ..errors import BadValue, SceneError, StimlibError, UnknownName, one_of, public
+from ..system.cache_folder import lock
 from ..system.packages import package
 from .arguments import columns, explain, key
 from .many import Copies
@@ -163,15 +164,16 @@ class Processor:
             )
         one_of("target", target, TARGETS)
         self.scene, self.fs, self.target = scene, fs, target
-        self.program: Program = program_of(scene)
-        cost = 5000.0 if target == "python" and begun is None else 20.0
-        self.design = design_of(self.program, fs, cost)
-        check_memory(self.program, self.design, fs)
-        if target == "numba":
-            from ..targets.numba.engine import Engine
-        else:
-            from ..targets.python import Engine  # type: ignore[assignment]
-        self._engine = Engine(self.program, self.design, fs)
+        with lock:  # a fork waits: its child would wait for an import that no thread ends
+            self.program: Program = program_of(scene)
+            cost = 5000.0 if target == "python" and begun is None else 20.0
+            self.design = design_of(self.program, fs, cost)
+            check_memory(self.program, self.design, fs)
+            if target == "numba":
+                from ..targets.numba.engine import Engine
+            else:
+                from ..targets.python import Engine  # type: ignore[assignment]
+            self._engine = Engine(self.program, self.design, fs)
         self._run = self._engine.process
         self.inputs: tuple[str, ...] = tuple(self.program.inputs)
         self.outputs: tuple[str, ...] = tuple(self.program.outputs)

@@ -6,22 +6,39 @@ Nobody else can write there.
 from __future__ import annotations
 
 import atexit
+import concurrent.futures.thread  # noqa: F401 - has its hooks of a fork before one can wait here
 import os
 import shutil
 import stat
 import tempfile
 import threading
 import warnings
+from importlib import _bootstrap
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
 lock = threading.RLock()
-# a child has no thread that would finish an entry and free what is locked for it
+imports: Any = _bootstrap
+
+
+def _hold() -> None:
+    """Take the lock at a moment at which no thread imports a part of stimlib."""
+    for _ in range(100):
+        lock.acquire()
+        # a module that is looked for is in no public table
+        if not (busy := [n for n in list(imports._module_locks) if n.startswith("stimlib")]):
+            return
+        lock.release()  # which the import may need
+        for name in busy:
+            imports._lock_unlock_module(name)
+    lock.acquire()
+
+
+# a child has no thread that would finish an entry, or an import, and free what it holds
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(
-        before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release
-    )
+    os.register_at_fork(before=_hold, after_in_parent=lock.release, after_in_child=lock.release)
 _folder: Path | None = None
 
 

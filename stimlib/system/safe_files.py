@@ -13,6 +13,7 @@ from contextlib import ExitStack, suppress
 from importlib import import_module
 from io import FileIO
 from pathlib import Path
+from typing import Any
 
 from ..errors import SinkError, StimlibError
 from .limits import limits
@@ -262,9 +263,7 @@ def publish(
     publish_all({path: data}, error)
 
 
-def publish_all(
-    files: Mapping[str | os.PathLike[str], bytes | str], error: type[StimlibError] = SinkError
-) -> None:
+def publish_all(files: Mapping[Any, bytes | str], error: type[StimlibError] = SinkError) -> None:
     """Write small files that belong together, each as ``publish`` does.
 
     All are on the disk before the first is moved into place, so that a full disk or a

@@ -137,9 +137,41 @@ def test_an_event_at_the_first_instant_of_each_period_is_there_once(jitter):
 def test_a_recording_is_played_once_or_again_and_again():
     x = np.array([1.0, -2.0, 3.0])
     assert played(b.playback(x, rate=1000), 6).tolist() == [1, -2, 3, 0, 0, 0]
+    loop = b.playback(x, rate=1000, loop=True)
+    assert played(loop, 25).tolist() == np.resize(x, 25).tolist()
     np.testing.assert_array_equal(
-        played(b.playback(x, rate=300, loop=True), 25), np.resize(resampled(x, 300, 1000), 25)
+        played(b.playback(x, rate=300), 25), np.append(resampled(x, 300, 1000), np.zeros(15))
     )
+
+
+@pytest.mark.parametrize(
+    ("n", "rate", "fs", "cycles"),
+    [
+        (500, 44100, 48000, 5),  # 147 turns are 80 000 samples
+        (500, 44100, 8000, 5),
+        (480, 48000, 44100, 100),  # one turn is 441 samples
+        (7, 1000, 48000, 3),
+        (100, 1000, 3333.3, 10),
+        (44101, 44100, 48000, 441),  # no table holds a whole number of turns
+        (500, 44100.1, 48000, 5),
+        (3, 8000, 1000, 1),  # beyond fs/2
+    ],
+)
+def test_a_loop_has_no_seam_and_its_frequency_at_every_rate(n, rate, fs, cycles):
+    f, t = cycles * rate / n, np.arange(round(2 * fs)) / fs
+    y = played(
+        b.playback(np.cos(2 * np.pi * cycles * np.arange(n) / n), rate, loop=True), t.size, fs=fs
+    )
+    exact = (n * Fraction(fs) / Fraction(rate)).numerator <= 2**17
+    if f > fs / 2:
+        assert np.abs(y).max() < 1e-5
+        return
+    drift = 0.0 if exact else 2 * np.pi * f * t / 2**17
+    assert (np.abs(y - np.cos(2 * np.pi * f * t)) <= 1e-5 + drift).all()
+    # whatever its frequency is, it is one line
+    near = np.array([np.cos(2 * np.pi * f * t), np.sin(2 * np.pi * f * t)])
+    grown = np.concatenate([near, near * t, near * t * t])
+    assert np.abs(y - grown.T @ np.linalg.lstsq(grown.T, y)[0]).max() < 2e-5
 
 
 @pytest.mark.parametrize(("rate", "loop"), [(1000, False), (300, True), (4000, True)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 
 import numpy as np
 
@@ -29,6 +30,10 @@ def _chirp(b, fs, x, y):
 
 @law("Scanned", since=0)
 def _scanned(b, fs, x, y):
+    return near(_in_table(b, fs, x[0]), 1e-9)
+
+
+def _in_table(b, fs, at):
     from ...design.filters import HALF, resampled  # as of ``Playback``
 
     # samples beside the table that are resampled with it
@@ -41,7 +46,7 @@ def _scanned(b, fs, x, y):
         "playback",
     )
     table, n = table[8 * more - 2 :], 8 * b.samples.size  # two samples before its first
-    u = x[0] * (8 * b.rate)
+    u = at * (8 * b.rate)
     k = np.floor(u)
     inside = b.loop | ((k >= 0) & (k < n))
     j = np.arange(6.0)
@@ -49,14 +54,20 @@ def _scanned(b, fs, x, y):
     weights = [np.prod([(u - k + 2 - m) / (i - m) for m in j if m != i], axis=0) for i in j]
     first = np.where(inside, k % n, 0).astype(int)
     want = np.sum([w * table[first + i] for i, w in enumerate(weights)], axis=0)
-    return near(np.where(inside, want, 0), 1e-9)
+    return np.where(inside, want, 0)
 
 
 @law("Playback", since=0)
 def _playback(b, fs, x, y):
     from ...design.filters import resampled  # how it keeps waves, tests/blocks/test_events.py says
 
-    n, table = sample_of(x[0], fs), resampled(b.samples, b.rate, fs)
+    n = sample_of(x[0], fs)
+    if b.loop and fs != b.rate:  # so many turns are so many samples, up to 2^17
+        one = b.samples.size * Fraction(fs) / Fraction(b.rate)
+        whole = one.limit_denominator(max(1, 2**17 // one)) or Fraction(1, 2**17 // one)
+        at = [float(v * b.samples.size / whole) for v in (n % whole.numerator).astype(int)]
+        return near(np.where(n >= 0, _in_table(b, fs, np.array(at) / b.rate), 0), 1e-13)
+    table = resampled(b.samples, b.rate, fs)
     inside = (n >= 0) & (b.loop | (n < table.size))
     return near(np.where(inside, table[n % table.size], 0), 1e-13)
 

@@ -7,7 +7,6 @@ machine (``segments``, ``cache``).
 from __future__ import annotations
 
 import copy
-import threading
 import types
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -21,6 +20,7 @@ from ...blocks.noise import FilteredNoise, Modes, White
 from ...core import steps
 from ...core.graph import Block, Map, Param, Pick, at_rest, pack
 from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
+from ...system.cache_folder import lock
 from . import entry_points, vectors
 from .cache import expect, load
 from .segments import Form, kinds, noise_behind, segment, written
@@ -350,9 +350,6 @@ class Engine:
         self.S[: self.size] = w
 
 
-_one = threading.Lock()
-
-
 @cache
 def _white() -> Engine:
     program = lower({"white": White(0)})
@@ -374,7 +371,7 @@ def normals(key: np.uint64, n: int) -> np.ndarray:
     True
     """
     y = np.empty((1, n))
-    with _one:
+    with lock:
         engine = _white()
         engine.S[0], engine.S[1] = key, 0  # see WhiteState
         engine.process(np.empty((0, n)), y)
