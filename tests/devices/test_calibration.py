@@ -299,7 +299,10 @@ def test_what_is_felt_stays_within_what_is_stated(name, stimuli):
     ids=["tone", "square", "pulse", "500 Hz", "noise"],
 )
 def test_nothing_outside_of_the_band_is_made_larger(asked, limit, felt_before, felt_now):
-    """Finding of version 0.1: the inverse was free outside of its band."""
+    """The inverse of version 0.1 was free outside of its band.
+
+    ``felt_before`` is the largest that was found for such requests.
+    """
     device, rng = ACTUATORS["180 Hz, Q 12"], np.random.default_rng(5)
     made = device.calibrated(rng)
     y = asked(np.arange(int(1.5 * FS)) / FS, rng)
