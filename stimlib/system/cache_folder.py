@@ -25,10 +25,11 @@ imports: Any = _bootstrap
 
 def _hold() -> None:
     """Take the lock at a moment at which no thread imports a part of stimlib."""
+    locks = getattr(imports, "_module_locks", {})  # private: without it, a fork does not wait
     for _ in range(100):
         lock.acquire()
         # a module that is looked for is in no public table
-        if not (busy := [n for n in list(imports._module_locks) if n.startswith("stimlib")]):
+        if not (busy := [n for n in list(locks) if n.startswith("stimlib")]):
             return
         lock.release()  # which the import may need
         for name in busy:
