@@ -102,7 +102,13 @@ def serial():
     with serial_motion(os.ttyname(port), timed=True) as receive:
         os.write(here, b"\n")  # what is before the first end of a line may be cut
         receive(1.0)
-        yield receive, lambda row: os.write(here, line(row))
+
+        def send(row):
+            data = line(row)
+            while data:  # of a full buffer a write may take a part of it
+                data = data[os.write(here, data) :]
+
+        yield receive, send
     os.close(here), os.close(port)
 
 
