@@ -306,7 +306,8 @@ def headers():
     """Names of headers that a compiler finds for usual includes: with -I, it would read
     ours.
     """
-    heads = "stdio math pthread unistd complex threads netdb semaphore dirent tgmath spawn".split()
+    heads = "stdio math pthread unistd complex threads netdb semaphore dirent tgmath spawn"
+    heads = [*heads.split(), *"inttypes locale setjmp signal fenv uchar wctype glob ftw".split()]
     text = "".join(f"#include <{name}.h>\n" for name in heads)
     found = subprocess.run(["gcc", "-H", "-E", "-"], input=text, capture_output=True, text=True)
     paths = (Path(line.split()[-1]) for line in found.stderr.splitlines() if line[:1] == ".")
@@ -320,7 +321,17 @@ def test_names_that_would_be_the_same_in_c_are_refused(tmp_path):
     for names in (["k", "K"], ["fs"], ["tile"]):
         scene = Scene({f"y{n}": x * Param(n, 1.0) for n in names})
         refused(BadValue, "is there already; rename", export_c, scene, 1000, tmp_path, way)
-    for name in ("math", "test", "stimlib", "stddef", "limits", "errno", "lpt3", *headers()):
+    for name in (
+        "math",
+        "test",
+        "stimlib",
+        "stddef",
+        "limits",
+        "errno",
+        "com1",
+        "lpt9",
+        *headers(),
+    ):
         says = f"name = '{name}' is taken.* give another, such as '{name}_stimulus'"
         refused(BadValue, re.compile(says), export_c, Scene({"y": x}), 1000, tmp_path, way, name)
     short = {"x": np.ones(10)}

@@ -430,8 +430,10 @@ class Staircase:
             )
         if last is not None and (not _counts(last) or last % 2):
             raise BadValue(f"Staircase.estimate: last = {last!r} must be an even number from 2 on")
-        state = self.init(0) | {"level": rows[0, 0] if rows.size else 0.0}
         near = 1e-9 * (self.bounds[1] - self.bounds[0])
+        for bound in self.bounds:  # of which a file of few digits has the nearest
+            rows[0, np.abs(rows[0] - bound) <= near] = bound
+        state = self.init(0) | {"level": rows[0, 0] if rows.size else 0.0}
         for level, result in rows.T.tolist():
             if not math.isclose(level, state["level"], rel_tol=1e-9, abs_tol=near):
                 raise BadValue(
@@ -450,8 +452,7 @@ class Staircase:
             off = pairs - mean
             rho = min(max(float(off[1:] @ off[:-1] / (off @ off or 1.0)), 0.0), 0.9)
             error = math.sqrt(off @ off / (n * (n - 1)) * (1 + rho) / (1 - rho))
-        on_bound = (np.abs(used[:, None] - self.bounds).min(1) <= near).sum()
-        edge = state["still"] >= self.stuck or on_bound > len(used) / 4
+        edge = state["still"] >= self.stuck or np.isin(used, self.bounds).sum() > len(used) / 4
         return {
             "level": 10.0**mean if tenfold else mean,
             "error": error * (tenfold or 1.0),

@@ -133,18 +133,20 @@ def test_a_frequency_of_half_the_rate_is_refused_as_a_parameter_and_counted_as_a
     )
     proc = stimlib.compile(scene, FS)
     proc.set("f", 3999.0)
+    copies = proc.many([0, 1])
+    before = [dict(one.params) for one in copies]
     with NullSink(scene, 50.0, clocked=False) as sink:
         sink.open(FS)
         for call in (
             lambda: proc.set("f", 4000.0),
-            lambda: proc.many([0, 1]).set("f", [100.0, 4000.0]),
+            lambda: copies.set("f", [200.0, 4000.0]),
             lambda: sink.set("f", 5000.0),
             lambda: stimlib.render(scene, fs=FS, seconds=0.01, params={"f": 1e6}),
             lambda: stimlib.compile(Scene({"y": make(Param("f", 4000.0, "Hz"))}), FS),
         ):
             with pytest.raises(BadValue, match=says):
                 call()
-    assert proc.params == {"f": 3999.0}
+    assert proc.params == {"f": 3999.0} and [one.params for one in copies] == before
     scene, f = Scene({"y": make(Input("f", "Hz"))}), np.full(800, 3999.0)
     for stretch, count in ((slice(0, 0), 0), (slice(300, 400), 100)):
         f[stretch] = 4000.0

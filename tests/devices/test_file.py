@@ -1096,6 +1096,15 @@ def test_a_sound_file_that_is_cut_short_says_what_is_missing(format, subtypes, t
                     assert lost >= cut // frame
 
 
+@pytest.mark.skipif("MP3" not in sf.available_formats(), reason="needs libsndfile 1.1 or later")
+def test_an_mp3_that_is_cut_short_says_so(tmp_path):
+    """Its header has the number of frames, and no size."""
+    path = tmp_path / "a.mp3"
+    sf.write(path, np.random.default_rng(3).uniform(-0.5, 0.5, 44100), 44100)
+    path.write_bytes(path.read_bytes()[:-2000])
+    refused(SinkError, r"the last \d+ of its 44100 frames are missing", file.as_scene, path)
+
+
 def test_a_sound_file_from_a_pipe_is_as_long_as_it_is(tmp_path):
     path = tmp_path / "a.wav"
     sf.write(path, np.linspace(-0.5, 0.5, 100), 8000)

@@ -545,17 +545,19 @@ def test_lifts_and_jumps_need_a_scene_that_can_know(csv):
 def test_a_lifted_finger_holds_a_position_and_exerts_no_force(csv, unit, lifted, zero):
     """By the input's unit, or as it is said; the text in a sidecar makes it again."""
     r = recording(csv(LIFT), {"x": "x*1e-3", "a": "x*1e-3"}, lifted=lifted)
-    inputs = {"x": Input("x", "m"), "a": Input("a", unit), "contact": Input("contact")}
+    inputs = {"x": Input("x", "m"), "a1": Input("a1", unit), "contact": Input("contact")}
     if zero is None:
-        refused(BadValue, "a is in m/s, .*say lifted={'a': 'zero'} or 'hold'", r.motion_for, inputs)
+        refused(
+            BadValue, "a1 is in m/s, .*say lifted={'a': 'zero'} or 'hold'", r.motion_for, inputs
+        )
         return
     motion, t = r.motion_for(inputs), np.linspace(-0.01, 0.15, 400)
-    x, a, on = (motion[name](t) for name in ("x", "a", "contact"))
+    x, a, on = (motion[name](t) for name in ("x", "a1", "contact"))
     held = recording(csv(LIFT), {"x": "x*1e-3"}).motion["x"](t)
     assert np.array_equal(x, held) and {0.0, 1.0} == {*on} and (x[on == 0] != 0).any()
     assert np.array_equal(a, x * on if zero else x)
-    assert np.array_equal(parse_source(repr(motion["a"]), pinned=True)(t), a)
-    assert motion["a"].info is r.info
+    assert np.array_equal(parse_source(repr(motion["a1"]), pinned=True)(t), a)
+    assert motion["a1"].info is r.info
 
 
 def test_a_rendering_and_its_sidecar(csv, tmp_path, monkeypatch):

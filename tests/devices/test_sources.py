@@ -73,7 +73,8 @@ def test_bad_numbers():
 def test_what_is_pushed_is_finite():
     with NullSink(Scene({"y": Input("a") + Input("b")}), 1.0, motion=Live(), clocked=False) as sink:
         sink.open(FS)
-        refused(BadValue, "push: b is nan in column 1", sink.push, {"a": [0, 1], "b": [2, np.nan]})
+        for b in ([2, np.nan], np.ma.array([2, 3], mask=[0, 1], dtype=float)):
+            refused(BadValue, "push: b is nan in column 1", sink.push, {"a": [0, 1], "b": b})
         assert sink.push({"a": [0, 1], "b": [2, 3]}) == 2
 
 

@@ -363,6 +363,7 @@ def heard(x, scale=1e-3):
     """The rows were taken in their order, and each that was is a position sent."""
     k = x / scale
     assert np.allclose(k, np.rint(k)) and (np.diff(k) >= 0).all() and k[-1] > 20
+    assert np.gcd.reduce(np.rint(k).astype(int)) == 1, "the scale is another"
 
 
 def test_motion_over_udp(there, using):
@@ -453,14 +454,15 @@ def test_silence_fades_holds_or_stops(silence, there, using):
 
 
 def test_rows_that_are_no_numbers_are_rejected():
-    rows = iter([([[0.001], [float("nan")], [], [0.002]], [float("nan")] * 4)])
+    rows = iter([([[0.001], [float("nan")], [], [], [0.002]], [float("nan")] * 5)])
     stream = Stream(
         receive=lambda timeout: next(rows, None) or (time.sleep(timeout), ([], []))[1],
         columns={"x": 0},
         silence="hold",
     )
     report, x = played_from(stream, lambda k: None, seconds=0.2)
-    assert (report.rows, report.rejected, x[-1]) == (2, {"not finite": 1, "too short": 1}, 0.002)
+    assert (report.rows, report.rejected, x[-1]) == (2, {"not finite": 1, "too short": 2}, 0.002)
+    assert "3 rows rejected: 2 too short, 1 not finite (count the numbers" in str(report)
 
 
 def test_a_receiver_that_raises_or_hangs_ends_the_session():

@@ -228,9 +228,14 @@ def kinds(tmp_path_factory):
     return found
 
 
+def is_said(path):
+    return "All answers are simulated." in path.read_text(encoding="utf-8")
+
+
 def bids_rows(found, folder):
     """Return the rows of a BIDS dataset where capitals do not count in names."""
     kept = {str(p).casefold(): p for p in to_bids(experiment(), found, folder, signals=False)}
+    assert is_said(folder / "README.md") == found[0].simulated
     whose = {p.parts[-4] for p in kept.values() if p.name.endswith("_beh.tsv")}
     listed = (folder / "participants.tsv").read_text().split()[1:]
     assert len({w.casefold() for w in whose}) == len(listed) and {*listed} == whose
@@ -246,6 +251,7 @@ def bids_rows(found, folder):
 def psych_rows(found, folder):
     kept = {str(p).casefold(): p for p in to_psych_ds(experiment(), found, folder)}
     tables = [p for p in kept.values() if p.suffix == ".csv"]
+    assert is_said(folder / "dataset_description.json") == found[0].simulated
     return [
         row
         for p in tables

@@ -90,6 +90,8 @@ def designs(draw, depth=2):
         task, levels, values = OneInterval("a", "softer", two), tuple(two), values[:2]
     if rove > 1 and kind != "quest":
         task, values = Roved(task, "k", rove), [v * f for v in values for f in (1 / rove, rove)]
+        if draw(st.booleans()):
+            task, values = Roved(task, "k", 1.1), [v * f for v in values for f in (1 / 1.1, 1.1)]
     if kind == "stairs":
         return Staircase(task, levels[0], (levels[0], levels[-1]), stuck=2, max_trials=30), values
     if kind == "quest":

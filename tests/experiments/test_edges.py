@@ -29,7 +29,8 @@ def found_by(design, truth, deviation, seed):
     who, state, rows = Psychometric(truth, deviation), design.init(seed), []
     for trial, answer in observed(design, seed, who, stream(seed, "who")):
         state = design.update(state, answer)
-        rows.append((trial.level, outcome(trial, answer)))
+        # as a file of few digits has it
+        rows.append((trial.level * (1 + 1e-12), outcome(trial, answer)))
     if isinstance(design, Staircase):
         return design.estimate(
             dict(zip(("level", "outcome"), zip(*rows, strict=True), strict=True))
@@ -71,8 +72,8 @@ def test_quest_says_it_of_every_parameter_of_interest():
     alone = found["lapse"]  # a single value, which is known
     assert dc.astuple(alone) == (0.02, 0.0, 0.02, 0.02, "")
     steady = {**state, "outcomes": [int(level > 1.6) for level in state["levels"]]}
-    found = wide.estimate(steady)
-    assert found["lapse"].problem == "", "no rate is below 0"
+    found = dc.replace(wide, guesses=(0.0, 0.05, 0.1)).estimate(steady)
+    assert found["lapse"].problem == found["guess"].problem == "", "no rate is below 0"
     assert found["deviation"].problem == "edge"
     both = dc.replace(wide, deviations=(0.2, 0.8))
     few = {"seed": 1, "levels": [*QUEST.levels], "outcomes": [0, 0, 1, 0, 0, 1, 0, 1, 1]}
@@ -80,9 +81,13 @@ def test_quest_says_it_of_every_parameter_of_interest():
     fresh = both.estimate({"seed": 1, "levels": [], "outcomes": []})["mean"]
     # uniform from 0.15 to 3.15, as a value stands for its neighbourhood
     assert dc.astuple(fresh)[:4] == pytest.approx((1.65, 3 / 12**0.5, 0.15, 3.15))
-    high = dc.replace(wide, levels=(0.2, 0.5, 0.8))
-    state = {"seed": 1, "levels": [0.8] * 9, "outcomes": [0] * 9}
-    assert high.estimate(state)["mean"].problem == "beyond"
+    fine = dc.replace(both, means=tuple(np.arange(41.0)))
+    fresh = fine.estimate({"seed": 1, "levels": [], "outcomes": []})["mean"]
+    assert dc.astuple(fresh)[:4] == pytest.approx((20.0, 41 / 12**0.5, 0.5, 39.5))
+    for levels, answer in (((0.2, 0.5, 0.8), 0), ((2.4, 2.7, 3.0), 1)):
+        state = {"seed": 1, "levels": [levels[1]] * 9, "outcomes": [answer] * 9}
+        aside = dc.replace(wide, levels=levels)
+        assert aside.estimate(state)["mean"].problem == "beyond"
 
 
 def test_a_staircase_says_that_it_sits_on_a_bound():

@@ -383,11 +383,15 @@ def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(
     tmp_path, monkeypatch
 ):
     """The first of a kind would begin late, and tell that it is one."""
-    opened, started = [], []
+    opened, clocks, started = [], [], []
     take, begin = NullSink.open, NullSink.start
-    monkeypatch.setattr(
-        NullSink, "open", lambda sink, *how: (opened.append(sink.scene), take(sink, *how))[1]
-    )
+
+    def seen(sink, *how):
+        opened.append(sink.scene)
+        clocks.append(sink.clock)
+        take(sink, *how)
+
+    monkeypatch.setattr(NullSink, "open", seen)
     monkeypatch.setattr(
         NullSink,
         "start",
@@ -419,8 +423,10 @@ def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(
         )
         for sink in ("offline", "null"):
             opened.clear()
+            clocks.clear()
             told = prepare(session, sink)
             assert told == len(opened) > 2 and not started
+            assert sum(clocks) == (sink == "null"), "a device is opened once"
         assert session.state == state and session.number == 1
         before = forms(opened)
         picks = iter(["soft", None])
@@ -457,7 +463,11 @@ def failing():
     x = SPRING.outputs["force"]
     fast = {"spring": SPRING, "fast": stimlib.Scene({"force": lowpass(x, 600.0)})}
     task = Rate("a", ("softer",), Stimulus("fast"))
-    late = {"scenes": fast, "design": ConstantStimuli(((TASK, 4.0), (task, None)), shuffle="none")}
+    parts = {
+        "a": ConstantStimuli(((TASK, 4.0),), repeats=250),
+        "b": ConstantStimuli(((task, None),)),
+    }
+    late = {"scenes": fast, "design": Sequential(parts)}
     high = Rate("a", ("softer",), Stimulus("spring", {"k": 9.0}))
     items = ((TASK, 4.0), (high, None))
     beyond = {"design": Own(ConstantStimuli(items, shuffle="none"))}
@@ -469,7 +479,7 @@ def failing():
         "no server": ({}, "jack", {"server": "none_of_this_name"}, "none_of_this_name|jack"),
         "no card": ({}, "portaudio", {"name": "none of this"}, "none of this|sounddevice"),
         "no rack": ({}, "nidaq", {"name": "Dev9/ao0"}, "nidaqmx|Dev9"),
-        "a filter above fs/2 in trial 2": (late, "null", {}, cut),
+        "a filter above fs/2 in trial 251": (late, "null", {}, cut),
         "the same without a clock": (late, "offline", {}, cut),
         "what is explored first": (explored, "offline", {}, cut),
         "a level beyond the bounds in trial 2": (beyond, "offline", {}, "k = 9 is beyond"),
@@ -973,7 +983,10 @@ def test_a_session_has_simulated_answers_or_those_of_a_participant(tmp_path):
         refused(BadValue, "would get one of a participant", run, session, face, nothing)
     assert face.noted == [] and len(session.records) == 2
     simulate(tmp_path / "person" / "two")
-    (saved,) = sessions("pair", tmp_path / "person" / "two")
+    with Session(experiment(), tmp_path / "person" / "two", "P09"):
+        pass  # it has no answer yet, so it is of neither kind
+    saved, empty = sessions("pair", tmp_path / "person" / "two")
+    assert not empty.simulated and columns([saved, empty])["simulated"]
     assert saved.simulated and status(saved)["simulated"] and all(columns([saved])["simulated"])
     assert (saved.folder / "trials.jsonl").read_text().count('"simulated": true') == len(saved.data)
     with Session(experiment(), tmp_path / "person", "P02") as session:
