@@ -383,8 +383,10 @@ class Receiver(threading.Thread):
             self.rejected[why] += 1
             self.examples.setdefault(why, received[:40])
         self.rows += len(taken)
-        if taken:
-            self._pump.put_motion(np.array(taken, np.float64, order="F").T)
+        x = np.array(taken, np.float64, order="F").T
+        while x.size and not self._over.is_set():  # more than the ring holds: the newest count
+            x = np.ascontiguousarray(x[:, self._pump.put_motion(x) :])
+            time.sleep(0.001 if x.size else 0.0)
         return len(taken)
 
     def _positions(self, row: Any, at: float) -> tuple[list[float], str | None]:

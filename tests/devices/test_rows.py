@@ -128,9 +128,13 @@ class Taken(Receiver):
 
     def __init__(self, receive, column=0, **options):
         self.x = []
-        pump = SimpleNamespace(proc=SimpleNamespace(inputs=("x",)), put_motion=self.x.append)
+        pump = SimpleNamespace(proc=SimpleNamespace(inputs=("x",)), put_motion=self.put)
         super().__init__(pump, Stream(receive=receive, columns={"x": column}, **options), None)
         self.receive = receive
+
+    def put(self, x):
+        self.x.append(x[:, :8192])  # as the ring at 8 kHz
+        return x[:, :8192].shape[1]
 
     def __call__(self, timeout=1.0):
         """Return the positions that a call of ``receive`` brings."""
@@ -209,6 +213,12 @@ def test_numbers_in_any_notation_are_right_or_rejected():
             if not why and row != [float(text) for text in texts]:
                 wrong.append((sent, comma, row))
     assert not wrong and taken > 6000
+
+
+@pytest.mark.parametrize("n", [1, 8192, 20000])
+def test_the_newest_row_of_a_burst_is_taken(n):
+    rows = [[float(k)] for k in range(n)]
+    assert Taken(lambda timeout: (rows, [math.nan] * n))()[-1] == n - 1
 
 
 def test_times_are_numbers_and_older_rows_are_out_of_order(here):
