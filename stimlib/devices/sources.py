@@ -464,8 +464,10 @@ class Receiver(threading.Thread):
         self.rejected.update(why for why, _ in refused)
         self.examples = {why: came[:40] for why, came in reversed(refused)} | self.examples
         self.rows += len(taken)
-        if taken:
-            self._pump.put_motion(np.array(taken, np.float64, order="F").T)
+        x = np.array(taken, np.float64, order="F").T
+        while x.size and not self._over.is_set():  # more than the ring holds: the newest count
+            x = np.ascontiguousarray(x[:, self._pump.put_motion(x) :])
+            time.sleep(0.001 if x.size else 0.0)
         return len(taken)
 
     def stop(self) -> None:

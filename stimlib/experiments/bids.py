@@ -106,7 +106,7 @@ def to_bids(
     """
     tables, note = _tables("to_bids", experiment, found, folder)
     task = label(experiment.name)
-    files: dict[str, str | bytes] = {
+    files: dict[str, str | bytes] = {  # the first is written last
         "dataset_description.json": _json(
             {
                 "Name": experiment.name,
@@ -277,9 +277,7 @@ def _tables(
 
     The note says whether the answers are simulated.
     """
-    at = Path(folder)
-    if at.is_dir() and any(at.iterdir()):
-        raise BadValue(f"{what}: {at} has files: give a new folder")
+    _check_new(Path(folder))
     told = [s for s in found if s.records]
     if not told:
         raise BadValue(f"{what}: the sessions of {experiment.name} have no answers yet")
@@ -318,7 +316,11 @@ def _written(
     files: Mapping[str, str | bytes],
     told: Iterable[tuple[Saved, dict[str, list[Any]]]],
 ) -> list[Path]:
-    """Write all files if no trial is lost; after an error, remove the folder."""
+    """Write all files if no trial is lost; after an error, remove the folder.
+
+    The description is written last: without it, what a killed export leaves is no
+    dataset.
+    """
     wanted = sum(bool(r.trial.stimuli) for s, _ in told for r in s.records)
     lines = [
         list(csv.reader(io.StringIO(str(text), newline="")))
@@ -332,14 +334,25 @@ def _written(
             f"{at}: {wanted} trials would be {rows} rows, so nothing is written; export each"
             " session by itself"
         )
+    held = safe_files.lock(safe_files.make_folder(at), f"{at}: another run exports into it")
     try:
-        for name, data in files.items():
-            safe_files.make_folder((at / name).parent)
-            safe_files.publish(at / name, data)
-    except BaseException:
-        shutil.rmtree(at, ignore_errors=True)  # it was new or empty
-        raise
+        _check_new(at)
+        try:
+            for name, data in reversed(files.items()):
+                safe_files.make_folder((at / name).parent)
+                safe_files.publish(at / name, data)
+        except BaseException:
+            shutil.rmtree(os.path.realpath(at), ignore_errors=True)  # it was new or empty
+            raise
+    finally:
+        os.close(held)
     return [at / name for name in files]
+
+
+def _check_new(at: Path) -> None:
+    """Raise BadValue if a folder is there and has files."""
+    if at.is_dir() and any(at.iterdir()):
+        raise BadValue(f"{at} has files: give a new folder")
 
 
 def _rows(values: np.ndarray) -> str:

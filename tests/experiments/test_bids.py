@@ -3,10 +3,14 @@
 import csv
 import io
 import json
+import os
 import shutil
+import signal
 import subprocess
+import sys
 import tempfile
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +36,7 @@ from stimlib.experiments import (
     sessions,
 )
 from stimlib.experiments.bids import label, to_bids, to_psych_ds
+from stimlib.system import safe_files
 
 VALIDATOR = shutil.which("bids-validator-deno")
 
@@ -165,6 +170,33 @@ def test_what_was_lost_is_0_and_training_is_there(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(not VALIDATOR, reason="pip install bids-validator-deno (120 MB)")
+def _die(left, event, _):
+    if event == "os.rename" and not next(left):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows has no fork")
+def test_a_killed_export_is_no_dataset_and_two_do_not_meet(data, tmp_path):
+    found, out = sessions("pair", data), tmp_path / "out"
+    for write in (to_bids, to_psych_ds):
+        whole = write(experiment(), found, tmp_path / write.__name__)
+        held = safe_files.lock(safe_files.make_folder(out), "")  # as another export does
+        with pytest.raises(SinkError, match="out: another run exports into it"):
+            write(experiment(), found, out)
+        os.close(held)
+        assert list(out.iterdir()) == []
+        if not (pid := os.fork()):  # killed before its last file has its name
+            sys.addaudithook(partial(_die, iter(range(len(whole) - 1, -1, -1))))
+            write(experiment(), found, out)
+            os._exit(0)
+        assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == -signal.SIGKILL
+        names = {f.name for f in out.rglob("*") if f.is_file()}
+        assert {f.name for f in whole} - names == {"dataset_description.json"}
+        with pytest.raises(BadValue, match="has files"):
+            write(experiment(), found, out)
+        shutil.rmtree(out)
+
+
 def test_the_validator_of_bids_finds_no_error(dataset, signals):
     for folder in (dataset, signals[0].parents[1]):
         done = subprocess.run([VALIDATOR, str(folder)], capture_output=True, text=True)
@@ -184,7 +216,7 @@ def test_psych_ds_has_a_table_for_each_session(data, tmp_path):
     assert head == list(table) and [float(r[head.index("level")]) for r in rows] == table["level"]
     assert [v["name"] for v in told["variableMeasured"]] == head
     assert told["@type"] == "Dataset" and told["author"] == [{"@type": "Person", "name": "A"}]
-    with pytest.raises(BadValue, match="to_psych_ds: .* has files"):
+    with pytest.raises(BadValue, match="has files: give a new folder"):
         to_psych_ds(experiment(), sessions("pair", data), tmp_path / "out")
 
 
