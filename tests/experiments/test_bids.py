@@ -169,7 +169,6 @@ def test_what_was_lost_is_0_and_training_is_there(tmp_path, monkeypatch):
     assert len(table.read_text().splitlines()) == 3
 
 
-@pytest.mark.skipif(not VALIDATOR, reason="pip install bids-validator-deno (120 MB)")
 def _die(left, event, _):
     if event == "os.rename" and not next(left):
         os.kill(os.getpid(), signal.SIGKILL)
@@ -197,6 +196,7 @@ def test_a_killed_export_is_no_dataset_and_two_do_not_meet(data, tmp_path):
         shutil.rmtree(out)
 
 
+@pytest.mark.skipif(not VALIDATOR, reason="pip install bids-validator-deno (120 MB)")
 def test_the_validator_of_bids_finds_no_error(dataset, signals):
     for folder in (dataset, signals[0].parents[1]):
         done = subprocess.run([VALIDATOR, str(folder)], capture_output=True, text=True)
