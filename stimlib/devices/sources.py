@@ -283,11 +283,13 @@ def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None
     x: Any = given
     if isinstance(given, Mapping):
         check_names(what.removesuffix(": "), given, tuple(names), "input")
-        x = [np.atleast_1d(np.ma.filled(given[name], np.nan)) for name in names]
+        x = [given[name] for name in names]
     elif what and len(names) > 1:
         rows = ", ".join(f"{name!r}: .." for name in names)
         raise BadValue(f"{what}the rows of an array have no names; give {{{rows}}}")
     try:
+        if isinstance(given, Mapping):
+            x = [np.atleast_1d(np.ma.filled(row, np.nan)) for row in x]
         x = np.ma.filled(x, np.nan)
     except (TypeError, ValueError) as e:  # rows of several lengths; integers that are masked
         raise BadValue(f"{what}x must be numbers ({e})") from None

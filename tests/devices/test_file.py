@@ -1071,6 +1071,7 @@ def test_report_is_one_line(tmp_path):
     [
         *((f, ("PCM_16", "PCM_24", "FLOAT", "DOUBLE")) for f in ("WAV", "RF64", "W64", "CAF")),
         *((f, ("PCM_16", "FLOAT", "ULAW")) for f in ("WAVEX", "AIFF", "AU")),
+        ("CAF", ("ULAW", "ALAW", "PCM_S8")),
         ("FLAC", ("PCM_16", "PCM_24")),
     ],
 )
@@ -1094,6 +1095,12 @@ def test_a_sound_file_that_is_cut_short_says_what_is_missing(format, subtypes, t
                     says = f"the last {lost} of its {n} frames are missing; copy it again"
                     refused(SinkError, says, file.as_scene, path)
                     assert lost >= cut // frame
+
+
+def test_a_sound_file_that_cannot_be_searched_is_read(tmp_path):
+    sf.write(tmp_path / "a.wav", np.full(3200, 0.5), 8000, "GSM610")
+    y = file.as_scene(tmp_path / "a.wav")[1]["channel1"]
+    assert np.array_equal(y, sf.read(tmp_path / "a.wav", 3200)[0]) and y.size == 3200
 
 
 def test_a_sound_file_from_a_pipe_is_as_long_as_it_is(tmp_path):
