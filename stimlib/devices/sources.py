@@ -385,10 +385,10 @@ class Receiver(threading.Thread):
             self.rejected[why] += 1
             self.examples.setdefault(why, received[:40])
         self.rows += len(taken)
-        x = np.array(taken, np.float64, order="F").T
-        while x.size and not self._over.is_set():  # more than the ring holds: the newest count
-            x = np.ascontiguousarray(x[:, self._pump.put_motion(x) :])
-            time.sleep(0.001 if x.size else 0.0)
+        left = np.array(taken, np.float64, order="F").T
+        while left.size and not self._over.is_set():  # more than the ring holds: the newest count
+            left = np.ascontiguousarray(left[:, self._pump.put_motion(left) :])
+            time.sleep(0.001 if left.size else 0.0)
         return len(taken)
 
     def _positions(self, row: Any, at: float) -> tuple[list[float], str | None]:
