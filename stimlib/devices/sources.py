@@ -293,11 +293,13 @@ def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None
     x: Any = given
     if isinstance(given, Mapping):
         check_names(what.removesuffix(": "), given, tuple(names), "input")
-        x = [np.atleast_1d(np.ma.filled(given[name], np.nan)) for name in names]
+        x = [given[name] for name in names]
     elif what and len(names) > 1:
         rows = ", ".join(f"{name!r}: .." for name in names)
         raise BadValue(f"{what}the rows of an array have no names; give {{{rows}}}")
     try:
+        if isinstance(given, Mapping):
+            x = [np.atleast_1d(np.ma.filled(row, np.nan)) for row in x]
         x = np.ma.filled(x, np.nan)
     except (TypeError, ValueError) as e:  # rows of several lengths; integers that are masked
         raise BadValue(f"{what}x must be numbers ({e})") from None
@@ -464,10 +466,10 @@ class Receiver(threading.Thread):
         self.rejected.update(why for why, _ in refused)
         self.examples = {why: came[:40] for why, came in reversed(refused)} | self.examples
         self.rows += len(taken)
-        x = np.array(taken, np.float64, order="F").T
-        while x.size and not self._over.is_set():  # more than the ring holds: the newest count
-            x = np.ascontiguousarray(x[:, self._pump.put_motion(x) :])
-            time.sleep(0.001 if x.size else 0.0)
+        left = np.array(taken, np.float64, order="F").T
+        while left.size and not self._over.is_set():  # more than the ring holds: the newest count
+            left = np.ascontiguousarray(left[:, self._pump.put_motion(left) :])
+            time.sleep(0.001 if left.size else 0.0)
         return len(taken)
 
     def stop(self) -> None:

@@ -338,7 +338,7 @@ def _written(
     try:
         _check_new(at)
         try:
-            for name, data in reversed(files.items()):
+            for name, data in reversed(list(files.items())):
                 safe_files.make_folder((at / name).parent)
                 safe_files.publish(at / name, data)
         except BaseException:

@@ -54,6 +54,7 @@ STEP = 1.0  # s of signal that is written at once, at most
 # in libsndfile's log, where a file is shorter than it says: the bytes stated and there
 CUT = r"^ *(?:data|SSND|BODY|Data Size|riff|Riff size) *: (\d+) \(should be (\d+)\)"
 DATA = r"^ *data : (\d+)"  # of CAF: the bytes stated, of which 4 count edits
+LAWS = ("ULAW", "ALAW", "PCM_S8")  # subtypes of one byte
 NEARLY = 1.79e308  # the largest float less more than what rounding a sample adds to it
 
 
@@ -646,7 +647,7 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
                 limits.check(
                     "render_bytes", 8 * f.frames * f.channels, f"{path}: bytes of its samples"
                 )
-                y, info["fs"] = f.read(dtype="float64", always_2d=True).T, f.samplerate
+                y, info["fs"] = f.read(f.frames, "float64", True).T, f.samplerate
                 if lost := lost_frames(f, y.shape[1]):
                     raise SinkError(
                         f"{path} is cut short: the last {lost} of its {y.shape[1] + lost} frames"
@@ -676,7 +677,11 @@ def lost_frames(f: Any, n: int) -> int:
     # what writes into a pipe states nearly 2**31 or 2**32 bytes: as many as come
     known = sizes and (int(sizes[1]) + 4096) % 2**31 > 4096
     lost = int(sizes[1]) - int(sizes[2]) if sizes and known else 0
-    if f.format == "CAF" and f.subtype in BYTES and (data := re.search(DATA, f.extra_info, re.M)):
+    if (
+        f.format == "CAF"
+        and f.subtype in {*BYTES, *LAWS}
+        and (data := re.search(DATA, f.extra_info, re.M))
+    ):
         lost = int(data[1]) - 4 - f.frames * size
     return max(f.frames - n, -(-lost // size))
 

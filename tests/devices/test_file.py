@@ -1071,6 +1071,7 @@ def test_report_is_one_line(tmp_path):
     [
         *((f, ("PCM_16", "PCM_24", "FLOAT", "DOUBLE")) for f in ("WAV", "RF64", "W64", "CAF")),
         *((f, ("PCM_16", "FLOAT", "ULAW")) for f in ("WAVEX", "AIFF", "AU")),
+        ("CAF", ("ULAW", "ALAW", "PCM_S8")),
         ("FLAC", ("PCM_16", "PCM_24")),
     ],
 )
@@ -1103,6 +1104,12 @@ def test_an_mp3_that_is_cut_short_says_so(tmp_path):
     sf.write(path, np.random.default_rng(3).uniform(-0.5, 0.5, 44100), 44100)
     path.write_bytes(path.read_bytes()[:-2000])
     refused(SinkError, r"the last \d+ of its 44100 frames are missing", file.as_scene, path)
+
+
+def test_a_sound_file_that_cannot_be_searched_is_read(tmp_path):
+    sf.write(tmp_path / "a.wav", np.full(3200, 0.5), 8000, "GSM610")
+    y = file.as_scene(tmp_path / "a.wav")[1]["channel1"]
+    assert np.array_equal(y, sf.read(tmp_path / "a.wav", 3200)[0]) and y.size == 3200
 
 
 def test_a_sound_file_from_a_pipe_is_as_long_as_it_is(tmp_path):

@@ -93,9 +93,8 @@ def test_rows_of_several_inputs_are_pushed_and_read_by_name(order, one):
         refused(BadValue, "push: .* no names; give {'a': .., 'b': ..}", sink.push, np.ones((2, 4)))
         refused(UnknownName, "push: b is missing", sink.push, {"a": 1.0})
         refused(UnknownName, "push: there is no input c", sink.push, given | {"c": 0.0})
-        refused(
-            BadValue, "push: x must be numbers", sink.push, {"a": [1.0, 2.0], "b": [1.0, 2.0, 3.0]}
-        )
+        for bad in ([1.0, 2.0, 3.0], np.ma.array([1, 2], mask=[0, 1]), [[1.0], [2.0, 3.0]]):
+            refused(BadValue, "push: x must be numbers", sink.push, {"a": [1.0, 2.0], "b": bad})
         assert sink.push(given) == (1 if one else 4)
     written = []
     loop = ControlLoop(scene, 50.0, lambda: given, written.append, realtime=False)
