@@ -452,9 +452,9 @@ def in_unit(what: str, b: Block, u: Unit, wanted: str) -> None:
 
 
 def below_half(name: str, fs: float, **edges: float) -> list[float]:
-    """Return band edges in cycles per sample; raise BadValue at or above fs/2."""
+    """Return band edges in cycles per sample; raise BadValue at or beyond fs/2."""
     for what, f in edges.items():
-        if f >= fs / 2:
+        if abs(f) >= fs / 2:
             raise BadValue(
                 f"{name}: {what} = {f:g} Hz does not fit below fs/2 = {fs / 2:g} Hz; lower it, or"
                 " raise fs"

@@ -143,6 +143,7 @@ def test_a_frequency_of_half_the_rate_is_refused_as_a_parameter_and_counted_as_a
             lambda: sink.set("f", 5000.0),
             lambda: stimlib.render(scene, fs=FS, seconds=0.01, params={"f": 1e6}),
             lambda: stimlib.compile(Scene({"y": make(Param("f", 4000.0, "Hz"))}), FS),
+            lambda: stimlib.compile(Scene({"y": make(stimlib.constant(4000.0, "Hz"))}), FS),
         ):
             with pytest.raises(BadValue, match=says):
                 call()

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import stimlib
-from stimlib import Scene, blocks
+from stimlib import Input, Scene, blocks
 from stimlib.checks import evidence, laws, local, scenes, verification
 from stimlib.checks.session import verify_log
 from stimlib.experiments.experiment import Experiment, Timing
@@ -73,6 +73,20 @@ def test_every_scene_passes_the_checks_that_it_passes_at_once(name, monkeypatch)
     assert [(c.group, c.name) for c in whole.checks] == [(c.group, c.name) for c in parts.checks]
     first = any("held against the first 1.25 s only" in text for text in parts.evidence.skipped)
     assert first == (name not in scenes.ONWARD)
+
+
+@pytest.mark.parametrize("at", [0.1, 2.0, LATE])
+def test_a_sum_is_held_in_every_stretch(short, at):
+    both = Scene.combine(wall=SHIPPED["wall"](), knob=SHIPPED["grating"]())
+    force = next(y for n, y in both.outputs.items() if n.startswith("knob_force"))
+    wall, p = both.outputs["wall_force"], Input("p")
+    parts = Scene({"y": wall - force}, law=both).parts
+    scene = Scene({"y": wall - force * (1.0 + p)}, law=parts)
+    motion = {n: sinusoid(2e-3, 5.0) for n in scene.inputs} | {"p": np.zeros(12000)}
+    for off in (0.0, 1e-2):
+        motion["p"][round(FS * at) :][:100] = off
+        bad = failed(stimlib.verify(scene, motion, stimlib.render(scene, motion, FS, SECONDS)))
+        assert ("y: sum" in bad) == (off > 0) and (off or not bad)
 
 
 def test_what_is_counted_is_counted_over_all_stretches(short, tmp_path):
@@ -291,7 +305,8 @@ def test_a_motion_that_ends_is_held_up_to_there(short, tmp_path):
     """What is not finite in the last stretch: the law is held before it, and nowhere
     after.
     """
-    scene, safety, n = stimlib.scenes.squeeze(fingers=1), Safety(full_scale=60.0), 12000
+    finger, safety, n = stimlib.scenes.squeeze(fingers=1), Safety(full_scale=60.0), 12000
+    scene = Scene({"half": 0.5 * finger.outputs["force1"]}, law=finger)
     proc = stimlib.compile(protect(scene, safety), FS)
     x = sinusoid(0.02, 1.0)(np.arange(n) / FS)[None, :]
     x[0, 11500] = np.nan
@@ -303,6 +318,7 @@ def test_a_motion_that_ends_is_held_up_to_there(short, tmp_path):
         log.close({"produced": n})
     report = verify_log(read_log(tmp_path / "a"))
     assert failed(report) == ["no fault"], str(report)
+    assert any(c.name == "half: sum" for c in report.checks)
     assert any(
         "held against the samples before 11500 only" in text for text in report.evidence.skipped
     )

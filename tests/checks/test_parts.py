@@ -216,6 +216,23 @@ def test_a_sum_keeps_the_laws_of_its_terms(names, kind):
         assert found.passed and any(c.name == "out: sum" for c in found.checks)
 
 
+def exact(x, p, fs):
+    return {"y": (x["x"], 0.0)}
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+def test_a_sum_may_be_off_by_the_rounding_of_its_terms_and_no_more(size):
+    alone = Scene({"y": Input("x") + 0.0}, law=exact)
+    both = Scene.combine(a=alone, b=alone)
+    scene = Scene({"y": 0.1 * both.outputs["a_y"] + 0.3 * both.outputs["b_y"]}, law=both)
+    motion = {n: size * np.sin(np.arange(100.0) + k) for k, n in enumerate(scene.inputs)}
+    for off in (0.0, 1e-14):
+        e = gather(scene, motion, stimlib.render(scene, motion, FS))
+        e.y[0, 50] += off * size
+        (held,) = (c for c in scene_law(e) if c.name == "y: sum")
+        assert held.passed == (off == 0)
+
+
 def test_a_term_without_a_law_is_said_and_one_in_no_sum_is_refused():
     wall, x = SCENES["wall"], Input("x", "m")
     force = wall.outputs["force"]
@@ -629,6 +646,14 @@ def by_sample(x, p, fs):
     return {"y": (x["x"], np.full(7, 1e-9))}
 
 
+def here_and_there(x, p, fs):
+    return {"y": (x["x"], np.where(x["x"] > 0, 1e-9, np.nan))}
+
+
+def truth(x, p, fs):
+    return {"y": (x["x"], True)}
+
+
 def three(x, p, fs):
     return {"y": (x["x"], 1e-9, 0.0)}
 
@@ -649,6 +674,8 @@ def turned(x, p, fs):
         (loose, "y has the tolerance inf; return one finite number"),
         (negative, "y has the tolerance -1e-09; return one finite number"),
         (by_sample, "y has the tolerance .*; return one finite number"),
+        (here_and_there, "y has the tolerance .*; return one finite number"),
+        (truth, "y has the tolerance True; return one finite number"),
         (three, "y is a tuple of 3; return a row, or a row and its tolerance"),
         (turned, "y has complex values; return real ones"),
     ],
@@ -788,6 +815,13 @@ def test_the_law_of_a_scene_holds_in_each_interval_of_a_trial(name):
     assert report.passed, str(report)
     held = [c.name for c in report.checks if c.group == "d"]
     assert any("from 0.032" in n for n in held) and any("from 0.282" in n for n in held)
+
+
+def test_a_law_of_ones_own_holds_in_each_interval_of_a_trial():
+    _, _, scene, params = trial_of(lone())
+    report = verified(scene, {"x": sinusoid(0.02, 3.0)}, 0.55, params=params, seed=3)
+    held = [c for c in report.checks if c.group == "d"]
+    assert report.passed and len(held) == 2 and all(c.measured <= c.limit for c in held)
 
 
 @pytest.mark.parametrize("mode", ["vibration", "multipoint", "mouse", "frames"])

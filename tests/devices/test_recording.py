@@ -547,6 +547,8 @@ def test_a_lifted_finger_holds_a_position_and_exerts_no_force(csv, unit, lifted,
     r = recording(csv(LIFT), {"x": "x*1e-3", "a": "x*1e-3"}, lifted=lifted)
     inputs = {"x": Input("x", "m"), "a1": Input("a1", unit), "contact": Input("contact")}
     if zero is None:
+        whole = recording(csv(**steady()), {"a": "x"}).motion_for({"a": inputs["a1"]})
+        assert list(whole) == ["a"], "nothing lifts there"
         refused(
             BadValue, "a1 is in m/s, .*say lifted={'a': 'zero'} or 'hold'", r.motion_for, inputs
         )

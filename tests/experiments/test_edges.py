@@ -81,9 +81,10 @@ def test_quest_says_it_of_every_parameter_of_interest():
     fresh = both.estimate({"seed": 1, "levels": [], "outcomes": []})["mean"]
     # uniform from 0.15 to 3.15, as a value stands for its neighbourhood
     assert dc.astuple(fresh)[:4] == pytest.approx((1.65, 3 / 12**0.5, 0.15, 3.15))
-    fine = dc.replace(both, means=tuple(np.arange(41.0)))
-    fresh = fine.estimate({"seed": 1, "levels": [], "outcomes": []})["mean"]
-    assert dc.astuple(fresh)[:4] == pytest.approx((20.0, 41 / 12**0.5, 0.5, 39.5))
+    for means in (np.arange(41.0), np.arange(41.0)[::-1], np.roll(np.arange(41.0), 9)):
+        fine = dc.replace(both, means=tuple(means))
+        fresh = fine.estimate({"seed": 1, "levels": [], "outcomes": []})["mean"]
+        assert dc.astuple(fresh)[:4] == pytest.approx((20.0, 41 / 12**0.5, 0.5, 39.5))
     for levels, answer in (((0.2, 0.5, 0.8), 0), ((2.4, 2.7, 3.0), 1)):
         state = {"seed": 1, "levels": [levels[1]] * 9, "outcomes": [answer] * 9}
         aside = dc.replace(wide, levels=levels)
@@ -132,7 +133,14 @@ def test_a_fit_says_that_it_is_beyond_its_levels_or_that_a_rate_is_at_its_larges
     assert few.problems == () and 0.01 < few.lapse < 0.09
     lapses = psychometric(np.arange(6.0), [0, 0, 1, 15, 15, 15], asked, guess=0.0, lapse="free")
     assert lapses.problems == ("edge",) and lapses.lapse == pytest.approx(0.1, abs=1e-4)
+    curve = ndtr((np.arange(6.0) - 2.5) / 0.5)
+    asked = np.full(6, 2000)
+    for guess, lapse, named in ((0.0, 0.095, ()), (0.85, 0.0, ("edge",)), (0.75, 0.0, ())):
+        yes = np.rint(2000 * (guess + (1 - guess - lapse) * curve)).astype(int)
+        rates = {"guess": "free", "lapse": 0.0} if guess else {"guess": 0.0, "lapse": "free"}
+        fit = psychometric(np.arange(6.0), yes, asked, **rates)
+        assert [p for p in fit.problems if p == "edge"] == [*named]
     shared = psychometrics(
-        {1: (np.arange(6.0), [0, 0, 1, 15, 15, 15], asked)}, guess=0.0, lapse="shared"
+        {1: (np.arange(6.0), [0, 0, 1, 15, 15, 15], np.full(6, 20))}, guess=0.0, lapse="shared"
     )
     assert shared[1].problems == ("edge",)

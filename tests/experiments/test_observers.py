@@ -87,8 +87,9 @@ def test_one_interval_and_ratings():
         told(task.trial(name, 1, 0), stream(1)).values["which"] for name in ("hard", "soft")
     ] == ["hard", "soft"]
     show = Rate("k", ("rough",), Stimulus("spring", {"k": 300.0})).trial(None, 1, 0)
-    ratings = [listener(sigma=0.0, gain=g)(show, stream(1)).values["rough"] for g in (-1, 1, 2, 9)]
-    assert ratings == [1, 2, 4, 7]  # the force has an rms of 2.12 N
+    rated = [listener(sigma=0.0, gain=g)(show, stream(1)) for g in (-1, 1, 2, 9)]
+    assert [a.values["rough"] for a in rated] == [1, 2, 4, 7]  # the force has an rms of 2.12 N
+    assert {a.simulated for a in [*rated, told(task.trial("hard", 1, 0), stream(1))]} == {True}
 
     def coin(k):
         """The last number that an observer draws, after that of the interval and the

@@ -76,10 +76,11 @@ def test_the_page_is_whole_and_tells_what_is_wrong(answers, tmp_path):
     asked = [answers["participant"].count(who) for who in ("P01", "P02", "P<03>")]
     assert asked[2] == 3 and f"{sum(asked)}; of a participant 3 to {max(asked)}" in page
     assert not re.search(r"<script|(?:src|href)=\"http", page)
-    write_report(
-        tmp_path / "c.html", "None", "", {**answers, "track": [""] * len(answers["track"])}
-    )
-    assert "<svg" not in (tmp_path / "c.html").read_text()
+    bare = answers | {name: [""] * len(answers["track"]) for name in ("track", "simulated")}
+    write_report(tmp_path / "c.html", "None", "", bare)
+    without = (tmp_path / "c.html").read_text()
+    assert "<svg" not in without
+    assert "simulated, all or some" in page and "simulated, all" not in without
 
 
 def test_pictures_show_proportions_their_curve_and_the_tracks(monkeypatch, tmp_path):

@@ -524,6 +524,13 @@ def test_a_scene_that_is_shown_again_ends_its_earlier_page():
     assert not second._thread.is_alive()
 
 
+def test_a_given_force_goes_on_while_the_finger_is_lifted():
+    scene = Scene({"y": 1.0 * Input("a", "N"), "on": 1.0 * Input("contact")})
+    ranges = {"a": (0.5, 1.5), "contact": (0.0, 1.0)}
+    inputs = Inputs(scene, FS, ranges, {"a": lambda t: 1.0 + 0.0 * t}, delay=0.0)
+    assert inputs.columns(0, 4000)[0, -1] == pytest.approx(1.0)
+
+
 def test_a_frequency_of_half_the_rate_is_refused_on_the_page(tmp_path):
     scene = Scene({"y": blocks.oscillator(Param("f", 100.0, "Hz"))})
     stream = Stream(scene, FS, 50.0, ranges={"f": (0.0, 1e5)}, folder=tmp_path)
