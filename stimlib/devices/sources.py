@@ -151,6 +151,11 @@ class Stream(Live):
                 )
         for what, given in (("scale", self.scale), ("limits", self.limits)):
             check_names(f"Stream: {what}", {**self.columns, **given}, tuple(self.columns), "column")
+        for name, factor in self.scale.items():
+            if not isinstance(factor, NUMBERS) or not 0 < abs(factor) < math.inf:
+                raise BadValue(
+                    f"Stream: scale[{name!r}] = {factor!r} must be a finite number, not 0"
+                )
         for name, (low, high) in self.limits.items():
             if not low < high:
                 raise BadValue(f"Stream: limits[{name!r}] = ({low:g}, {high:g}) must rise")
@@ -360,6 +365,8 @@ def positions_of(
 
     A column is the key of a number in the row, its scale, and its range.
     """
+    if isinstance(row, (str, bytes)):  # whose items are letters
+        return [], "no numbers"
     try:
         found = [row[k] for k, *_ in columns]
     except (LookupError, TypeError) as e:  # the row is shorter, or of another kind

@@ -139,6 +139,7 @@ def test_a_frequency_of_half_the_rate_is_refused_as_a_parameter_and_counted_as_a
         sink.open(FS)
         for call in (
             lambda: proc.set("f", 4000.0),
+            lambda: proc.set("f", -4000.0),
             lambda: copies.set("f", [200.0, 4000.0]),
             lambda: sink.set("f", 5000.0),
             lambda: stimlib.render(scene, fs=FS, seconds=0.01, params={"f": 1e6}),

@@ -250,9 +250,10 @@ def test_times_are_numbers_and_older_rows_are_out_of_order(here):
 
 def test_a_function_of_ones_own_rejects_rows_too():
     """A whole number may be too large for a float, and what it shows too long."""
-    rows = [[10**400], [0.5]], [math.nan, math.nan], [("odd", "x" * 99)]
+    rows = [[10**400], b"0.7", "0.7", [0.5]], [math.nan] * 4, [("odd", "x" * 99)]
     taken = Taken(lambda timeout: rows)
-    assert taken() == [0.5] and taken.rejected == {"odd": 1, "not finite": 1}
+    assert taken() == [0.5]
+    assert taken.rejected == {"odd": 1, "not finite": 1, "no numbers": 2}
     assert taken.examples["odd"] == "x" * 40
 
 

@@ -547,3 +547,6 @@ def test_rows_beyond_the_limits_move_nothing_and_clocks_may_be_set():
     for limits, error in (({"y": (0, 1)}, UnknownName), ({"x": (1.0, 1.0)}, BadValue)):
         with pytest.raises(error):
             Stream(receive=lambda t: ([], []), columns={"x": 0}, limits=limits)
+    for factor in (0.0, math.nan, -math.inf, "1e-3"):
+        with pytest.raises(BadValue, match="scale.* must be a finite number, not 0"):
+            Stream(receive=lambda t: ([], []), columns={"x": 0}, scale={"x": factor})
