@@ -1,6 +1,7 @@
 """Markers out and motion in, over loopback: real sockets, a pseudo terminal, LSL."""
 
 import json
+import math
 import os
 import pty
 import socket
