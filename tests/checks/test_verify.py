@@ -174,7 +174,7 @@ def changed(folder, params, seed):
         ({"g": 3.0}, 0, {}, ""),
         ({"g": 3.0}, 7, {"params": {"g": 3.0}, "seed": 7}, ""),
         ({"g": 3.0}, 7, {"params": {}}, "g = 3 for 2"),
-        ({"g": 3.0}, 7, {"params": {"g": 3.25}, "seed": 8}, "seed = 7 for 8; g = 3 for 3.25"),
+        ({"g": 3.0}, 7, {"params": {"g": 3.0001}, "seed": 8}, "seed = 7 for 8; g = 3 for 3.0001"),
         ({}, 0, {"params": {"g": 3.0}}, "g = 2 for 3"),
         ({}, 0, {"params": {"g": 2.0}, "seed": 0}, ""),
     ],

@@ -246,6 +246,19 @@ def test_times_are_numbers_and_older_rows_are_out_of_order(here):
     here.sendto(b"0.5 0.25\0\0", ("127.0.0.1", receive.port))  # a text of C
     assert taken() == [0.25]
     receive.close()
+    with udp_motion(0) as receive:  # two that wait, without ends of lines
+        for text in (b"0.1", b"0.2"):
+            here.sendto(text, ("127.0.0.1", receive.port))
+        assert Taken(receive)() == [0.1, 0.2]
+
+
+def test_a_time_on_a_serial_line_is_no_position(line):
+    port, plug = line
+    device = plug()
+    with serial_motion(port, timed=True) as receive:
+        os.write(device, b"\n5.0 0.1\n")
+        taken = Taken(receive)
+        assert taken() == [0.1] and taken._newest[0] == 5.0
 
 
 def test_a_function_of_ones_own_rejects_rows_too():
