@@ -144,6 +144,8 @@ def test_a_frequency_of_half_the_rate_is_refused_as_a_parameter_and_counted_as_a
         ):
             with pytest.raises(BadValue, match=says):
                 call()
+        with pytest.raises(BadValue, match=f"{name} = -1 Hz must be 0 or above"):
+            sink.set("f", -1.0)
     assert proc.params == {"f": 3999.0}
     scene, f = Scene({"y": make(Input("f", "Hz"))}), np.full(800, 3999.0)
     for stretch, count in ((slice(0, 0), 0), (slice(300, 400), 100)):
