@@ -199,6 +199,8 @@ def test_mistakes_get_one_line_and_leave_nothing(own, tmp_path, words, says):
         ),
         ("show squeeze --fs a", "Invalid value for '--fs': "),
         ("verify --log", "'--log' requires an argument; see stimlib"),
+        ("render tone --seed 1 --seed=2 --out a.wav", "--seed is given twice, but takes one value"),
+        ("experiment status softer --data a --data b", "--data is given twice, but takes one"),
     ],
 )
 def test_mistakes_of_usage_get_one_line(words, says):
@@ -1418,7 +1420,10 @@ def test_play_says_that_an_output_failed(own):
             "peak and static limit outputs in N, but this scene has none: y [m⁻¹]",
         ),
         (["tone", "--full-scale", "-1"], "--full-scale = -1 must be a finite number above 0"),
-        (["tone", "--set", "freq=-3"], "--set freq=-3: a frequency or rate is 0 or above"),
+        (
+            ["tone", "--set", "freq=-3"],
+            "--set('freq'): oscillator or carrier: freq = -3 Hz must be 0",
+        ),
         (["tone", "--set", "freq=nan"], "--set freq=nan: the value must be finite"),
         (["tone", "--full-scale", "forc=1"], "--full-scale does not fit the outputs at forc"),
         (["tone", *HAND], "the scene has no input: leave it out"),

@@ -203,8 +203,8 @@ def carrier(
     Parameters
     ----------
     freq : float or Block
-        In Hz.  A signal is held in 0 .. fs/2, and ``verify`` counts where that is so;
-        a parameter is refused there.
+        In Hz.  A signal is held in 0 .. fs/2, and ``verify`` counts where it is fs/2 or
+        above; a parameter outside of 0 .. fs/2 is refused.
     rectify : {None, "half", "full"}
         The whole wave; its positive part; its absolute value.
     phase : float
@@ -221,7 +221,7 @@ def carrier(
     Raises
     ------
     BadValue
-        A frequency below 0; at compile time, or set later, one not below fs/2.
+        A frequency below 0; at compile time, or set later, also one not below fs/2.
     UnitError
         A signal that is not in Hz.
 

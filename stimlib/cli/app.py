@@ -38,6 +38,17 @@ class _Group(TyperGroup):
             flag.metavar = " "  # a flag takes no value, and typer would write <bool>
         return found
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the subcommand; refuse a second value of an option that takes one."""
+        name, found, rest = super().resolve_command(ctx, args)
+        words = [word.split("=")[0] for word in rest]
+        once = [
+            p for p in getattr(found, "params", ()) if not (getattr(p, "is_flag", 1) or p.multiple)
+        ]
+        if twice := [p.opts[0] for p in once if sum(map(words.count, p.opts)) > 1]:
+            raise _UsageError(f"{twice[0]} is given twice, but takes one value; give it once", ctx)
+        return name, found, rest
+
     def invoke(self, ctx: Any) -> Any:
         with _in_one_line():
             return super().invoke(ctx)

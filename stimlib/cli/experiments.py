@@ -461,8 +461,8 @@ def _none_of(made: experiments.Experiment, data: Path, pilot: bool) -> str:
     """Return the error message for an experiment without sessions or pilots."""
     others = len(experiments.sessions(made.name, data, not pilot))
     kinds = ("sessions", "pilots") if pilot else ("pilots", "sessions")
-    there = f"; it has {others} {kinds[0]}, which are never analysed with them" if others else ""
-    remedy = "" if pilot or not others else ": analyse them with --pilot"
+    there = f"; it has {others} {kinds[0]}, which are kept apart from them" if others else ""
+    remedy = "" if pilot or not others else ": stimlib experiment analyse --pilot reads them"
     return f"{data} has no {kinds[1]} of {made.name}{there}{remedy}"
 
 

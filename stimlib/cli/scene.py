@@ -251,8 +251,6 @@ def params_of(items: list[str], scene: Scene) -> dict[str, float]:
             values[name] = amplitude(text, units[name])
         else:
             values[name] = number(text, f"--set {name}={text}")
-        if values[name] < 0 and units.get(name) == "1/s":
-            raise BadValue(f"--set {name}={text}: a frequency or rate is 0 or above")
     return values
 
 

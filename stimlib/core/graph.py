@@ -232,11 +232,11 @@ class Block(Refusals):
     # ----------------------------------------------------------------------------------
     @property
     def frequency(self) -> Block | None:
-        """The signal that must be below fs/2; None if there is none."""
+        """The signal that must be in 0 .. fs/2; None if there is none."""
         return getattr(self, self.rated.rpartition(" ")[2]) if self.rated else None
 
     def check_rate(self, f: float, fs: float, where_: str = "") -> None:
-        """Raise BadValue unless a value of its frequency is below fs/2."""
+        """Raise BadValue unless a frequency is 0 or above, and below fs/2."""
         maker, _, name = self.rated.partition(": ")
         below_half(f"{where_}{maker}", fs, **{name: f})
 
@@ -452,9 +452,11 @@ def in_unit(what: str, b: Block, u: Unit, wanted: str) -> None:
 
 
 def below_half(name: str, fs: float, **edges: float) -> list[float]:
-    """Return band edges in cycles per sample; raise BadValue at or beyond fs/2."""
+    """Return edges in cycles per sample; raise BadValue below 0, and from fs/2 on."""
     for what, f in edges.items():
-        if abs(f) >= fs / 2:
+        if f < 0:
+            raise BadValue(f"{name}: {what} = {f:g} Hz must be 0 or above; raise it")
+        if not f < fs / 2:
             raise BadValue(
                 f"{name}: {what} = {f:g} Hz does not fit below fs/2 = {fs / 2:g} Hz; lower it, or"
                 " raise fs"

@@ -164,7 +164,10 @@ class Calibration:
             raise BadValue(f"Calibration: freq = {freq!r:.40} must be a number of Hz")
         low, high = self.freq[[0, -1]]
         if not low <= freq <= high:
-            raise BadValue(f"Calibration: {freq:g} Hz is outside of {low:g} to {high:g} Hz")
+            raise BadValue(
+                f"Calibration: {freq:g} Hz is outside of {low:g} to {high:g} Hz, where the device"
+                " was measured; choose a frequency there, or calibrate again with a wider sweep"
+            )
         return np.interp(freq, self.freq, row)
 
     def inverse(self, fs: float, taps: int | None = None) -> Array:
@@ -285,8 +288,9 @@ class Calibration:
         if wrong or all(dim == ONE for dim in dims.values()):
             name = (wrong or list(dims))[0]
             raise UnitError(
-                f"Calibration: {name} is in {dims[name]}, and what is calibrated in"
-                f" {pretty(self.unit)}"
+                f"Calibration: {name} is in {dims[name]}, but the device is calibrated in"
+                f" {(unit := pretty(self.unit))}; give the scene this unit, for instance"
+                f" tone(unit={unit!r})"
             )
 
     def limits(self, scene: Scene) -> Safety:

@@ -25,7 +25,8 @@ REMEDIES = {
     "empty field": "send nan where a number is missing",
     "no JSON": 'send one object a line, such as {"x": 0.0127}',
     "label twice": "give each number of a row its own label",
-    "no such label": "name a label that the rows have in columns, such as {'x': 'x'}",
+    "no such label": "name a label that the rows have in columns, such as {'x': 'x'}; those of"
+    " inner objects cannot be used",
     "no labels": "give the index of the number in columns, such as {'x': 0}",
     "too short": "count the numbers of a row from 0; a time is not counted",
     "no time": "send the time first, or leave out timed=True",

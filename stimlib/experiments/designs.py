@@ -245,7 +245,8 @@ class Staircase:
             )
         if not low <= least <= largest <= high:
             raise BadValue(
-                f"Staircase: start = {self.start} violates the bounds, {low:g} to {high:g}"
+                f"Staircase: start = {self.start} violates the bounds, {low:g} to {high:g};"
+                " start within them, or widen them"
             )
         for name in ("reversals", "up", "down", "max_trials", "stuck"):
             if not _counts(v := getattr(self, name)) and (name, v) != ("reversals", None):
