@@ -33,7 +33,7 @@ OWN = {
 FORMS = {
     e.name
     for e in contract.TABLE
-    if e.cls in OWN and re.search("live|contact|nested|param|many|l1", e.name)
+    if e.cls in OWN and re.search("live|contact|nested|param|many|l1|slew", e.name)
 }
 DEAR = {
     "avatar_frames",

@@ -327,7 +327,8 @@ class Calibration:
         UnitError
             An output in another unit.
         BadValue
-            As ``inverse``.
+            As ``inverse``; a sample rate so low for the band, or gains so far apart,
+            that no causal response fits them within 25 %.
         """
         self._fits(scene)
         return replace(safety, inverse=_inverse_of(self, fs))
@@ -398,6 +399,12 @@ def _fitted(weights: Array, device: Any, wanted: Any, n: int) -> Array:
 def _inverse_of(made: Calibration, fs: float) -> Inverse:
     """Return the inverse filter and the modelled response at a sample rate."""
     (taps, error), (response, apart) = made._inverse(fs), made._response(fs)
+    if not apart <= SPILL:
+        raise BadValue(
+            f"Calibration.safety: at fs = {fs:g} Hz no response fits the gains better than"
+            f" {apart:.0%}, so no limit at the skin would hold: give a higher sample rate, or"
+            f" calibrate with a finer resolution; {5 * made.band[1]:g} Hz is mostly enough"
+        )
     stated = error + apart + float(made.uncertainty[made._inside].max())
     return Inverse(taps.tolist(), response.tolist(), max(1, int(fs / 30 / made.band[1])), stated)
 

@@ -441,7 +441,8 @@ def measured(
     device, from the outputs before the inverse filter. If there is a reference to
     follow, the result includes how well the hand followed it. An interval that was
     stopped gives None. ``away`` is for how many seconds of each interval a motion in
-    real time stayed away, so that the outputs were faded out.
+    real time stayed away, so that the outputs were faded out; on a calibrated device an
+    interval lasts from its first sample until the last has passed the inverse filter.
 
     Parameters
     ----------
@@ -451,7 +452,8 @@ def measured(
     at : list of (int, int)
         As `spans` has them.
     """
-    log = without_inverse(read_log(folder))
+    log = without_inverse(played := read_log(folder))
+    inverse: Any = played.safety.inverse
     scales = log.safety.scales(log.outputs)[list(log.channels)]
     peak, power = np.zeros((2, len(at), len(scales)))
     for first, frames, there in delivered(log):
@@ -467,7 +469,10 @@ def measured(
     end = min([log.frames, *(e.at for e in log.events if e.kind == "stop")])
     gains = [(c.at, c.value) for c in log.changes if c.name == GAIN and c.at < end]
     off = [(p, q) for (p, gain), (q, _) in pairwise([(0, 0.0), *gains, (end, 0.0)]) if not gain]
-    found["away"] = [sum(max(0, min(b, q) - max(a, p)) for p, q in off) / log.fs for a, b in at]
+    late = len(inverse.taps) // 2 if inverse else 0  # the gain comes behind the inverse filter
+    found["away"] = [
+        sum(max(0, min(b + late, q) - max(a, p)) for p, q in off) / log.fs for a, b in at
+    ]
     if experiment.cursor is not None and experiment.cursor.input in log.inputs:
         k = log.inputs.index(experiment.cursor.input)
         hands = [log.motion[a:b][:, k] for a, b in at]

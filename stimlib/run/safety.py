@@ -328,7 +328,7 @@ def _limited(name: str, scene: Scene, safety: Safety, scale: float) -> Block:
     if y.dim == ONE:
         return driven
     felt = fir(y, np.convolve(inverse.taps, inverse.response)[: len(inverse.taps)])
-    driven = Tally(driven, delay(y, late), felt, "outside", name, inverse.error)
+    driven = Tally(driven, delay(y, late) if late else y, felt, "outside", name, inverse.error)
     y = _counted(ForceLimit(driven, _limit(scale, unit)), driven, "drive", name)
     response = np.divide(inverse.response, scale)
     held = ResponseLimit(y, response, min(scale, peak or scale), slew, inverse.every)

@@ -229,6 +229,9 @@ def test_limits_are_in_the_unit_of_the_calibration():
         sink.start(0.2)
         sink.wait()
     assert sink.report().clips["clip"]["signal"] > 10
+    beside = Calibration([80.0, 100.0, 200.0, 400.0], [9.0, 2.0, 3.0, 9.0], np.zeros(4), "m/s^2")
+    within = dataclasses.replace(beside, band=(100.0, 200.0))
+    assert within.limits(scene).full_scale == {"signal": 3.0}
 
 
 def displayed(scene, tmp_path, **options):
@@ -431,6 +434,13 @@ def test_an_experiment_on_a_calibrated_device_is_recorded_in_its_unit(tmp_path):
         (lambda c: Inverse([1.0], [np.nan]), BadValue, "response must be a row of finite"),
         (lambda c: Safety(1.0, inverse="x"), BadValue, "inverse = 'x' must be a Inverse"),
         (lambda c: c.drive(tone(unit="m/s^2"), 800.0), BadValue, "above 833 Hz"),
+        (
+            lambda c: Calibration(
+                f := np.arange(60.0, 601.0), response(f), 0 * f, "m/s^2", band=BAND
+            ).safety(tone(unit="m/s^2"), Safety(1.0), 1000.0),
+            BadValue,
+            "at fs = 1000 Hz no response fits .* give a higher sample rate",
+        ),
         (
             lambda c: Calibration(c.freq, 1 + np.sin(c.freq), 0 * c.freq, "N").drive(
                 tone(unit="N"), FS, 5

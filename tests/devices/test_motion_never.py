@@ -23,6 +23,7 @@ from live.test_server import greeted
 from stimlib import Input, MotionError, Param, Scene
 from stimlib.checks import verify_log
 from stimlib.devices import (
+    Calibration,
     Live,
     NullSink,
     Signal,
@@ -428,3 +429,18 @@ def test_motion_that_stays_away_within_an_interval_makes_the_trial_be_presented_
     assert shown["missed"] and shown["away"] == [0.0, 0.1] and shown["quiet"] > 0.05
     assert shown["silent"] == "no motion came for 0.1 s of an interval"
     assert shown["peak"]["force"][0] > 0 == shown["peak"]["force"][1]
+
+
+def test_motion_that_stays_away_while_the_end_passes_the_inverse_filter_does_so(tmp_path):
+    """It ends with the last interval, which a calibrated device delays by 128 ms."""
+    f = np.arange(20.0, 300.0)
+    made = Calibration(f, f / (f - 60j), 0 * f, "N", band=(30.0, 210.0))
+    late = made.inverse(1000.0).size // 2
+    timing = Timing(interval=0.1, gap=0.05, before=0.2, ramp=0.0)
+    push = {"motion": Live(keep=1.0), "hand": lambda sink: sink.push(np.full((1, 560), 0.5))}
+    made_of = experiment(timing=timing, **push, safety=0.5)
+    design = made_of.designed("P01")
+    task = design.next(design.init(1))
+    shown = present(made_of, task, "null", tmp_path / "a", calibration=made, realtime=False)
+    assert late == 128 and shown["missed"] and shown["away"][0] == 0.0
+    assert 0.0 < shown["away"][1] < 0.128

@@ -10,6 +10,7 @@ from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnitError, UnknownName, constant
+from stimlib.blocks.contact import ResponseLimit, Tally
 from stimlib.run.safety import GAIN, Inverse, Safety, Watch, protect, to_device
 from stimlib.scenes import squeeze
 
@@ -232,3 +233,36 @@ def test_a_fault_before_an_inverse_filter_is_reported(limits):
     y = proc.process(x[:, 50:].copy())
     assert np.isfinite(y).all() and not y[0, 300:].any()
     assert Watch(proc).faults() == {"force": 100, "mark": 200}
+
+
+@pytest.mark.parametrize(
+    ("limit", "part"),
+    [
+        ({}, lambda felt: felt / 2.0),
+        ({"peak": 1.0}, lambda felt: felt),
+        ({"slew": 100.0}, lambda felt: np.diff(felt) / 0.1),
+    ],
+    ids=["full scale", "peak", "slew"],
+)
+def test_each_limit_holds_behind_a_device_that_adds_up_two_samples(limit, part):
+    """The limits of the request, before the inverse filter, do not see that."""
+    scene = Scene({"force": constant(1.0, "N") * Input("x")})
+    proc = compiled(scene, Safety(2.0, **limit, inverse=Inverse([0.5], [2.0, 2.0])), 1000)
+    drive = proc.process(np.repeat([0.0, 2.0, -2.0], 60)[None])[0]
+    felt = np.convolve(drive, [1.0, 1.0])[: drive.size]
+    assert np.abs(part(felt)).max() == pytest.approx(1.0, abs=1e-9)
+    assert Watch(proc).counts()["skin"]["force"] > 10
+
+
+def test_infinity_passes_the_limit_ahead_so_that_the_guard_ends_the_output():
+    limited = ResponseLimit(Input("x"), np.ones(2), 1.0, None, 1)
+    proc = stimlib.compile(Scene({"y": limited}), FS)
+    y = proc.process(np.array([[0.75, np.inf, 0.75, 0.75]]))[0]
+    assert y[0] == y[1] == 0.75 and (np.diff(y[1:]) < 0.0).all() and (y > 0.7).all()
+
+
+def test_content_outside_is_counted_as_a_part_of_the_largest_so_far():
+    x = Input("x")
+    proc = stimlib.compile(Scene({"y": Tally(x, x, x + Input("more"), "outside", "y", 0.1)}), FS)
+    proc.process(np.array([[10.0, 1.0, 1.0, 1.0], [0.9, 0.9, 1.1, -1.2]]))
+    assert Watch(proc).outside() == {"y": {"samples": 2, "level": pytest.approx(1.2)}}
