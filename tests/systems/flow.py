@@ -208,7 +208,7 @@ def session_in_a_terminal():
     # a key to begin each trial, and its answer
     sys.modules["msvcrt"].getwch = iter(" 1 2").__next__
     sys.modules["msvcrt"].kbhit = lambda: False
-    with Session(harder, "data", "P2") as s:
+    with Session(harder, "people", "P2") as s:  # apart from the simulated one
         run(s, terminal.Terminal(0), "offline")
         assert [list(r.answer.values.values()) for r in s.records] == [["first"], ["second"]]
 
