@@ -1561,6 +1561,8 @@ class ResponseLimit(Block):
     slew: float | None
     every: int
 
+    begins_early = False  # its phase counts from sample 0
+
     def design(self, fs):
         padded = np.append(self.response, np.zeros(self.every + -self.response.size % self.every))
         rows = padded.reshape(-1, self.every)[:, ::-1].T  # the last phase is bounded itself

@@ -470,6 +470,7 @@ def test_the_worst_block_of_a_class_counts(monkeypatch):
         params={},
         changes=[],
         skipped=[],
+        numbers=[],
     )
     (check,) = local.blocks_held(e)
     assert not check.passed and check.measured == 7.0

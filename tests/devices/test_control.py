@@ -130,10 +130,8 @@ def test_a_read_that_hangs_is_written_zeros_by_the_watchdog():
 )
 def test_a_read_that_fails_fades_and_is_named(read, says):
     made = loop(read)
-    with begun(made, 5.0, fs=1000):
-        with pytest.raises(SinkError, match=says):
-            made.wait()
-        made.error = None
+    with pytest.raises(SinkError, match=says), begun(made, 5.0, fs=1000):
+        made.wait()
     assert made.written[-1][0] == 0.0
 
 
