@@ -80,7 +80,7 @@ def verify_log(
     rows = (*(event.data for event in log.events if event.kind == "rows"), log.report or {})
     last = {"silent": "", "rejected": {}} | {k: v for data in rows for k, v in data.items()}
     rose = any(c.name == GAIN and c.value > 0 for c in log.changes) or not log.inputs
-    # the log of a session that was killed may end before its counts say that motion came
+    # the log of a killed session may end before its counts say that motion came
     why = "" if rose else last["silent"] or "the gain rises with the first motion, and has not"
     checks[:0] = [Check("b", "no motion was received", 1, 0, str(why)[:500])] if why else []
     e.numbers += [f"rows of motion rejected: {last['rejected']}"[:500]] if last["rejected"] else []

@@ -242,8 +242,9 @@ def test_the_errors_of_a_planned_jnd_are_those_of_power(file, log):
 )
 def test_a_plan_that_cannot_be_computed_is_refused(file, words, text):
     file.write_text(file.read_text() + PLANNED)
-    given = ["--jnd", 0.4, "--pse", 2, "--participants", 2, "--experiments", 2, *words]
-    assert f"error: {text}" in stimlib("power", f"{file}:planned", *given, status=2)
+    plan = {"--jnd": 0.4, "--pse": 2, "--participants": 2, "--experiments": 2}
+    given = [v for name, value in plan.items() if name not in words for v in (name, value)]
+    assert f"error: {text}" in stimlib("power", f"{file}:planned", *given, *words, status=2)
 
 
 def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
