@@ -153,6 +153,7 @@ def test_a_row_that_is_off_either_way_is_seen():
             params={},
             numbers=[],
             wanted={},
+            terms={},
         )
         checks = law.soft_surface(asked(e, scene.parts[0]))
         assert all(c.passed is passes for c in checks if c.name.startswith(("force", "depth1"))), (
