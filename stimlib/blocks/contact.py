@@ -1563,13 +1563,20 @@ class ResponseLimit(Block):
 
     begins_early = False  # its phase counts from sample 0
 
+    def check(self):
+        if not (self.most > 0 and (self.slew is None or self.slew > 0) and self.every >= 1):
+            raise BadValue("ResponseLimit: most, slew and every must be above 0")
+
     def design(self, fs):
         padded = np.append(self.response, np.zeros(self.every + -self.response.size % self.every))
         rows = padded.reshape(-1, self.every)[:, ::-1].T  # the last phase is bounded itself
-        kinds = [rows / self.most]
-        if self.slew is not None:
-            kinds.append(np.diff(rows, prepend=0.0) * (fs / self.every / self.slew))
+        with np.errstate(all="ignore"):
+            kinds = [rows / self.most]
+            if self.slew is not None:
+                kinds.append(np.diff(rows, prepend=0.0) * (fs / self.every / self.slew))
         k, keep = np.hstack(kinds).ravel(), np.ones((len(kinds), rows.shape[1]))
+        if not np.isfinite(k).all():
+            raise BadValue("ResponseLimit: most or slew is too small for the response; raise it")
         keep[:, -1] = 0.0
         per = 1.0 / np.where(np.abs(k) < 1e-300, 1e-300, k)
         state = ResponseState(np.zeros(keep.size + 1), 0.0)
