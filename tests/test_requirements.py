@@ -26,7 +26,7 @@ DECLARED = [
 INNER = {  # what the code of stimlib writes where it uses inner parts of another package
     "numba": r"numba\.core|numba\.extending",
     "jax": r"jax\.extend",
-    "soundfile": r"\bsf\._[a-z]",
+    "soundfile": r"\bextra_info\b",
     "jack-client": r"\bjack\._[a-z]",
     "sounddevice": r"\bsd\._[A-Za-z]",
 }
