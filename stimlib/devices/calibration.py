@@ -503,7 +503,7 @@ def calibrate(
     >>> noise = 0.05 * np.random.default_rng(1).normal(size=u.shape)
     >>> found = calibrate(Sweep(u, 2 * u + noise, 2000.0), "m/s^2", (80, 400))
     >>> print(f"{found.full_scale(250):.2f} m/s^2, +-{100 * found.error(250):.1f} %")
-    2.00 m/s^2, +-0.9 %
+    2.01 m/s^2, +-1.0 %
     """
     from scipy.stats import t as student
 
