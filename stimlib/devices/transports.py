@@ -13,6 +13,7 @@ import math
 import re
 import socket
 import struct
+import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
@@ -519,6 +520,11 @@ def serial_motion(
         The port cannot be opened.
     """
     line, left, asked = [opened("serial_motion", port, baudrate)], [CUT], [time.monotonic()]
+    over = threading.Event()  # a session that ends meanwhile must not open the port again
+
+    def close() -> None:
+        over.set()
+        line[0].close()
 
     def receive(timeout: float) -> Rows:
         stale = time.monotonic() - asked[0] > PAUSE
@@ -529,12 +535,13 @@ def serial_motion(
             line[0].close()
             time.sleep(timeout)
             stale, data = True, b""
-            with suppress(SinkError):
-                line[0] = opened("serial_motion", port, baudrate)
+            if not over.is_set():
+                with suppress(SinkError):
+                    line[0] = opened("serial_motion", port, baudrate)
         asked[0] = time.monotonic()
         *lines, left[0] = re.split(rb"[\r\n]", CUT if stale else left[0] + data)
         if len(left[0]) > LONGEST:
             left[0] = CUT
         return rows_of(lines, timed, comma)
 
-    return Transport(receive, lambda: line[0].close(), f"port {port}")
+    return Transport(receive, close, f"port {port}")

@@ -252,6 +252,14 @@ def test_times_are_numbers_and_older_rows_are_out_of_order(here):
         assert Taken(receive)() == [0.1, 0.2]
 
 
+def test_a_serial_port_that_is_closed_is_not_opened_again(line):
+    port, plug = line
+    plug()
+    receive, opened = serial_motion(port), len(os.listdir("/proc/self/fd"))
+    receive.close()
+    assert receive(0.01) == ([], [], []) and len(os.listdir("/proc/self/fd")) < opened
+
+
 def test_a_time_on_a_serial_line_is_no_position(line):
     port, plug = line
     device = plug()
