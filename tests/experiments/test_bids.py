@@ -174,7 +174,13 @@ def _die(left, event, _):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows has no fork")
+def killed(write, data, out, files):
+    """Export, and be killed before the last file has its name."""
+    sys.addaudithook(partial(_die, iter(range(files - 1, -1, -1))))
+    globals()[write](experiment(), sessions("pair", data), out)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
 def test_a_killed_export_is_no_dataset_and_two_do_not_meet(data, tmp_path):
     found, out = sessions("pair", data), tmp_path / "out"
     for write in (to_bids, to_psych_ds):
@@ -184,11 +190,14 @@ def test_a_killed_export_is_no_dataset_and_two_do_not_meet(data, tmp_path):
             write(experiment(), found, out)
         os.close(held)
         assert list(out.iterdir()) == []
-        if not (pid := os.fork()):  # killed before its last file has its name
-            sys.addaudithook(partial(_die, iter(range(len(whole) - 1, -1, -1))))
-            write(experiment(), found, out)
-            os._exit(0)
-        assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == -signal.SIGKILL
+        given = write.__name__, str(data), str(out), len(whole)
+        done = subprocess.run(
+            [sys.executable, "-c", f"import test_bids as t; t.killed(*{given!r})"],
+            env=os.environ
+            | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])},
+            capture_output=True,
+        )
+        assert done.returncode == -signal.SIGKILL, done.stderr
         names = {f.name for f in out.rglob("*") if f.is_file()}
         assert {f.name for f in whole} - names == {"dataset_description.json"}
         with pytest.raises(BadValue, match="has files"):
