@@ -4,7 +4,9 @@ take; `make stress` tries more; JACK.
 
 import ctypes
 import gc
+import importlib
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -23,6 +25,8 @@ if not os.environ.get("STIMLIB_STRESS"):
     if version("jaxlib").split(".")[:2] == ["0", "10"]:  # later ones end at a flag they do not know
         flags += " --xla_cpu_use_fusion_emitters=false"
     os.environ.setdefault("XLA_FLAGS", flags)
+# a module that pytest imports by itself hides the function of its name: texture
+importlib.import_module("stimlib.blocks")
 EXAMPLES = 100 if os.environ.get("STIMLIB_STRESS") else 40
 settings.register_profile(
     "stimlib",
@@ -85,7 +89,7 @@ def pytest_runtest_teardown(item, nextitem):
     result = yield
     if nextitem is None or nextitem.path != item.path:
         for thread in BEGUN:
-            thread.join(5.0)
+            thread.join(60.0)
         left = [f"{thread.name} of {test}" for thread, test in BEGUN.items() if thread.is_alive()]
         BEGUN.clear()
         assert not left, f"a sink was not closed: {left}"
@@ -183,6 +187,8 @@ def pytest_collection_modifyitems(config, items):
                     pytest.mark.xdist_group(item.path.relative_to(config.rootpath).as_posix())
                 )
         items[:] = dealt(items)
+    if seed := os.environ.get("STIMLIB_ORDER"):
+        items[:] = shuffled(items, seed)
 
 
 WAITING = (
@@ -209,6 +215,20 @@ def dealt(items):
         name: 0.08 * k for k, name in enumerate(WAITING)
     }
     return [item for name in sorted(units, key=turn.__getitem__) for item in units[name]]
+
+
+def shuffled(items, seed):
+    """Files in a random order, and the tests within each; a file stays together, as the
+    fixtures of a module need.
+    """
+    files, chance = {}, random.Random(seed)
+    for item in items:
+        files.setdefault(item.path, []).append(item)
+    return [
+        item
+        for path in chance.sample(list(files), len(files))
+        for item in chance.sample(files[path], len(files[path]))
+    ]
 
 
 def own_shared_memory():

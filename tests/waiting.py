@@ -1,0 +1,14 @@
+"""Waiting for what comes, however busy the machine is."""
+
+import time
+
+
+def until(there, what="", seconds=60.0):
+    """Return the first true value of ``there()``.  The limit only ends a hang; ``what``
+    may tell what there is instead.
+    """
+    end = time.monotonic() + seconds
+    while not (found := there()):
+        assert time.monotonic() < end, what() if callable(what) else what
+        time.sleep(0.005)
+    return found
