@@ -96,10 +96,10 @@ stress-rest:
 randomness: .venv/ready
 	$(ENV) $(BIN)/python tests/stress/randomness.py
 
-# Half an hour in real time, by hand: memory must not grow, and every sample must be accounted for.
+# Half an hour in real time, by hand: memory must not grow, every sample must be accounted for, and the log must replay.
 soak: .venv/ready
 	@sh tests/devices/install.sh
-	$(ENV) PYTHONPATH=tests $(BIN)/python tests/stress/soak.py
+	$(ENV) PYTHONPATH=tests $(BIN)/python benchmarks/soak.py
 
 docs: .venv/ready
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build

@@ -1,11 +1,9 @@
-"""Random correct compositions of all classes: ``python tests/stress/compositions.py
-[HOW MANY [FIRST]]``; none may be refused.
+"""Random correct compositions of all classes, none of which may be refused:
+tests/checks/test_local.py.
 """
 
 from __future__ import annotations
 
-import sys
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +13,7 @@ from contract import TABLE, Entry
 from stimlib import Block, Input, Param, Scene, StimlibError, blocks as b, constant
 from stimlib.checks import local
 from stimlib.core import units
-from stimlib.core.graph import reach, type_name
+from stimlib.core.graph import reach
 from stimlib.run.processor import Change
 
 RATES = 1000.0, 4000.0, 8000.0, 44100.0
@@ -90,22 +88,3 @@ def refused(seed: int) -> tuple[list[local.Held], Scene] | None:
         return [h for h in local.held(run) if not h.error <= 1], scene
     except StimlibError:  # names, keys of noises or memories that do not fit together
         return None
-
-
-def main(count: str = "2000", first: str = "0") -> None:
-    done, wrong, seen, began = 0, 0, set(), time.monotonic()
-    for seed in range(int(first), int(first) + int(count)):
-        if found := refused(seed):
-            done += 1
-            seen |= {type_name(type(v)) for v in reach(found[1].outputs.values())}
-            for h in found[0]:
-                print(f"seed {seed}: {h.block!r}{h.where}: {h.error:.3g} {h.why}", flush=True)
-            wrong += bool(found[0])
-    print(
-        f"{done} compositions of {len(seen)} classes in {time.monotonic() - began:.0f} s: {wrong}"
-        " refused"
-    )
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

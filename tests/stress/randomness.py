@@ -1,7 +1,7 @@
 """Is the noise random?  Dieharder where it is installed, and scipy's tests of samples:
 ``make randomness``.
 
-``randomness.py [--record] [--samples N] [--only WORD]``.  What it says is a table, kept
+``randomness.py [--record] [--samples N]``.  What it says is a table, kept
 with ``--record`` in docs/explanation/randomness.csv.  It ends with an error where a
 p-value is below 1e-6: of two hundred, chance brings one in five thousand runs.  Where
 its p-value is below 0.005 or above 0.995, dieharder draws more until that has passed or
@@ -36,7 +36,6 @@ from stimlib.blocks import noise, white_noise
 
 TABLE = Path(__file__).parents[2] / "docs" / "explanation" / "randomness.csv"
 FAILED = 1e-6
-FEWEST = 1e6  # samples
 BLOCK = 1 << 18  # pairs of samples, 4 MiB of bits
 U = np.uint64
 
@@ -272,22 +271,10 @@ def main() -> None:
     parser.add_argument(
         "--samples", type=float, default=2e8, help="of each finger (default: %(default)g)"
     )
-    parser.add_argument(
-        "--only", default="", metavar="WORD", help="only what has this word in its name"
-    )
     options = parser.parse_args()
-    if not FEWEST <= options.samples <= 1e15:
-        parser.error(
-            f"--samples {options.samples:g}: from {FEWEST:g} on, below which tails have no counts"
-        )
-    if options.only and options.record == TABLE:
-        parser.error("--only makes a part of the table: keep it elsewhere, with --record FILE")
-    known = jobs(int(options.samples))
-    if not (wanted := [f for name, f in known.items() if options.only in name]):
-        parser.error(f"--only {options.only!r} is in no name; there are {', '.join(known)}")
     rows: list[Row] = []
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for found in pool.map(lambda job: job(), wanted):
+        for found in pool.map(lambda job: job(), jobs(int(options.samples)).values()):
             rows += found
     if options.record:
         with options.record.open("w", newline="") as f:

@@ -89,7 +89,7 @@ def test_a_session_on_a_window(screen):
 
 
 def test_what_is_seen_and_felt_begins_together(screen):
-    done = screen("tests/stress/together.py")
+    done = screen("benchmarks/together.py")
     assert done.returncode == 0, done.stderr
     table = [line for line in done.stdout.splitlines() if line.startswith(("sink,", "null,"))]
     (row,) = csv.DictReader(table)  # PsychoPy warns on stdout

@@ -1,14 +1,9 @@
 """Shared pages of the shipped scenes in browsers without a network: their samples while
-parameters move, time and delay, and what axe-core finds.
+parameters move.
 
 STIMLIB_STRESS=1 pytest -m stress tests/stress/test_share.py -s, which prints a row for
 each scene. Needs clang with lld, or zig (ZIG names the program).
 """
-
-import shutil
-import statistics
-import time
-from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -43,10 +38,10 @@ def opened(browser, tmp_path):
     """Shares a scene, opens it from disk: scene, motion, page in Chromium, file."""
     pages = []
 
-    def open_(name, seconds, with_motion=True):
+    def open_(name, seconds):
         scene, n, path = SHIPPED[name](), round(seconds * FS), tmp_path / f"{name}.html"
         motion = {i: parse_motion(m) for i, m in ROWS[name].drive.items()}
-        share(scene, FS, path, motion if with_motion else None, seconds, title=name)
+        share(scene, FS, path, motion, seconds, title=name)
         x = positions(sources_of(motion, tuple(scene.inputs), n), 0, n, FS)
         page = browser.page(path.as_uri())
         pages.append(page)
@@ -95,65 +90,3 @@ def test_the_table_of_blocks(k, browser, tmp_path):
     print(f"\n{len(scene.outputs)} blocks, {made.samples} samples of each: {found['same']}")
     assert found["sha256"] == made.sha256 and made.samples == 1200 and page.complaints() == []
     page.close()
-
-
-@pytest.mark.parametrize("rate", [8000, 48000])
-def test_from_pointer_to_sound(opened, rate):
-    _, _, page, _ = opened("squeeze", 0.5, with_motion=False)
-    if rate != FS:  # as where a browser takes no context of the scene's rate
-        page.js("""{ const Own = AudioContext; window.AudioContext = function (options) {
-          if (options.sampleRate !== 48000) throw new Error("not this rate");
-          return new Own(options);
-        } }""")
-    page.click("#run")
-    page.until("scene.context?.state === 'running'")
-    page.click("#sound")
-    for k in range(300):
-        page.mouse("Moved", *page.at("#field", 0.1 + 0.8 * abs(k % 20 / 10 - 1), 0.5))
-        time.sleep(0.017)
-    assert page.js("scene.context.sampleRate") == rate
-    delays = page.js("scene.sound.played")
-    rms = page.js("document.querySelector('#level').textContent")
-    print(
-        f"\npointer to sound at {rate} Hz: median {statistics.median(delays):.0f} ms, 95 %"
-        f" {np.quantile(delays, 0.95):.0f} ms of {len(delays)}; level {rms}"
-    )
-    assert len(delays) > 100 and 0 < statistics.median(delays) < 150
-    assert float(rms.split()[0].replace("−", "-")) > 0
-
-
-@pytest.fixture(scope="module", params=["chromium", "firefox"])
-def other(request):
-    """A browser by Playwright, which can start Firefox, and lets axe-core look."""
-    api = pytest.importorskip("playwright.sync_api", reason="make .venv/browsers installs it")
-    path = where() if request.param == "chromium" else shutil.which("firefox-esr")
-    if path is None:
-        pytest.skip(f"{request.param} is not installed")
-    more = {"channel": "moz-firefox"} if request.param == "firefox" else {"args": ["--no-sandbox"]}
-    with api.sync_playwright() as playwright:
-        made = getattr(playwright, request.param).launch(executable_path=path, **more)
-        yield made
-        made.close()
-
-
-def test_both_browsers_compute_the_same_and_all_can_use_it(other, tmp_path):
-    need_compiler()
-    path = tmp_path / "squeeze.html"
-    motion = {i: parse_motion(m) for i, m in ROWS["squeeze"].drive.items()}
-    made = share(SHIPPED["squeeze"](), FS, path, motion, 7.0)
-    assert made.samples * 2 >= 1e5
-    nothing = ("color_scheme", "reduced_motion", "forced_colors", "contrast")
-    page = other.new_context(**dict.fromkeys(nothing, "null")).new_page()
-    errors = []
-    page.on("pageerror", lambda e: errors.append(str(e)))
-    page.goto(path.as_uri())
-    page.wait_for_selector("#checked.good, #checked.bad", timeout=60_000)
-    found = page.evaluate("scene.checked")
-    print(f"\n{other.browser_type.name}: 128 samples take {found['spent']:.3f} ms")
-    assert found["same"] and found["sha256"] == made.sha256 and errors == []
-    page.evaluate(files("axe_playwright_python").joinpath("axe.min.js").read_text())
-    for wide, high in ((1440, 900), (390, 844)):
-        page.set_viewport_size({"width": wide, "height": high})
-        seen = page.evaluate("axe.run(document, {resultTypes: ['violations']})")["violations"]
-        assert [v["id"] for v in seen if v["impact"] in ("serious", "critical")] == []
-        assert page.evaluate("document.documentElement.scrollWidth") <= wide

@@ -1,6 +1,6 @@
 """Markers against what JACK recorded: the pulse's sample, and the time of LSL and OSC.
 
-``python tests/stress/pulses.py [SECONDS]``, with a JACK server that runs: a signal and
+``python benchmarks/pulses.py [SECONDS]``, with a JACK server that runs: a signal and
 a pulse on a spare channel begin at the same samples; another client records both.
 The pulse is compared with the signal, sample by sample; the stamps of markers with
 JACK's own time of the frame in which the pulse was recorded.
@@ -15,7 +15,7 @@ import time
 import numpy as np
 import pylsl
 from pythonosc import osc_packet
-from stress.transports import listening
+from transports import listening
 
 from stimlib import Scene
 from stimlib.blocks import burst, every

@@ -1,6 +1,6 @@
 """What is seen and what is felt begin together: 200 bursts and 200 pictures.
 
-``python tests/stress/together.py [SINK] > FILE.csv``, on a display, with PsychoPy: a
+``python benchmarks/together.py [SINK] > FILE.csv``, on a display, with PsychoPy: a
 burst every 0.3 s on a sink, and at the time at which it leaves the device a circle on a
 window of PsychoPy. The offset is from the burst's marker to the end of the flip.
 """

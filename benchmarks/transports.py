@@ -1,6 +1,6 @@
 """Markers and motion over every transport at once, on loopback.
 
-``python tests/stress/transports.py [SECONDS] > docs/explanation/transports.csv``: a
+``python benchmarks/transports.py [SECONDS] > docs/explanation/transports.csv``: a
 sink at 8 kHz marks every 50 ms to LSL, OSC, UDP and a pseudo terminal, and four sinks
 at 1 kHz take 500 rows a second from each.
 """
