@@ -5,11 +5,14 @@ and what is refused.
 import math
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import mpmath as mp
 import numpy as np
 import pytest
+from laws import mostly
+from matplotlib.figure import Figure
 from refusals import refused
 
 import stimlib
@@ -24,22 +27,16 @@ from stimlib.fitting.closed_form import (
     springpot_series_force,
     thin,
 )
-from stimlib.fitting.relaxation import (
-    MaxwellFit,
-    SpringpotFit,
-    fit_generalized_maxwell,
-    fit_springpot,
-)
+from stimlib.fitting.relaxation import fit_generalized_maxwell, fit_springpot
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
-MUSCLE = [f"Avg{c}_{r}" for c in ("Relaxed", "pCa4p4") for r in ("0p1s", "1s", "10s", "100s")]
 RAMPS = {"0p1s": 0.1, "1s": 1.0, "10s": 10.0, "100s": 100.0}
 recorded = pytest.mark.skipif(
     not DATA.is_dir(), reason="no recorded tissue beside the repository, in ../shared/data"
 )
 
 
-def uneven(n=40, seed=0):
+def uneven(n=20, seed=1):
     rng = np.random.default_rng(seed)
     t = np.cumsum(10.0 ** rng.uniform(-4, 1, n)) - 5.0
     return t, np.where(rng.random(n) < 0.3, 0.0, rng.standard_normal(n)).cumsum()
@@ -52,41 +49,57 @@ def a_test(n=80, last=100.0):
 
 
 # The exact answers --------------------------------------------------------------------
+ARMS = [(2.0, 1e-5), (3.0, 0.3), (1.0, 50.0), (4.0, 1e9)]
+
+
+def springpot_kernels(alpha):
+    """The force of a springpot after a unit ramp and a unit step, in forty digits."""
+    b = 1 - mp.mpf(alpha)
+    return lambda s: s**b * mp.rgamma(1 + b) if s else mp.mpf(0), lambda s: s**-alpha * mp.rgamma(b)
+
+
+def maxwell_kernels(arms):
+    def ramp(s):
+        return 7 * s + sum(-k * tau * mp.expm1(-s / tau) for k, tau in arms)
+
+    return ramp, lambda s: 7 + sum(k * mp.exp(-s / tau) for k, tau in arms)
+
+
 @pytest.mark.parametrize("onset", ["steady", "step"])
-@pytest.mark.parametrize("alpha", [0.0, 1e-9, 0.05, 0.5, 0.95, 1.0])
-def test_a_springpot_at_uneven_times(alpha, onset):
-    """In forty digits: the sum of powers, as it stands."""
+@pytest.mark.parametrize("alpha", [0.0, 1e-9, 0.05, 0.5, 0.95, 1.0, "arms"])
+def test_forces_at_uneven_times(alpha, onset):
+    """In forty digits: the sum over straight lines, as it stands."""
     t, y = uneven()
-    got = springpot_force(t, y, 3.0, alpha, onset=onset)
     with mp.workdps(40):
-        b = 1 - mp.mpf(alpha)
+        if alpha == "arms":
+            got, (ramp, step) = maxwell_force(t, y, 7.0, ARMS, onset=onset), maxwell_kernels(ARMS)
+            held = 0 if onset == "step" else 7 * mp.mpf(y[0])  # a spring has no memory
+        else:
+            got = springpot_force(t, y, 1.0, alpha, onset=onset)
+            (ramp, step), held = springpot_kernels(mp.mpf(alpha)), 0
+        slopes = [mp.mpf(dy) / mp.mpf(dt) for dy, dt in zip(np.diff(y), np.diff(t), strict=True)]
         for n in range(1, t.size):
-            since = [mp.mpf(t[n]) - mp.mpf(v) for v in t[: n + 1]]
-            force = mp.mpf(0)
-            for i in range(n):
-                slope = (mp.mpf(y[i + 1]) - mp.mpf(y[i])) / (since[i] - since[i + 1])
-                late = since[i + 1] ** b if since[i + 1] else mp.mpf(0)
-                force += slope * (since[i] ** b - late) * mp.rgamma(1 + b)
+            ramps = [ramp(mp.mpf(t[n]) - mp.mpf(v)) for v in t[: n + 1]]
+            force = held + mp.fsum(slopes[i] * (ramps[i] - ramps[i + 1]) for i in range(n))
             if onset == "step":
-                force += mp.mpf(y[0]) * since[0] ** (-mp.mpf(alpha)) * mp.rgamma(b)
-            assert got[n] == pytest.approx(float(3 * force), rel=1e-11, abs=1e-12)
+                force += mp.mpf(y[0]) * step(mp.mpf(t[n]) - mp.mpf(t[0]))
+            rel = 1e-13 if alpha == "arms" else 1e-11
+            assert got[n] == pytest.approx(float(force), rel=rel, abs=1e-12)
 
 
 def test_a_short_ramp_long_ago_keeps_its_digits():
     """1 us of motion, a day ago."""
     t = np.array([0.0, 1e-6, 86400.0])
-    with mp.workdps(40):
-        far, end = mp.mpf(t[2]), mp.mpf(t[2]) - mp.mpf(t[1])
-        wanted = float(
-            (far ** mp.mpf(0.9) - end ** mp.mpf(0.9)) / mp.mpf(t[1]) / mp.gamma(mp.mpf(1.9))
-        )
     force = springpot_force(t, np.array([0.0, 1.0, 1.0]), 1.0, 0.1)[-1]
-    assert force == pytest.approx(wanted, rel=1e-11)
+    with mp.workdps(40):
+        ramp, _ = springpot_kernels(mp.mpf(0.1))
+        wanted = (ramp(mp.mpf(t[2])) - ramp(mp.mpf(t[2]) - mp.mpf(t[1]))) / mp.mpf(t[1])
+    assert force == pytest.approx(float(wanted), rel=1e-11)
     assert force == pytest.approx(relaxation_modulus(86400.0, springpot=(1.0, 0.1)), rel=1e-9)
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.5, 0.9, 1.0])
-@pytest.mark.parametrize("beta", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("beta", mostly([0.5, 1.0], [0.5, 1.0, 2.0]))
 def test_the_mittag_leffler_function(alpha, beta):
     """Against its series in 120 digits, and for large numbers its asymptotic series."""
     with mp.workdps(120):
@@ -132,68 +145,27 @@ def test_the_block_in_series_converges_to_the_closed_form():
         np.testing.assert_allclose(again[np.isin(more, t)], fine[:100], rtol=1e-7, atol=1e-12)
 
 
-def test_mistakes_of_a_series_are_refused():
-    for words in ({}, {"k": 1.0, "b": 1.0}, {"k": 0.0}, {"b": -1.0}, {"k": math.inf}):
-        with pytest.raises(BadValue):
-            springpot_series_force([0.0, 1.0], [0.0, 1.0], 1.0, 0.5, **words)
-    for chi, alpha in ((0.0, 0.5), (1.0, 0.0), (1.0, 1.0), (math.nan, 0.5)):
-        with pytest.raises(BadValue):
-            springpot_series_force([0.0, 1.0], [0.0, 1.0], chi, alpha, k=1.0)
-    for x, alpha in ((-1.0, 0.5), (math.nan, 0.5), (1.0, 0.0), (1.0, 1.1)):
-        with pytest.raises(BadValue):
-            mittag_leffler(x, alpha)
-    with pytest.raises(BadValue):
-        mittag_leffler(1.0, 0.5, 0.0)
-    with pytest.raises(BadValue):
-        mittag_leffler(1.0, 0.5, math.inf)
-
-
-@pytest.mark.parametrize("onset", ["steady", "step"])
-def test_maxwell_arms_at_uneven_times(onset):
-    t, y = uneven(seed=1)
-    arms = [(2.0, 1e-5), (3.0, 0.3), (1.0, 50.0), (4.0, 1e9)]
-    got = maxwell_force(t, y, 7.0, arms, onset=onset)
-    for n in (1, 5, 20, 39):
-        with mp.workdps(40):
-            force = 7 * mp.mpf(y[n])
-            for k, tau in arms:
-                since = [mp.mpf(t[n]) - mp.mpf(v) for v in t[: n + 1]]
-                for i in range(n):
-                    slope = (mp.mpf(y[i + 1]) - mp.mpf(y[i])) / (since[i] - since[i + 1])
-                    force += (
-                        k * tau * slope * (mp.exp(-since[i + 1] / tau) - mp.exp(-since[i] / tau))
-                    )
-                if onset == "step":
-                    force += k * mp.mpf(y[0]) * mp.exp(-since[0] / tau)
-            assert got[n] == pytest.approx(float(force), rel=1e-13)
-
-
 def test_a_fit_and_a_block_mean_the_same_material():
-    fs, n = 1000.0, 3000
-    t = np.arange(n) / fs
+    t = np.arange(3000) / 1000
     y = 0.01 * np.sin(7 * t) ** 2
-    arms = [(50.0, 0.02), (30.0, 1.5)]
-    proc = stimlib.compile(Scene({"f": generalized_maxwell(Input("y", "m"), 100.0, arms)}), fs)
-    np.testing.assert_allclose(
-        proc.process(y[None])[0], maxwell_force(t, y, 100.0, arms), rtol=0, atol=1e-14
-    )
-    fit = fit_springpot(t[::30], y[::30], springpot_force(t[::30], y[::30], 200.0, 0.3))
-    scene = Scene({"f": fit.block(Input("y", "m"), scheme="l1", tol=1e-12)})
-    got = stimlib.compile(scene, fs).process(y[None])[0]
-    np.testing.assert_allclose(
-        got, springpot_force(t, y, 200.0, 0.3), rtol=0, atol=1e-9 * np.abs(got).max()
-    )
-    fit = fit_generalized_maxwell(
-        t[::30], y[::30], maxwell_force(t[::30], y[::30], 100.0, arms), arms=2
-    )
+    springpot, arms = springpot_force(t, y, 200.0, 0.3), [(50.0, 0.02), (30.0, 1.5)]
+    maxwell = maxwell_force(t, y, 100.0, arms)
+    some, held = (t[::30], y[::30]), Input("y", "m")
+    one = fit_springpot(*some, springpot_force(*some, 200.0, 0.3))
+    fit = fit_generalized_maxwell(*some, maxwell_force(*some, 100.0, arms), arms=2)
     assert fit.arms == pytest.approx([pytest.approx(a, rel=1e-6) for a in arms])
-    got = stimlib.compile(Scene({"f": fit.block(Input("y", "m"))}), fs).process(y[None])[0]
-    np.testing.assert_allclose(got, maxwell_force(t, y, 100.0, arms), rtol=0, atol=1e-9)
+    for block, wanted, tol in (
+        (one.block(held, scheme="l1", tol=1e-12), springpot, 1e-9 * np.abs(springpot).max()),
+        (fit.block(held), maxwell, 1e-9),
+        (generalized_maxwell(held, 100.0, arms), maxwell, 1e-14),
+    ):
+        got = stimlib.compile(Scene({"f": block}), 1000).process(y[None])[0]
+        np.testing.assert_allclose(got, wanted, rtol=0, atol=tol)
 
 
 # Known materials ----------------------------------------------------------------------
 @pytest.mark.parametrize("onset", ["steady", "step"])
-@pytest.mark.parametrize("alpha", [0.01, 0.1, 0.3, 0.6, 0.9, 0.99])
+@pytest.mark.parametrize("alpha", mostly([0.01, 0.6], [0.01, 0.1, 0.3, 0.6, 0.9, 0.99]))
 def test_a_springpot_is_found_again(alpha, onset):
     t, y = a_test()
     y = y + (0.004 if onset == "step" else 0.0)
@@ -231,18 +203,17 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     t, y = a_test(60)
     rng = np.random.default_rng(5)
     clean, arm = springpot_force(t, y, 300.0, 0.2), maxwell_force(t, y, 100.0, [(200.0, 2.0)])
-    held = {"chi": 0, "alpha": 0, "k0": 0, "k1": 0, "tau1": 0}
     truth = {"chi": 300.0, "alpha": 0.2, "k0": 100.0, "k1": 200.0, "tau1": 2.0}
-    runs = 200
+    held, runs = Counter(), 200
     for _ in range(runs):
         noise = 1 + 0.02 * rng.standard_normal(t.size)
         fits = (
             fit_springpot(t, y, clean * noise),
             fit_generalized_maxwell(t, y, arm * noise, arms=1),
         )
-        for fit in fits:
-            for name, (low, high) in fit.intervals.items():
-                held[name] += low <= truth[name] <= high
+        for name, (low, high) in (fits[0].intervals | fits[1].intervals).items():
+            held[name] += low <= truth[name] <= high
+    assert held.keys() == truth.keys()
     assert all(0.90 * runs <= n <= 0.99 * runs for n in held.values()), held
 
 
@@ -257,14 +228,11 @@ def test_what_a_recording_does_not_tell_has_no_bounds():
 
 def test_the_same_input_gives_the_same_bits_and_stays_as_it_is():
     t, y = a_test()
-    f = springpot_force(t, y, 300.0, 0.2) * (
-        1 + 0.01 * np.random.default_rng(3).standard_normal(t.size)
-    )
-    kept = t.copy(), y.copy(), f.copy()
+    f = springpot_force(t, y, 300.0, 0.2) * (1 + 0.01 * np.sin(np.arange(t.size) ** 2))
+    kept = np.array([t, y, f])
     one, two = (fit_generalized_maxwell(t, y, f, arms=2) for _ in range(2))
     assert one.values == two.values and one.intervals == two.intervals
-    for a, b in zip((t, y, f), kept, strict=True):
-        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal([t, y, f], kept)
 
 
 def test_errors_are_measured_as_asked():
@@ -278,11 +246,8 @@ def test_errors_are_measured_as_asked():
     assert by_hand.values == pytest.approx(relative.values, rel=1e-7)
     assert by_hand.intervals["alpha"] == pytest.approx(relative.intervals["alpha"], rel=1e-6)
     some = fit_springpot(t, y, f, where=np.arange(t.size) >= 40)
-    assert (
-        some.used.sum() == t.size - 40
-        and some.relative.size == t.size - 40
-        and some.fitted.shape == t.shape
-    )
+    assert some.used.sum() == some.relative.size == t.size - 40
+    assert some.fitted.shape == t.shape
     assert some.largest_relative_error >= some.relative_error
 
 
@@ -328,7 +293,7 @@ def indentation():
 
 
 @recorded
-@pytest.mark.parametrize("name", MUSCLE)
+@pytest.mark.parametrize("name", mostly(["AvgRelaxed_0p1s", "AvgpCa4p4_100s"], SEEN))
 def test_muscle(name):
     """Stress in kPa over length in um: the hold within 7 % rms."""
     t, y, f, hold = muscle(name)
@@ -336,34 +301,25 @@ def test_muscle(name):
     chi, alpha, percent = SEEN[name]
     assert fit.chi == pytest.approx(chi, rel=2e-3) and fit.alpha == pytest.approx(alpha, abs=6e-4)
     assert 100 * fit.relative_error == pytest.approx(percent, abs=0.06)
-    assert fit.relative_error < 0.07
     arms = fit_generalized_maxwell(t, y, f, arms=2, where=hold)
     assert arms.relative_error < 0.045
 
 
 @recorded
 def test_an_indented_sample():
-    """From 20 ms on within 1.5 % rms."""
+    """From 20 ms on within 1.5 % rms; of every sample too, not averaged, with its
+    noise.
+    """
     t, y, f, start = indentation()
-    t, y, f = thin(t, y, f, start=start, before=400)
-    later = t > start + 0.02
-    fit = fit_springpot(t, y, f, where=later)
+    refused(BadValue, "thin", fit_springpot, t, y, f)
+    short, ys, fs = thin(t, y, f, start=start, before=400)
+    where, later = short > start + 0.02, t > start + 0.02
+    fit = fit_springpot(short, ys, fs, where=where)
     assert fit.relative_error < 0.015
     assert fit.alpha == pytest.approx(0.102, abs=1e-3) and fit.chi == pytest.approx(0.570, rel=3e-3)
-    arms = fit_generalized_maxwell(t, y, f, arms=3, where=later)
-    assert arms.relative_error < 0.006
-
-
-@recorded
-def test_every_sample_of_the_indented_sample():
-    """Not averaged, with its noise: the same numbers."""
-    t, y, f, start = indentation()
-    short, ys, fs = thin(t, y, f, start=start, before=400)
-    fit = fit_springpot(short, ys, fs, where=short > start + 0.02)
-    force = np.interp(t, short, fit.fitted)
-    later = t > start + 0.02
-    assert np.sqrt(np.mean((force[later] / f[later] - 1) ** 2)) < 0.015
-    refused(BadValue, "thin", fit_springpot, t, y, f)
+    force = np.interp(t[later], short, fit.fitted)
+    assert np.sqrt(np.mean((force / f[later] - 1) ** 2)) < 0.015
+    assert fit_generalized_maxwell(short, ys, fs, arms=3, where=where).relative_error < 0.006
 
 
 # What is refused ----------------------------------------------------------------------
@@ -402,58 +358,74 @@ def test_bad_recordings(change, word):
     refused(BadValue, word, fit_generalized_maxwell, **given, arms=1)
 
 
-def test_other_bad_values():
-    for arms in (0, -1, 1.5, True, None):
-        refused(BadValue, "arms", fit_generalized_maxwell, T, Y, F, arms=arms)
-    refused(BadValue, "not enough", fit_generalized_maxwell, T, Y, F, arms=60)
-    for chi, alpha in ((-1.0, 0.5), (np.nan, 0.5), (1.0, 1.1), (1.0, np.nan)):
-        refused(BadValue, None, springpot_force, T, Y, chi, alpha)
-    for arms in ([(1.0, 0.0)], [(np.nan, 1.0)], [(1.0, np.inf)]):
-        refused(BadValue, None, maxwell_force, T, Y, 1.0, arms)
-    refused(BadValue, "2", springpot_force, [0.0], [1.0], 1.0, 0.5)
-    for more in (
-        {"start": 1e9},
-        {"start": -1.0},
-        {"start": 1.0, "per_decade": 0},
-        {"start": 1.0, "before": 0},
-    ):
-        refused(BadValue, "thin", thin, T, Y, **more)
+LINE = [0.0, 1.0], [0.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("call", "given", "words"),
+    [
+        *((fit_generalized_maxwell, (T, Y, F), {"arms": n}) for n in (0, -1, 1.5, True, None, 60)),
+        *(
+            (springpot_force, (T, Y, *material), {})
+            for material in ((-1.0, 0.5), (np.nan, 0.5), (1.0, 1.1), (1.0, np.nan))
+        ),
+        (springpot_force, ([0.0], [1.0], 1.0, 0.5), {}),
+        *(
+            (maxwell_force, (T, Y, 1.0, [arm]), {})
+            for arm in ((1.0, 0.0), (np.nan, 1.0), (1.0, np.inf))
+        ),
+        *(
+            (thin, (T, Y), more)
+            for more in (
+                {"start": 1e9},
+                {"start": -1.0},
+                {"start": 1.0, "per_decade": 0},
+                {"start": 1.0, "before": 0},
+            )
+        ),
+        (thin, (T, Y, F, np.where(T == T[7], np.nan, F)), {"start": 1.0}),
+        *(
+            (springpot_series_force, (*LINE, 1.0, 0.5), more)
+            for more in ({}, {"k": 1.0, "b": 1.0}, {"k": 0.0}, {"b": -1.0}, {"k": math.inf})
+        ),
+        *(
+            (springpot_series_force, (*LINE, *material), {"k": 1.0})
+            for material in ((0.0, 0.5), (1.0, 0.0), (1.0, 1.0), (math.nan, 0.5))
+        ),
+        *(
+            (mittag_leffler, given, {})
+            for given in ((-1.0, 0.5), (math.nan, 0.5), (1.0, 0.0), (1.0, 1.1))
+        ),
+        *((mittag_leffler, (1.0, 0.5, beta), {}) for beta in (0.0, math.inf)),
+    ],
+)
+def test_bad_values(call, given, words):
+    refused(BadValue, None, call, *given, **words)
 
 
 # Pictures and words -------------------------------------------------------------------
-def test_pictures(tmp_path):
+def test_pictures_and_words(tmp_path):
     fits = (
         fit_springpot(T, Y, F),
         fit_generalized_maxwell(T, Y, F, arms=2),
         fit_springpot(T, Y + 1, F, onset="step"),
     )
-    for fit, suffix, begin in zip(
-        fits, ("png", "svg", "png"), (b"\x89PNG", b"<?xml", b"\x89PNG"), strict=True
-    ):
-        fit.plot(path := tmp_path / f"fit.{suffix}")
-        assert path.read_bytes().startswith(begin)
+    assert repr(fits[0]).startswith("SpringpotFit(chi=300 [300, 300], alpha=0.2 [0.2, 0.2]; ")
+    assert repr(fits[1]).startswith("MaxwellFit(") and "tau2=" in repr(fits[1])
+    assert "% rms of 80 samples" in repr(fits[1])
+    for fit, name in zip(fits, ("a.png", "b.svg", "c.png"), strict=True):
+        fit.plot(tmp_path / name)
+        begin = (tmp_path / name).read_bytes()[:5]
+        assert begin == (b"<?xml" if name.endswith("svg") else b"\x89PNG\r")
+    ax, below = Figure().subplots(2)
+    fits[0].draw(ax, below)
+    (errors,) = below.lines
+    np.testing.assert_array_equal(errors.get_ydata(), 100 * fits[0].relative)
     refused(SinkError, None, fits[0].plot, tmp_path / "nowhere" / "p.png")
     refused(SinkError, None, fits[0].plot, tmp_path / "p.movie")
 
 
-def test_words():
-    t, y = a_test()
-    fit = fit_springpot(t, y, F)
-    assert isinstance(fit, SpringpotFit) and repr(fit).startswith(
-        "SpringpotFit(chi=300 [300, 300], alpha=0.2 [0.2, 0.2]; "
-    )
-    fit = fit_generalized_maxwell(t, y, F, arms=2)
-    assert (
-        isinstance(fit, MaxwellFit) and "tau2=" in repr(fit) and "% rms of 80 samples" in repr(fit)
-    )
-
-
 def test_nothing_heavy_is_loaded_before_it_is_needed():
-    code = (
-        "import sys, stimlib.fitting.relaxation; print(sorted({'scipy.optimize', 'scipy.linalg',"
-        " 'matplotlib', 'numba', 'pint'} & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=Path(__file__).parents[1], capture_output=True, text=True
-    )
-    assert (done.stdout, done.stderr) == ("[]\n", "")
+    heavy = "scipy.optimize", "scipy.linalg", "matplotlib", "numba", "pint"
+    code = f"import sys, stimlib.fitting.relaxation; print({set(heavy)} & set(sys.modules))"
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "set()\n"
