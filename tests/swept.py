@@ -14,17 +14,15 @@ from stimlib.sweep import measure
 HANDS = {"slow": minimum_jerk(depth=0.02), "fast": minimum_jerk(depth=0.02, rise=0.1)}
 
 
-@measure("N")
-def deadly(r):
-    if r.params["k"] == 7.0:
-        os._exit(3)
-    return r["force"][-1]
+HELD = {"A": 3.4, "k": 500.0}  # of the fast hand: none of the rows that are tried first
 
 
-@measure("N")
+@measure("N", version="1")
 def last(r):
-    """Slow enough to be killed in the middle; and k = 7 ends its process."""
-    time.sleep(0.01)
+    """While the file STIMLIB_HELD is there, the rows of HELD wait."""
+    held = r.params.items() >= HELD.items() and r.motion["x1"] == HANDS["fast"]
+    while held and os.path.exists(os.environ.get("STIMLIB_HELD", "")):
+        time.sleep(0.01)
     return r["force1"][-1]
 
 
@@ -38,6 +36,11 @@ def deadly_in_the_middle(r):
     ):
         os.kill(os.getpid(), signal.SIGKILL)
     return r["force1"][-1]
+
+
+@measure("N")
+def hangs(r):
+    time.sleep(600)
 
 
 class Unspeakable(Exception):
@@ -60,8 +63,6 @@ def poisoned(kind="none"):
             raise GeneratorExit
         case "unspeakable":
             raise Unspeakable
-        case "hang":
-            time.sleep(600)
         case "large":
-            bytearray(10**12)
+            bytearray(4 * 10**9)
     return Scene({"y": 1.0 * Input("x")})

@@ -343,7 +343,7 @@ def test_no_edit_leaves_figures_of_old_source(kept, name):
             raise BadValue("run anew, of another scene or motion")
 
 
-@pytest.mark.parametrize("name", NOT_RUN)
+@pytest.mark.parametrize("name", mostly(list(NOT_RUN)[::2], NOT_RUN))
 def test_what_is_not_run_makes_no_row_run_again(kept, name, tmp_path):
     source, old, new = NOT_RUN[name]
     before = kept(source)
@@ -356,7 +356,7 @@ PLACES = ("script", "module", "package", "reloaded", "notebook")
 
 
 @pytest.mark.parametrize("workers", mostly([0], [0, 1]))
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("place", mostly(["package", "notebook"], PLACES))
 def test_wherever_the_source_is_an_edit_counts_and_what_is_not_run_does_not(
     place, workers, tmp_path
 ):
