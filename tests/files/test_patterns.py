@@ -22,7 +22,7 @@ from stimlib.files import PatternDevice, read_pattern, write_pattern
 from stimlib.files.pattern_analysis import analysed, analytic, loss
 from stimlib.files.pattern_text import INTENSITY, read_ahap, read_hjif
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FILES = ROOT / "tests" / "patterns"
 FS, TAU = 8000.0, 0.0073
 PARAMETERS = {"HapticIntensity": 1.0, "HapticSharpness": 0.5}
