@@ -6,15 +6,15 @@ import errno
 import hashlib
 import json
 import os
-import random
 import shutil
 import time
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from functools import partial
 
 import numpy as np
 import pytest
 from commands import ran
+from logged import play
 from refusals import refused, warned
 
 import stimlib
@@ -30,10 +30,8 @@ from stimlib.files.formats import FORMATS, stored
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
 from stimlib.files.log_writer import LogWriter, header
-from stimlib.files.sidecar import DONE
 from stimlib.motion.generators import sinusoid
-from stimlib.motion.text import parse_motion
-from stimlib.run.safety import GAIN, Safety, protect, to_device
+from stimlib.run.safety import GAIN, Safety
 from stimlib.system import fields, safe_files
 
 KINDS = [(f, s) for f, subtypes in FORMATS.items() for s in subtypes]
@@ -86,81 +84,65 @@ def written(path, frames):
     return part
 
 
+def patched(part, at, change):
+    """Change bytes of a file that another writes."""
+    with open(part, "r+b") as f:
+        f.seek(at, os.SEEK_END if at < 0 else os.SEEK_SET)
+        f.write(change)
+
+
 def forge(path, change, data=None):
     """Make a file and its sidecar fit again, after something was changed in them."""
     if data is not None:
         path.write_bytes(data)
     sidecar = path.with_name(path.name + ".json")
-    info = (
-        json.loads(sidecar.read_text())
-        | {"file_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-        | change
-    )
-    sidecar.write_text(json.dumps(info))
+    now = {"file_sha256": hashlib.sha256(path.read_bytes()).hexdigest()} | change
+    sidecar.write_text(json.dumps(json.loads(sidecar.read_text()) | now))
 
 
 # -- another program writes to the file that is being written
 
 
-def cut(part):
-    os.truncate(part, part.stat().st_size // 2)
+HOW = {
+    "cut": lambda part: os.truncate(part, part.stat().st_size // 2),
+    "emptied": lambda part: os.truncate(part, 0),
+    "flipped": lambda part: patched(part, -80, bytes([part.read_bytes()[-80] ^ 0x11])),
+    "replaced": lambda part: os.replace(shutil.copy(part, f"{part}.mine"), part),
+}
 
 
-def empty(part):
-    os.truncate(part, 0)
-
-
-def flip(part):
-    with open(part, "r+b") as f:
-        f.seek(-80, os.SEEK_END)
-        byte = f.read(1)
-        f.seek(-80, os.SEEK_END)
-        f.write(bytes([byte[0] ^ 0x11]))
-
-
-def head(part):
-    with open(part, "r+b") as f:
-        f.write(b"junk")
-
-
-def other(part):
-    shutil.copy(part, f"{part}.mine")
-    os.replace(f"{part}.mine", part)
-
-
-@pytest.mark.parametrize("how", [cut, empty, flip, head, other], ids=lambda f: f.__name__)
-@pytest.mark.parametrize(("format", "subtype"), KINDS)
-def test_a_file_that_another_program_changed_gets_no_name(tmp_path, format, subtype, how):
+@pytest.mark.parametrize(
+    ("kind", "how"),
+    [(kind, how) for i, kind in enumerate(KINDS) for how in [*HOW, *HOW][i % 4 : i % 4 + 2]],
+)
+def test_a_file_that_another_program_changed_gets_no_name(tmp_path, kind, how):
+    format, subtype = kind
     path = tmp_path / f"a.{format.lower()}"
     write(path, seconds=0.1, subtype=subtype)
     before = listing(tmp_path)
     seconds, at = (2.0, 1.5) if format == "FLAC" else (0.5, 0.2)  # libFLAC keeps up to 4096 frames
-    motion = meddle(at, lambda: how(written(path, round(8000 * at))))
-    if how is head:  # a header that is written again does not matter: what was written is read back
-        try:
-            write(path, motion, seconds, subtype=subtype)
-        except SinkError:
-            assert listing(tmp_path) == before
-        else:
-            assert np.array_equal(file.read(path)[0], expected(subtype, seconds))
-        return
-    refused(
-        SinkError,
-        rf"another program changed {path.name}\.[0-9a-f-]+\.part while it was written"
-        "|cannot be read|truncated",
-        write,
-        path,
-        motion,
-        seconds,
-        subtype=subtype,
-    )
+    motion = meddle(at, lambda: HOW[how](written(path, round(8000 * at))))
+    says = "another program changed|cannot be read|truncated"
+    refused(SinkError, says, write, path, motion, seconds, subtype=subtype)
     assert listing(tmp_path) == before
     file.read(path)
 
 
-def expected(subtype, seconds):
-    y = spring().process(HAND["x"](np.arange(seconds * 8000) / 8000)[None])
-    return stored(y, {"subtype": subtype, "channels": [{"name": "force", "full_scale": 64.0}]})
+@pytest.mark.parametrize(("format", "subtype"), KINDS)
+def test_a_header_that_another_program_changed_is_written_again_or_noticed(
+    tmp_path, format, subtype
+):
+    path = tmp_path / f"a.{format.lower()}"
+    seconds, at = (2.0, 1.5) if format == "FLAC" else (0.5, 0.2)
+    motion = meddle(at, lambda: patched(written(path, round(8000 * at)), 0, b"junk"))
+    try:
+        write(path, motion, seconds, subtype=subtype)
+    except SinkError:
+        assert listing(tmp_path) == {}
+    else:
+        y = spring().process(HAND["x"](np.arange(seconds * 8000) / 8000)[None])
+        info = {"subtype": subtype, "channels": [{"name": "force", "full_scale": 64.0}]}
+        assert np.array_equal(file.read(path)[0], stored(y, info))
 
 
 @pytest.mark.parametrize("name", ["a.wav", "a.wav.json"])
@@ -174,21 +156,13 @@ def test_without_overwrite_a_file_that_comes_during_the_run_stays(
     if not links:
         monkeypatch.setattr(os, "link", none)
     path = tmp_path / "a.wav"
-    refused(
-        SinkError,
-        f"{name} is there already, and overwrite=False",
-        write,
-        path,
-        meddle(0.2, lambda: (tmp_path / name).write_bytes(b"mine")),
-        overwrite=False,
-    )
+    motion = meddle(0.2, lambda: (tmp_path / name).write_bytes(b"mine"))
+    refused(SinkError, f"{name} is there already", write, path, motion, overwrite=False)
     assert listing(tmp_path) == {name: b"mine"}
     (tmp_path / name).unlink()
     write(path, overwrite=False)
-    assert set(listing(tmp_path)) == {"a.wav", "a.wav.json"} and file.read(path)[0].shape == (
-        1,
-        4000,
-    )
+    assert set(listing(tmp_path)) == {"a.wav", "a.wav.json"}
+    assert file.read(path)[0].shape == (1, 4000)
 
 
 # -- links and pipes
@@ -203,62 +177,51 @@ def test_a_link_that_comes_during_the_run_is_not_followed(tmp_path):
         part.unlink()
         part.symlink_to(victim)
 
-    refused(
-        SinkError, "another program changed a.flac.*.part", write, path, meddle(1.5, plant), 2.0
-    )
+    refused(SinkError, "another program changed", write, path, meddle(1.5, plant), 2.0)
     assert victim.read_text() == "precious" and not path.exists()
 
 
-def test_a_link_with_the_name_of_the_file_is_replaced(tmp_path):
-    for name in ("a.wav", "a.wav.json"):
-        (tmp_path / f"{name}.victim").write_text("precious")
-        (tmp_path / name).symlink_to(tmp_path / f"{name}.victim")
-    write(tmp_path / "a.wav")
-    assert not any(p.is_symlink() for p in tmp_path.iterdir())
-    assert [(tmp_path / f"{n}.victim").read_text() for n in ("a.wav", "a.wav.json")] == [
-        "precious"
-    ] * 2
+SHORT = stimlib.render(SCENE, HAND, fs=8000, seconds=0.02)
+WRITERS = {  # what writes a file, and the file that is planted before it
+    "a.wav": write,
+    "a.wav.json": lambda path: write(path.with_suffix("")),
+    "a.html": lambda path: stimlib.verify(SCENE, HAND, SHORT).to_html(path),
+    "a.png": lambda path: picture(SHORT, path),
+    "a.svg": lambda path: draw(SCENE, path),
+    "index.json": lambda path: render_set(
+        path.parent, {"s": SCENE}, HAND, 0.01, workers=1, progress=False
+    ),
+}
 
 
-def test_reports_pictures_and_tables_follow_no_link(tmp_path):
-    victim = tmp_path / "victim"
+@pytest.mark.parametrize("name", WRITERS)
+def test_reports_pictures_and_tables_follow_no_link(tmp_path, name):
+    victim, path, part = (tmp_path / n for n in ("victim", name, f"{name}.part"))
     victim.write_text("precious")
-    hand = {"x": sinusoid(0.02, 3.0)}
-    rendering = stimlib.render(SCENE, hand, fs=8000, seconds=0.1)
-    calls = {
-        "a.html": lambda p: stimlib.verify(SCENE, hand, rendering).to_html(p),
-        "a.png": lambda p: picture(rendering, p),
-        "a.svg": lambda p: draw(SCENE, p),
-        "index.json": lambda p: render_set(
-            p.parent, {"s": SCENE}, hand, 0.01, workers=1, progress=False
-        ),
-    }
-    for name, call in calls.items():
-        for planted in (name + ".part", name):
-            (tmp_path / planted).symlink_to(victim)
-            if planted == name:
-                call(tmp_path / name)
-                assert not (tmp_path / name).is_symlink() and (tmp_path / name).stat().st_size > 100
-            else:
-                refused(SinkError, "is a link", call, tmp_path / name)
-                (tmp_path / planted).unlink()
+    if ".wav" not in name:  # whose parts have names that nobody knows
+        part.symlink_to(victim)
+        refused(SinkError, "is a link", WRITERS[name], path)
+        part.unlink()
+    path.symlink_to(victim)
+    WRITERS[name](path)
+    assert not path.is_symlink() and path.stat().st_size > 100
     assert victim.read_text() == "precious"
 
 
 @pytest.mark.parametrize("name", ["a\0b", "\ud800", "x" * 300, "y/" * 3000])
 def test_names_that_no_file_can_have(tmp_path, name):
-    path = tmp_path / (name + ".wav")
+    path, set_of = tmp_path / (name + ".wav"), {"workers": 1, "progress": False}
     calls = [
-        lambda: write(path),
-        lambda: file.read(path),
-        lambda: read_log(path),
-        lambda: LogWriter(path, header(SCENE, SAFETY, 8000.0)),
-        lambda: render_set(path, {"s": SCENE}, HAND, 0.01, workers=1, progress=False),
-        lambda: render_set(tmp_path, {name: SCENE}, HAND, 0.01, workers=1, progress=False),
-        lambda: draw(SCENE, path.with_suffix(".svg")),
+        (write, path),
+        (file.read, path),
+        (read_log, path),
+        (LogWriter, path, header(SCENE, SAFETY, 8000.0)),
+        (partial(render_set, **set_of), path, {"s": SCENE}, HAND, 0.01),
+        (partial(render_set, **set_of), tmp_path, {name: SCENE}, HAND, 0.01),
+        (draw, SCENE, path.with_suffix(".svg")),
     ]
     for call in calls:
-        error = refused(StimlibError, None, call)
+        error = refused(StimlibError, None, *call)
         assert len(str(error)) < 30_000 and "\0" not in str(error) and "\ud800" not in str(error)
 
 
@@ -266,11 +229,8 @@ def test_a_small_file_that_another_run_is_writing_is_left_to_it(tmp_path):
     path, part = tmp_path / "a.html", tmp_path / "a.html.part"
     with ExitStack() as stack:
         safe_files.alone(stack, part, path).write(b"half")
-        refused(SinkError, "is being written by another run", safe_files.publish, path, "whole")
+        refused(SinkError, "another run", safe_files.publish, path, "whole")
         assert not path.exists() and part.read_bytes() == b"half"
-    assert part.exists()  # as when it was killed
-    safe_files.publish(path, "all")
-    assert path.read_text() == "all" and not part.exists()
 
 
 def test_what_a_killed_run_left_gives_a_small_file_neither_mode_nor_bytes(tmp_path):
@@ -295,192 +255,61 @@ def test_an_interrupt_behind_the_move_leaves_the_part_of_another_run(tmp_path, m
     assert path.read_text() == "whole" and part.read_text() == "another run's"
 
 
-def test_of_two_that_write_one_small_file_a_reader_sees_whole_ones(tmp_path):
-    """Also where each finds the other at it: then it says so, and not that there is no
-    folder.
-    """
-    path, size, said, half = tmp_path / "a.html", 3_000_000, [], 0
-
-    def write_it(letter):
-        for _ in range(20):
-            try:
-                safe_files.publish(path, letter * size)
-            except SinkError as e:
-                said.append(str(e))
-
-    with ThreadPoolExecutor(2) as pool:
-        jobs = [pool.submit(write_it, letter) for letter in "ab"]
-        while not all(job.done() for job in jobs):
-            data = path.read_bytes() if path.exists() else b"a" * size
-            half += len(data) != size or len(set(data)) != 1
-        for job in jobs:
-            job.result()
-    assert half == 0 and all("another run" in text for text in said)
-
-
 # -- files that say too much
 
 
-def test_a_header_that_declares_years_is_not_believed(tmp_path):
-    path = tmp_path / "a.flac"
-    write(path)
-    data = bytearray(path.read_bytes())
-    data[21] |= 0x0F  # the lower 36 bits of bytes 18 to 25 are the number of frames
-    data[22:26] = b"\xff" * 4
-    forge(path, {"frames": 2**36 - 1}, data)
-    refused(
-        SinkError,
-        r"bytes of samples in memory: 5.49756e\+11 is more than limits.audio_bytes",
-        file.read,
-        path,
-    )
-    data[21] &= 0xF0
-    data[22:26] = (10**6).to_bytes(4, "big")
-    forge(path, {"frames": 10**6}, data)
-    refused(SinkError, "truncated|cannot be read", file.read, path)
+MUCH = [{"name": "f", "unit": "N", "full_scale": 1e308, "clips": 0, "peak": 1.0}]
 
 
-def test_a_sparse_file_is_not_read_for_hours(tmp_path):
-    path = tmp_path / "a.caf"
-    write(path)
-    data, frames = bytearray(path.read_bytes()), 2**38
+def counted(data, frames):
+    """A FLAC file: the lower 36 bits of its bytes 18 to 25 are the number of frames."""
+    number = int.from_bytes(data[18:26], "big") >> 36 << 36 | frames
+    return data[:18] + number.to_bytes(8, "big") + data[26:]
+
+
+def sparse(data, frames=2**38):
+    """A CAF file of so many frames."""
     at = data.index(b"data")
-    data[at + 4 : at + 12] = (4 + 4 * frames).to_bytes(8, "big")
-    sidecar = json.loads((tmp_path / "a.caf.json").read_text())
-    path.write_bytes(data)
-    os.truncate(path, len(data) + 4 * frames)
-    (tmp_path / "a.caf.json").write_text(json.dumps(sidecar | {"frames": frames}))
-    for call in (
-        lambda: file.read(path),
-        lambda: stimlib.verify(SCENE, HAND, path),
-    ):
-        refused(SinkError, r"limits.audio_bytes", call)
+    return data[: at + 4] + (4 + 4 * frames).to_bytes(8, "big") + data[at + 12 :]
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "facts", "says"),
+    [
+        ("a.flac", lambda d: counted(d, 2**36 - 1), {"frames": 2**36 - 1}, "limits.audio_bytes"),
+        ("a.flac", lambda d: counted(d, 10**6), {"frames": 10**6}, "truncated|cannot be read"),
+        ("a.caf", sparse, {"frames": 2**38}, "limits.audio_bytes"),
+        ("a.wav", lambda d: d[:-400] + np.float32(np.nan).tobytes() + d[-396:], {}, "not finite"),
+        ("a.wav", None, {"channels": MUCH}, "not finite"),
+    ],
+)
+def test_a_header_that_declares_years_is_not_believed(tmp_path, name, change, facts, says):
+    """Nor are samples read that are not finite."""
+    file.write(tmp_path / name, spring(), HAND, 0.5, full_scale=1.0)
+    forge(tmp_path / name, facts, change and change((tmp_path / name).read_bytes()))
+    if change is sparse:
+        os.truncate(tmp_path / name, (tmp_path / name).stat().st_size + 4 * 2**38)
+    refused(SinkError, says, file.read, tmp_path / name)
 
 
 def test_limits_of_sound_files_can_be_raised(tmp_path, monkeypatch):
     write(tmp_path / "a.wav")
     monkeypatch.setattr(stimlib.limits, "audio_bytes", 8 * 4000 - 1)
-    refused(SinkError, "STIMLIB_LIMITS=audio_bytes=", file.read, tmp_path / "a.wav")
+    for call in (file.read, partial(stimlib.verify, SCENE, HAND)):
+        refused(SinkError, "STIMLIB_LIMITS=audio_bytes=", call, tmp_path / "a.wav")
     monkeypatch.setattr(stimlib.limits, "audio_bytes", 8 * 4000)
     assert file.read(tmp_path / "a.wav")[0].shape == (1, 4000)
-
-
-def test_samples_that_are_not_finite_are_not_read(tmp_path):
-    path = tmp_path / "a.wav"
-    write(path)
-    data = bytearray(path.read_bytes())
-    data[-400:-396] = np.float32(np.nan).tobytes()
-    forge(path, {}, data)
-    refused(SinkError, "not finite", file.read, path)
-    forge(
-        path,
-        {"channels": [{"name": "f", "unit": "N", "full_scale": 1e308, "clips": 0, "peak": 1.0}]},
-    )
-    refused(SinkError, "not finite", file.read, path)
-
-
-@pytest.mark.parametrize(("format", "subtype"), KINDS)
-def test_fuzzed_sound_files_are_read_or_refused(tmp_path, format, subtype):
-    path, rng = tmp_path / f"a.{format.lower()}", random.Random(f"{format} {subtype}")
-    write(path, seconds=0.05, subtype=subtype)
-    good, sidecar = path.read_bytes(), path.with_name(path.name + ".json").read_bytes()
-    read = 0
-    for _ in range(60):
-        data = bytearray(good)
-        for _ in range(rng.choice([1, 1, 2, 8])):  # mostly in the headers
-            data[rng.randrange(min(len(data), rng.choice([60, 200, len(data)])))] = rng.choice(
-                [0, 1, 0x7F, 0x80, 0xFF]
-            )
-        data = data[: rng.choice([len(data), len(data), rng.randrange(len(data))])]
-        forge(path, {}, data)
-        try:
-            read += file.read(path)[0].shape == (1, 400)
-        except SinkError as e:
-            assert str(path) in str(e)
-        path.with_name(path.name + ".json").write_bytes(sidecar)
-    assert read  # some only changed a sample
 
 
 # -- sidecars
 
 
-JUNK = [
-    None,
-    True,
-    -1,
-    3,
-    2**70,
-    10**400,
-    1e308,
-    -0.5,
-    "x",
-    "",
-    [],
-    [[]],
-    [None],
-    {},
-    {"a": None},
-    {"x": 3},
-    [{"at": 0}],
-]
-
-
-SAID: dict = {}
-
-
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory):
-    path = tmp_path_factory.mktemp("pair") / "a.wav"
-    proc = spring()
-    proc.set("k", 900.0)
-    file.write(path, proc, HAND, 0.05, full_scale=64.0)
-    SAID.update(json.loads((path.parent / "a.wav.json").read_text()))
-    return path, SAID
-
-
-def verify_or_refuse(path, info):
-    """A sidecar is read and its file verified, or refused by a typed error."""
-    (path.parent / "a.wav.json").write_text(json.dumps(info))
-    try:
-        _, got = file.read(path)
-        fields.require(got, DONE)
-        # verify does not look at these
-        if all(got[name] == SAID[name] for name in ("stimlib", "versions", "sha256", "scene")):
-            return stimlib.verify(
-                SCENE, {name: parse_motion(text) for name, text in got["motion"].items()}, path
-            )
-    except StimlibError as e:
-        assert "\n" not in str(e)
-    return None
-
-
-@pytest.mark.parametrize("name", DONE)
-def test_every_field_of_a_sidecar_may_be_wrong(pair, name):
-    path, good = pair
-    verify_or_refuse(path, {k: v for k, v in good.items() if k != name})
-    refused(SinkError, f"a sidecar that stimlib wrote: {name} is missing", file.read, path)
-    for junk in JUNK:
-        verify_or_refuse(path, good | {name: junk})
-        for inner in good[name] if isinstance(good[name], dict) and name != "scene" else ():
-            verify_or_refuse(path, good | {name: good[name] | {inner: junk}})
-        if isinstance(good[name], list):
-            for inner in good[name][0]:
-                verify_or_refuse(path, good | {name: [good[name][0] | {inner: junk}]})
-    assert verify_or_refuse(path, good).passed
-
-
 # -- logs
 
 
-def session(folder, scene=SCENE, n=2400, fs=8000.0):
-    proc, inputs = stimlib.compile(protect(scene, SAFETY), fs), len(scene.inputs)
-    with LogWriter(folder, header(scene, SAFETY, fs)) as log:
-        proc.set(GAIN, 1.0, 160 / fs)
-        log.event(0, "set", name=GAIN, value=1.0, ramp=160)
-        x = np.full((inputs, n), 0.01)
-        log.motion(x)
-        log.delivered(to_device(proc.process(x), SAFETY.scales(proc.outputs), [0]))
-        log.close({"produced": n})
+def session(folder, scene=SCENE, fs=8000.0):
+    sets = [(0, GAIN, 1.0, 160)]
+    play(folder, scene, SAFETY, np.full((len(scene.inputs), 2400), 0.01), sets=sets, fs=fs)
     return folder
 
 
@@ -489,9 +318,7 @@ def test_a_line_that_declares_a_day_as_lost_is_refused(tmp_path, fs):
     folder = session(tmp_path / "a", NOISE, fs=fs)
     with open(folder / "events.jsonl", "a") as f:
         f.write(json.dumps({"at": 2400, "kind": "lost", "frames": int(86400 * fs)}) + "\n")
-    refused(
-        SinkError, "samples that are lost: .* is more than limits.lost_samples", read_log, folder
-    )
+    refused(SinkError, "limits.lost_samples", read_log, folder)
 
 
 def test_a_log_at_a_high_rate_costs_the_interpreter_no_start(tmp_path, monkeypatch):
@@ -509,7 +336,7 @@ def test_a_log_at_a_high_rate_costs_the_interpreter_no_start(tmp_path, monkeypat
 def test_a_log_of_many_samples_is_refused(tmp_path, monkeypatch):
     folder = session(tmp_path / "a", NOISE)
     monkeypatch.setattr(stimlib.limits, "log_samples", 2399)
-    refused(SinkError, "samples: 2400 is more than limits.log_samples", read_log, folder)
+    refused(SinkError, "2400 is more than limits.log_samples", read_log, folder)
     monkeypatch.setattr(stimlib.limits, "log_samples", 2400)
     # verify holds a stretch of it, however long it is
     monkeypatch.setattr(stimlib.limits, "render_bytes", 8)
@@ -521,137 +348,74 @@ def test_a_log_of_many_samples_is_refused(tmp_path, monkeypatch):
 def test_motion_that_is_cut_while_it_is_replayed(tmp_path):
     folder = session(tmp_path / "a")
     log = read_log(folder)
-    assert np.array_equal(np.asarray(log.motion), np.full((2400, 1), 0.01)) and log.motion[
-        3:5, 0
-    ].tolist() == [0.01, 0.01]
+    assert np.array_equal(np.asarray(log.motion), np.full((2400, 1), 0.01))
+    assert log.motion[3:5, 0].tolist() == [0.01, 0.01]
     os.truncate(folder / "motion.f64", 8000)
     for call in (replay, verify_log):
-        refused(SinkError, r"motion.f64 was cut since the log was read", call, log)
+        refused(SinkError, "was cut since", call, log)
     (folder / "motion.f64").unlink()
     os.mkfifo(folder / "motion.f64")
     refused(SinkError, "not a regular file", replay, log)
 
 
-@pytest.mark.parametrize("what", ["session.json", "events.jsonl", "motion.f64"])
-def test_pipes_and_folders_in_a_log_are_told(tmp_path, what):
-    folder = session(tmp_path / "a")
-    for plant in (os.mkfifo, os.mkdir, lambda p: os.symlink("/dev/zero", p)):
-        (folder / what).rmdir() if (folder / what).is_dir() else (folder / what).unlink()
-        plant(folder / what)
-        for command in (["replay", str(folder)], ["verify", "--log", str(folder)]):
-            done = ran(command, 2, what)
-            assert "regular file" in done.stderr
-
-
 NASTY = "\x1b[2J\x1b]0;owned\x07[bold]\x9b31m\u202e"
 
 
-def test_texts_of_others_do_not_reach_the_terminal(tmp_path, pair):
-    folder = session(tmp_path / f"a{NASTY[:4]}")
+def test_texts_of_others_do_not_reach_the_terminal(tmp_path):
+    folder, path = session(tmp_path / f"a{NASTY[:4]}"), tmp_path / "a.wav"
     head = json.loads((folder / "session.json").read_text())
     (folder / "session.json").write_text(json.dumps(head | {"stimlib": NASTY, "device": NASTY}))
     log = read_log(folder)
     result = verify_log(log)
     result.to_html(tmp_path / "a.html")
-    path, good = pair
-    channel = good["channels"][0] | {"name": NASTY, "unit": NASTY}
     with open(folder / "events.jsonl", "ab") as f:
         f.write(json.dumps({"at": 0, "kind": NASTY, "text": NASTY}).encode() + b"\n")
-    outputs = [
-        str(replay(log)),
-        str(result),
-        repr(result),
-        (tmp_path / "a.html").read_text(),
-        *log.notes,
-    ]
+    outputs = [str(replay(log)), str(result), repr(result), *log.notes]
     for command in (["replay", str(folder)], ["verify", "--log", str(folder)]):
-        done = ran(command)
-        assert "\\x1b" in done.output
-        outputs.append(done.output)
-    (path.parent / "a.wav.json").write_text(
-        json.dumps(good | {"scene_hash": NASTY, "motion": {"x": NASTY}, "channels": [channel]})
-    )
-    failed = ran(["verify", "squeeze", "--wav", path], 2)
-    for text in [*outputs, failed.output]:
+        outputs.append(ran(command).output)
+        assert "\\x1b" in outputs[-1]
+    write(path)
+    channel = [{"name": NASTY, "unit": NASTY, "full_scale": 64.0, "clips": 0, "peak": 1.0}]
+    forge(path, {"scene_hash": NASTY, "motion": {"x": NASTY}, "channels": channel})
+    outputs.append(ran(["verify", "squeeze", "--wav", path], 2).output)
+    for text in [*outputs, (tmp_path / "a.html").read_text()]:
         assert not set(text) & set("\x1b\x07\x9b\u202e"), ascii(text)
 
 
 def test_fields_say_what_they_must_be():
-    tests = {
-        "n": fields.whole(3),
-        "t": fields.list_of(fields.record({"a": fields.maybe(fields.text)})),
-    }
+    list_of = fields.list_of(fields.record({"a": fields.maybe(fields.text)}))
+    tests = {"n": fields.whole(3), "t": list_of}
     fields.require({"n": 3, "t": [{"a": None}, {"a": "b", "more": 1}]}, tests)
     for data, says in [
-        ({}, "n is missing; it must be a whole number from 0 to 3"),
-        ({"n": True}, "n must be a whole number from 0 to 3"),
-        ({"n": 1, "t": [{}]}, r"t must be a list, each value a table of a \(a text or null\)"),
+        ({}, "n is missing; .* from 0 to 3"),
+        ({"n": True}, "n must be .* from 0 to 3"),
+        ({"n": 1, "t": [{}]}, r"t must be a list, .*\(a text or null\)"),
     ]:
         refused(ValueError, says, fields.require, data, tests)
-    for text in (
-        b"[",
-        b"[]",
-        b"[" * 100_000,
-        b"\xff",
-        b'{"a": NaN}',
-        b'{"a": -1e999}',
-        b'{"a": ' + b"1" * 5000 + b"}",
-    ):
+    long = b'{"a": ' + b"1" * 5000 + b"}"
+    for text in (b"[", b"[]", b"[" * 100_000, b"\xff", b'{"a": NaN}', b'{"a": -1e999}', long):
         refused(ValueError, None, fields.parse, text)
 
 
-def test_a_large_limit_is_no_large_buffer(tmp_path, monkeypatch):
-    (tmp_path / "a").write_bytes(b"x")
-    monkeypatch.setattr(stimlib.limits, "scene_bytes", float("inf"))
-    assert safe_files.read(tmp_path / "a", "scene_bytes") == b"x"
-
-
 def test_render_tells_of_samples_that_players_clip(tmp_path):
-    words = [
-        "render",
-        "bumps",
-        "--motion",
-        "constant_speed(0.02, 0.1)",
-        "--seconds",
-        "0.2",
-        "--out",
-        str(tmp_path / "a.wav"),
-    ]
-    done = ran(words)
-    said = " ".join(done.stderr.split())
-    assert (
-        "(voltage reaches 200 V of 1)" in said and "give a full scale (--full-scale) of 202" in said
-    )
+    words = ["render", "bumps", "--motion", "constant_speed(0.02, 0.1)", "--seconds", "0.05"]
+    words += ["--out", str(tmp_path / "a.wav")]
+    said = " ".join(ran(words).stderr.split())
+    assert "(voltage reaches 200 V of 1)" in said and "--full-scale) of 202" in said
     ran([*words, "--full-scale", "150", "--quiet"], 0, "(voltage reaches 200 V of 150)")
-    done = ran([*words, "--full-scale", "200"])
-    assert done.stderr == ""
+    assert ran([*words, "--full-scale", "200"]).stderr == ""
 
 
-def test_a_file_tells_what_passes_full_scale_by_name_and_how_it_ends(tmp_path):
-    x = stimlib.Input("x", "m")
-    proc = stimlib.compile(
-        stimlib.Scene({"force": stimlib.constant(100.0, "N/m") * x, "place": 1 * x}),
-        1000,
-        target="python",
-    )
-    motion = {"x": np.full(10, 0.5)}
-    warned(
-        RuntimeWarning,
-        r"\(force reaches 50 N of 10\).*players clip.*of force: 50.5, place: 0.505",
-        file.write,
-        tmp_path / "a.wav",
-        proc,
-        motion,
-        0.01,
-        full_scale={"force": 10.0, "place": 1.0},
-    )
-    warned(
-        RuntimeWarning,
-        "the file is clipped there",
-        file.write,
-        tmp_path / "a.flac",
-        proc,
-        motion,
-        0.01,
-        full_scale={"force": 10.0, "place": 1.0},
-    )
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("a.wav", r"\(force reaches 50 N of 10\).*players clip.*force: 50.5, place: 0.505"),
+        ("a.flac", "the file is clipped there"),
+    ],
+)
+def test_a_file_tells_what_passes_full_scale_by_name_and_how_it_ends(tmp_path, name, says):
+    x = Input("x", "m")
+    scene = Scene({"force": constant(100.0, "N/m") * x, "place": 1 * x})
+    words = stimlib.compile(scene, 1000, target="python"), {"x": np.full(10, 0.5)}, 0.01
+    scales = {"force": 10.0, "place": 1.0}
+    warned(RuntimeWarning, says, file.write, tmp_path / name, *words, full_scale=scales)
