@@ -642,17 +642,41 @@ class Frame:
         return self.columns[name]
 
 
-def test_a_table_in_memory_or_an_archive_is_what_its_file_is(csv):
+def framed(change):
+    def made(columns, csv):
+        pandas = pytest.importorskip("pandas")
+        return change(pandas.DataFrame(columns))
+
+    return made
+
+
+TABLES = {
+    "a dict": lambda columns, csv: columns,
+    "a frame": lambda columns, csv: Frame(**columns),
+    "texts": lambda columns, csv: columns | {"x": columns["x"].astype(str).astype(object)},
+    "an archive": lambda columns, csv: csv(name="log.npz", **columns),
+    "a DataFrame": framed(lambda frame: frame),
+    "a DataFrame of its own types": framed(lambda frame: frame.convert_dtypes()),
+    "a DataFrame of categories": framed(lambda frame: frame.astype({"trial": "category"})),
+}
+
+
+@pytest.mark.parametrize("kind", TABLES)
+@pytest.mark.parametrize("where", [{}, {"trial": "a"}])
+def test_a_table_in_memory_or_an_archive_is_what_its_file_is(csv, kind, where):
     columns = steady() | {"trial": np.array(["a", "b"] * 25), "contact": np.arange(50) != 20}
     path = csv(**columns | {"contact": columns["contact"].astype(int)})
-    texts = columns | {"x": columns["x"].astype(str).astype(object)}
-    for table in (columns, Frame(**columns), texts, csv(name="log.npz", **columns)):
-        for where in ({}, {"trial": "a"}):
-            wanted = recording(path, {"x": "x*2"}, where=where)
-            found, t = recording(table, {"x": "x*2"}, where=where), times(wanted)
-            assert found.motion["x"](t).tobytes() == wanted.motion["x"](t).tobytes()
-            assert found.contact(t).tobytes() == wanted.contact(t).tobytes()
-            assert [(row + 2, at) for row, at in found.info["lifts"]] == wanted.info["lifts"]
+    wanted = recording(path, {"x": "x*2"}, where=where)
+    found, t = recording(TABLES[kind](columns, csv), {"x": "x*2"}, where=where), times(wanted)
+    assert found.motion["x"](t).tobytes() == wanted.motion["x"](t).tobytes()
+    assert found.contact(t).tobytes() == wanted.contact(t).tobytes()
+    assert [(row + 2, at) for row, at in found.info["lifts"]] == wanted.info["lifts"]
+
+
+def test_a_frame_of_pandas_with_two_columns_of_one_name_is_refused():
+    twice = framed(lambda frame: frame.set_axis(["t_s", "x", "x"], axis=1))
+    table = twice(steady() | {"y": np.zeros(50)}, None)
+    refused(RecordingError, "DataFrame in memory, column x", recording, table, {"x": "x"})
 
 
 def test_a_table_in_memory_has_a_hash_and_keeps_no_hold_of_the_table():
@@ -665,18 +689,6 @@ def test_a_table_in_memory_has_a_hash_and_keeps_no_hold_of_the_table():
     columns["x"][7] += 1e-6
     assert np.array_equal(r.motion["x"](times(r)), before)
     refused(RecordingError, "SHA-256", recording, columns, {"x": "x"}, sha256=known)
-
-
-def test_a_frame_of_pandas(csv):
-    pandas = pytest.importorskip("pandas")
-    path = csv(**steady() | {"trial": ["a", "b"] * 25})
-    frame, wanted = pandas.read_csv(path), recording(path, {"x": "x"}, where={"trial": "b"})
-    by_three = frame.set_index(frame.index * 3)
-    for table in (frame, frame.convert_dtypes(), frame.astype({"trial": "category"}), by_three):
-        found, t = recording(table, {"x": "x"}, where={"trial": "b"}), times(wanted)
-        assert found.motion["x"](t).tobytes() == wanted.motion["x"](t).tobytes()
-    twice = pandas.concat([frame, frame["x"]], axis=1)
-    refused(RecordingError, "DataFrame in memory, column x", recording, twice, {"x": "x"})
 
 
 # -- npz
