@@ -218,10 +218,10 @@ def test_floats_are_not_clipped(tmp_path, x, subtype, scale):
 
 
 def test_inputs_go_to_their_rows_and_none_is_possible(tmp_path):
-    motion = {"b": np.full(8, 2.0), "a": lambda t: 1.0 + 0.0 * t}
+    motion = {"b": np.ma.array([2.1] * 8), "a": lambda t: 1.1 + 0.0 * t}
     file.write(tmp_path / "a.w64", copies("a", "b"), motion, 1e-3, subtype="DOUBLE")
     y, sidecar = file.read(tmp_path / "a.w64")
-    assert y[:, 0].tolist() == [1.0, 2.0] and sidecar["motion"]["b"] == "array(8)"
+    assert y[:, 0].tolist() == [1.1, 2.1] and sidecar["motion"]["b"] == "array(8)"
     proc = stimlib.compile(Scene({"noise": white_noise(seed=1)}), 8000)
     file.write(tmp_path / "b.w64", proc, {}, 0.1, subtype="DOUBLE")
     y, sidecar = file.read(tmp_path / "b.w64")

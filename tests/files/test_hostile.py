@@ -9,7 +9,7 @@ import os
 import shutil
 import time
 from contextlib import ExitStack
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -181,12 +181,16 @@ def test_a_link_that_comes_during_the_run_is_not_followed(tmp_path):
     assert victim.read_text() == "precious" and not path.exists()
 
 
-SHORT = stimlib.render(SCENE, HAND, fs=8000, seconds=0.02)
+@cache
+def short():
+    return stimlib.render(SCENE, HAND, fs=8000, seconds=0.02)
+
+
 WRITERS = {  # what writes a file, and the file that is planted before it
     "a.wav": write,
     "a.wav.json": lambda path: write(path.with_suffix("")),
-    "a.html": lambda path: stimlib.verify(SCENE, HAND, SHORT).to_html(path),
-    "a.png": lambda path: picture(SHORT, path),
+    "a.html": lambda path: stimlib.verify(SCENE, HAND, short()).to_html(path),
+    "a.png": lambda path: picture(short(), path),
     "a.svg": lambda path: draw(SCENE, path),
     "index.json": lambda path: render_set(
         path.parent, {"s": SCENE}, HAND, 0.01, workers=1, progress=False

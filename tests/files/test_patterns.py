@@ -178,6 +178,15 @@ def test_a_file_is_read_as_its_closed_form(name, tmp_path):
     assert np.abs(y - form(t)).max() < 1e-6
 
 
+def test_an_envelope_times_a_curve_is_no_straight_line(tmp_path):
+    points = [{"Time": at, "ParameterValue": v} for at, v in ((0.0, 1.0), (0.2, 0.5), (0.4, 1.0))]
+    curve = {"ParameterID": INTENSITY, "Time": 0.0, "ParameterCurveControlPoints": points}
+    event = happens(**PARAMETERS, AttackTime=0.4, _for=0.8)
+    t, y = played(ahap(tmp_path, event, {"ParameterCurve": curve}))
+    level = line(t, (0, 0), (0.4, 1), (0.8, 1)) * np.interp(t, [0, 0.2, 0.4], [1, 0.5, 1])
+    assert np.abs(y - level * wave(t, 0, MIDDLE)).max() < 4e-3  # of 16 lines
+
+
 def test_the_device_gives_units_frequencies_and_the_power_both_ways(tmp_path):
     device = PatternDevice(2.0, "m/s^2", 100.0, 200.0, power=2.0)
     continuous = happens(HapticIntensity=0.5, HapticSharpness=0.5, _for=0.5)
@@ -328,6 +337,12 @@ TAPPED = {  # a scene, how it is rendered, its format, and times, heights and Hz
         ".hjif",
         [],
     ),
+    "before the lines": (
+        timeline([(0, 0), (0.5, 1)], "step") * oscillator(150) + ring(at([0.1]), 100.0, TAU),
+        {"seconds": 2.0},
+        ".ahap",
+        [(0.1, 1.0, 100)],
+    ),
     "between the lines of Core Haptics": (
         LINES_OF_40_S + ring(at([10.0, 20.0]), 100.0, TAU),
         {"seconds": 40.0, "fs": 2000.0},
@@ -475,6 +490,13 @@ TAP_AT = f'"EventType": "{TAP}", "Time"'
         ("tick1.hjif", put("perceptions", []), r"\$\.perceptions has no channels"),
         ("double_tick.hjif", put(*EFFECT, "id", 7), r"effects\[0\]\.id is not in effect_library"),
         ("tick1.hjif", put("timescale", 0), r"\$\.timescale = 0 is out of range"),
+        (
+            "double_tick.hjif",
+            lambda tree: tree["perceptions"][0]["effect_library"].extend(
+                tree["perceptions"][0]["effect_library"]
+            ),
+            r"effect_library has an id twice",
+        ),
         ("two_channels.hjif", put(*BAND, "curve_type", "Bezier"), "'Bezier' cannot be read"),
         ("a.ahap", f'{{"Pattern": [{{"Event": {{{TAP_AT}: NaN}}}}]}}', "not a finite"),
         ("a.ahap", f'{{"Pattern": [{{"Event": {{{TAP_AT}: 1e999}}}}]}}', "not a finite"),
@@ -507,14 +529,15 @@ def ahap_of(n):
 @pytest.mark.parametrize(
     ("call", "tree", "says"),
     [
-        (read_hjif, hjif_of(40_000), "6400.. .*limits.scene_blocks"),
-        (read_ahap, ahap_of(40_000), "6400.. .*limits.scene_blocks"),
-        (read_hjif, hjif_of(6000, effects=2), r"effects\[1\]: points so far"),
+        (read_hjif, lambda: hjif_of(40_000), "6400.. .*limits.scene_blocks"),
+        (read_ahap, lambda: ahap_of(40_000), "6400.. .*limits.scene_blocks"),
+        (read_hjif, lambda: hjif_of(6000, effects=2), r"effects\[1\]: points so far"),
     ],
 )
 def test_curves_of_too_many_points_are_refused_before_they_are_made(call, tree, says):
+    tree, device = tree(), PatternDevice(power=2.0)
     tracemalloc.start()
-    refused(SceneFileError, says, call, tree, PatternDevice(power=2.0))
+    refused(SceneFileError, says, call, tree, device)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert most < 600 * 40_000, "the points of the file, and not sixteen times as many"
@@ -558,6 +581,29 @@ def test_what_a_format_cannot_say_is_refused(outputs, device, error, says, tmp_p
 )
 def test_devices_that_are_none(given, says):
     refused(BadValue, says, PatternDevice, **given)
+
+
+@pytest.mark.parametrize(("part", "refuses"), [(0.2, True), (0.05, False)])
+def test_what_is_a_tenth_of_the_peak_or_less_may_be_at_any_frequency(part, refuses, tmp_path):
+    items = [happens(HapticIntensity=0.5, HapticSharpness=0.3, _for=1.0)]
+    items += [step("HapticIntensityControl", 0.5, part), step("HapticSharpnessControl", 0.5, 0.7)]
+    made = read_pattern(ahap(tmp_path, *items), PatternDevice(f_hi=400.0))
+    words = tmp_path / "b.haptic", made, PatternDevice()
+    if refuses:
+        refused(BadValue, "65 to 300 Hz, .*400 Hz", write_pattern, *words)
+    else:
+        assert write_pattern(*words).points > 2
+
+
+@pytest.mark.parametrize("n", [15, 16, 17, 31, 32])
+def test_a_curve_of_ahap_has_2_to_16_points(n, tmp_path):
+    points = [{"Time": 0.1 * k, "ParameterValue": 0.5 + 0.01 * k} for k in range(n)]
+    curve = {"ParameterID": INTENSITY, "Time": 0.0, "ParameterCurveControlPoints": points}
+    path = ahap(tmp_path, happens(**PARAMETERS, _for=0.1 * (n - 1)), {"ParameterCurve": curve})
+    write_pattern(tmp_path / "b.ahap", read_pattern(path))
+    items = json.loads((tmp_path / "b.ahap").read_text())["Pattern"]
+    curves = [i["ParameterCurve"] for i in items if "ParameterCurve" in i]
+    assert {2 <= len(c["ParameterCurveControlPoints"]) <= 16 for c in curves} == {True}
 
 
 # What counts in an analysis: each number against a signal around it -------------------

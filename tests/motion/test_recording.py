@@ -507,6 +507,7 @@ BAD = [  # a text
     (b"PK\x03\x04\x14\0\0\0", "not a text file"),
     ('t_s,x,note\n0,1,"a\nb"\n0.01,2,c\n0.02,c,c\n', "row 5, column x: 'c'"),
     ("t_s,x\n0,0\n0.01,1e300\n0.0100000001,-1e300\n", "row 4: .*too large for its time"),
+    ("# by hand\n#,t_s,x\n1,0,0\n2,0.01,c\n", "row 4, column x: 'c'"),  # names begin with #
     ("t_s,x\n0,0\n5e-324,1\n1e-323,2\n", "no clock gives"),
     ("t_s,x\n0,0\n1e308,1\n", "row 3, column t_s: time 1e.308"),
     ("t_s,x\n0,0\n0.01,1\n0.01,2\n0.02,3\n", "row 4: the same time as row 3"),
