@@ -75,11 +75,9 @@ REAL_TIME = $(addprefix tests/devices/test_,jack.py null.py portaudio.py)
 
 # The tests that have more to try when there is time, at length; the others are in `make test`.  On devices, all rates, blocks and
 # channels, in real time: the rest is done meanwhile by what they leave of the processor.
-# Then a minute of changed files for everything that reads one; with coverage as a guide: tests/fuzz/run.py --guided 600 csv
 stress: .venv/ready .venv/browsers
 	@sh tests/devices/install.sh firefox-esr
 	@$(MAKE) -k -j 2 stress-real-time stress-rest
-	$(ENV) $(BIN)/python tests/fuzz/run.py 60
 
 # What drives Chromium and Firefox: 150 MB that only tests/stress/test_browsers.py needs.
 .venv/browsers: .venv/ready requirements-browsers.txt

@@ -961,7 +961,7 @@ def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
     ------
     BadValue
         No file that can be read, or a larger one than ``stimlib.limits`` allow; a line
-        that is not two numbers.
+        that is not two numbers; fewer than two lines of numbers.
     """
     file = os.fspath(path)
     rows: list[tuple[float, float]] = []
@@ -985,6 +985,8 @@ def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
             continue
         rows.append((position, displacement))
         limits.check("table_knots", len(rows), f"{file}: rows")
+    if len(rows) < 2:
+        raise BadValue(f"{file}: {len(rows)} rows of position,displacement; give at least 2")
     return [r[0] for r in rows], [r[1] for r in rows]
 
 

@@ -8,15 +8,17 @@ import socket
 import struct
 import time
 import tty
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from fuzz.mutations import mutated
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
 
-from stimlib.devices import Stream, lsl_motion, osc_motion, receiver, serial_motion, udp_motion
+from stimlib.devices import Stream, lsl_motion, osc_motion, serial_motion, udp_motion
 from stimlib.devices.rows import REMEDIES, row_of
 from stimlib.devices.sources import Receiver
 
@@ -154,57 +156,38 @@ def here():
 @pytest.fixture
 def line(tmp_path):
     """A serial port, and a function that plugs in a device and returns its end."""
-    open_ends = []
+    ends = []
 
     def plug():
-        open_ends.extend(os.openpty())
-        tty.setraw(open_ends[-1])
+        ends.extend(os.openpty())
+        tty.setraw(ends[-1])
         (tmp_path / "port").unlink(missing_ok=True)
-        (tmp_path / "port").symlink_to(os.ttyname(open_ends[-1]))
-        return open_ends[-2]
+        (tmp_path / "port").symlink_to(os.ttyname(ends[-1]))
+        return ends[-2]
 
     yield str(tmp_path / "port"), plug
-    for end in open_ends:
-        try:
+    for end in ends:
+        with suppress(OSError):
             os.close(end)
-        except OSError:
-            pass
 
 
-@pytest.mark.parametrize("over", ["udp", "serial"])
 @pytest.mark.parametrize(("sent", "column", "expected"), DIALECTS)
-def test_a_row_is_read_right_or_rejected_by_name(sent, column, expected, over, here, line):
+def test_a_row_is_read_right_or_rejected_by_name(sent, column, expected, here):
     data, comma = sent if isinstance(sent, tuple) else (sent, None)
-    if over == "udp":
-        receive = udp_motion(0, comma=comma)
+    with udp_motion(0, comma=comma) as receive:
         taken = Taken(receive, column)
         here.sendto(data, ("127.0.0.1", receive.port))
         x = taken()
-    else:
-        if len(data) > 4000:
-            pytest.skip("longer than a terminal holds")
-        port, plug = line
-        device = plug()
-        receive = receiver(f"serial:{port}" + f":comma={comma}" * bool(comma))
-        taken = Taken(receive, column)
-        os.write(device, b"0\n" + data + b"\n")
-        x, end = taken(0.05), time.monotonic() + 10.0
-        while expected is not None and not x and len(taken.rejected) < 2 and time.monotonic() < end:
-            x = taken(0.05)  # a terminal may give a long line in pieces
-        assert taken.rejected.pop("partial line") == 1
-        assert taken.examples.pop("partial line") == "'\u20260'"
-    receive.close()
-    if isinstance(expected, float):
-        assert (x, taken.rejected) == ([expected], {})
-    else:
-        assert (x, taken.rejected) == ([], {expected: 1} if expected else {})
-        assert all(0 < len(text) <= 40 for text in taken.examples.values())
+    number = isinstance(expected, float)
+    assert x == [expected] * number
+    assert taken.rejected == ({expected: 1} if expected and not number else {})
+    assert all(0 < len(text) <= 40 for text in taken.examples.values())
 
 
 def test_numbers_in_any_notation_are_right_or_rejected():
     """Four formats of numbers, with decimal points or commas, and seven separators."""
     rng, taken, wrong = random.Random(1), 0, []
-    for _ in range(4000):
+    for _ in range(2000):
         numbers = [rng.choice([0, 1, -5, 1e-5, 12.7, rng.uniform(-99, 99)]) for _ in "xyz"]
         form, decimal = rng.choice(["g", "f", "e", ".0f"]), rng.choice(".,")
         texts = [f"{v:{form}}" for v in numbers[: rng.randint(1, 3)]]
@@ -216,7 +199,7 @@ def test_numbers_in_any_notation_are_right_or_rejected():
             taken += not why
             if not why and row != [float(text) for text in texts]:
                 wrong.append((sent, comma, row))
-    assert not wrong and taken > 6000
+    assert not wrong and taken > 3000
 
 
 @pytest.mark.parametrize("n", [1, 8192, 20000])
@@ -227,25 +210,18 @@ def test_the_newest_row_of_a_burst_is_taken(n):
 
 def test_times_are_numbers_and_older_rows_are_out_of_order(here):
     """A sender may set its clock back by more than 1 s, and sends irregular chunks."""
-    receive = udp_motion(0, timed=True)
-    taken = Taken(receive, limits={"x": (0.0, 1.0)})
     rows = [(5.0, 0.1), (5.2, 0.2), (5.1, 0.3), (5.2, 0.2), (5.2, 0.4), (5.1, 0.5), (4.3, 0.6)]
     rows += [(4.1, 0.7), (4.2, 0.8), (5.1, 1.1), (4.25, 0.9)]
     lines = [f"{t} {x}" for t, x in rows] + ["nan 0.5", "5.5", "t:7 x:0.5"]
-    here.sendto("\n".join(lines).encode(), ("127.0.0.1", receive.port))
-    assert taken() == [0.1, 0.2, 0.4, 0.7, 0.8, 0.9]
-    assert taken.rejected == {
-        "out of order": 3,
-        "repeated": 1,
-        "outside its limits": 1,
-        "no time": 1,
-        "too short": 1,
-        "no such label": 1,
-    }
-    assert taken.examples["out of order"] == "[0.3]"
-    here.sendto(b"0.5 0.25\0\0", ("127.0.0.1", receive.port))  # a text of C
-    assert taken() == [0.25]
-    receive.close()
+    with udp_motion(0, timed=True) as receive:
+        taken, to = Taken(receive, limits={"x": (0.0, 1.0)}), ("127.0.0.1", receive.port)
+        here.sendto("\n".join(lines).encode(), to)
+        assert taken() == [0.1, 0.2, 0.4, 0.7, 0.8, 0.9]
+        once = "repeated", "outside its limits", "no time", "too short", "no such label"
+        assert taken.rejected == {"out of order": 3} | dict.fromkeys(once, 1)
+        assert taken.examples["out of order"] == "[0.3]"
+        here.sendto(b"0.5 0.25\0\0", to)  # a text of C
+        assert taken() == [0.25]
     with udp_motion(0) as receive:  # two that wait, without ends of lines
         for text in (b"0.1", b"0.2"):
             here.sendto(text, ("127.0.0.1", receive.port))
@@ -260,15 +236,22 @@ def test_a_serial_port_that_is_closed_is_not_opened_again(line):
     assert receive(0.01) == ([], [], []) and len(os.listdir("/proc/self/fd")) < opened
 
 
-def test_a_time_on_a_serial_line_is_no_position(line):
+@pytest.mark.parametrize(
+    ("options", "sent", "newest"),
+    [({"timed": True}, b"5.0 0.1", 5.0), ({"comma": DEC}, b"0,1", -math.inf)],
+)
+def test_options_of_a_serial_line(line, options, sent, newest):
     port, plug = line
-    device = plug()
-    with serial_motion(port, timed=True) as receive:
-        os.write(device, b"\n5.0 0.1\n")
-        taken, end = Taken(receive), time.monotonic() + 10.0
-        while not (x := taken()) and time.monotonic() < end:
-            pass  # a terminal may give a line in pieces
-        assert x == [0.1] and taken._newest[0] == 5.0
+    device, x = plug(), []
+    with serial_motion(port, **options) as receive:
+        os.write(device, b"0\n" + sent + b"\n")
+        taken, end = Taken(receive), time.monotonic() + 60.0
+        while not x:  # a terminal may give a line in pieces
+            assert time.monotonic() < end
+            x += taken()
+        assert (x, taken.rejected) == ([0.1], {"partial line": 1})
+        assert taken.examples == {"partial line": "'\u20260'"}
+        assert newest < 0 or taken._newest[0] == newest
 
 
 def test_a_function_of_ones_own_rejects_rows_too():
@@ -285,30 +268,28 @@ def test_a_part_of_a_line_is_no_row(line):
     port, plug = line
     device = plug()
     taken = Taken(serial_motion(port))
-    os.write(device, b"23.0\n0.01\r\n0.0")
-    assert taken() == [0.01]
-    os.write(device, b"2")
-    assert taken() == []
-    os.write(device, b"\r0.03\r")
-    assert taken() == [0.02, 0.03]
-    os.write(device, b"0.0")
-    assert taken() == []
+
+    def sends(data, x, partial=None):
+        os.write(device, data)
+        assert taken() == x
+        assert partial is None or taken.rejected == {"partial line": partial}
+
+    sends(b"23.0\n0.01\r\n0.0", [0.01])
+    sends(b"2", [])
+    sends(b"\r0.03\r", [0.02, 0.03])
+    sends(b"0.0", [])
     os.close(device)
     device = plug()
     for _ in range(3):
         assert taken(0.01) == []
-    os.write(device, b"45\n0.05\n")
-    assert taken() == [0.05] and taken.rejected == {"partial line": 2}
+    sends(b"45\n0.05\n", [0.05], 2)
     for _ in range(20):  # a line without an end
-        os.write(device, b"0" * 3900)
-        taken()
-    os.write(device, b"9\n0.06\n0.0")
-    assert taken() == [0.06] and taken.rejected == {"partial line": 3}
+        sends(b"0" * 3900, [])
+    sends(b"9\n0.06\n0.0", [0.06], 3)
     os.write(device, b"7\n0.08\n0.0")
     time.sleep(1.1)  # nobody calls: the terminal may have overflowed since
     assert taken() == []
-    os.write(device, b"9\n0.1\n")
-    assert taken() == [0.1] and taken.rejected == {"partial line": 4}
+    sends(b"9\n0.1\n", [0.1], 4)
     taken.receive.close()
 
 
@@ -405,16 +386,16 @@ def test_lsl_channels_have_indexes_and_labels():
     info.set_channel_labels(["x", "z", "y"])
     outlet = pylsl.StreamOutlet(info)
     words = pylsl.StreamOutlet(pylsl.StreamInfo(f"{name} text", "", 1, 0.0, "string", name))
+    chunk = [[0.0, math.nan, 0.1], [0.0, 0.0, 0.2], [0.0, 0.0, 0.2], [0.0, 0.0, math.nan]]
     with lsl_motion(name) as receive, lsl_motion(f"{name} text") as receive_text:
-        by_name, by_index, text = Taken(receive, "y"), Taken(receive, 2), Taken(receive_text)
-        chunk = [[0.0, math.nan, 0.1], [0.0, 0.0, 0.2], [0.0, 0.0, 0.2], [0.0, 0.0, math.nan]]
-        for taken in (by_name, by_index):
+        for column in ("y", 2):  # by name and by index
+            taken, x = Taken(receive, column), []
             outlet.push_chunk(chunk)
-            x = taken(20.0)
             while taken.rows + sum(taken.rejected.values()) < 4:
-                x += taken()
+                x += taken(20.0)
             assert (x, taken.rejected) == ([0.1, 0.2], {"repeated": 1, "not finite": 1})
         words.push_sample(["0.0127"])
+        text = Taken(receive_text)
         assert text(20.0) == [] and text.rejected == {"no numbers": 1}
         assert text.examples == {"no numbers": "['0.0127']"}
 
@@ -427,25 +408,6 @@ def test_the_page_has_each_reason():
     assert set(re.findall(r"\* - ``([a-z A-Z]+)``\n", page)) == set(REMEDIES)
 
 
-def mutated(rng, data):
-    """Return a datagram with bytes changed, cut out, doubled, or of another."""
-    data = bytearray(data)
-    for _ in range(rng.randint(1, 4)):
-        at = rng.randint(0, len(data))
-        kind = rng.randint(0, 4)
-        if kind == 0:
-            data[at : at + 1] = rng.randbytes(1)
-        elif kind == 1:
-            del data[at : at + rng.randint(1, 9)]
-        elif kind == 2:
-            data[at:at] = data[at : at + 16]
-        elif kind == 3:
-            data[at : at + 4] = struct.pack(">i", rng.choice([-(2**31), -4, -1, 0, 3, 2**31 - 1]))
-        else:
-            data[at:at] = rng.choice([b",", b".", b"\0", b"e", b":", b"{", b"\n", b"[", b"\xff"])
-    return bytes(data[:2000])
-
-
 @pytest.mark.parametrize("n", [1000, pytest.param(49_000, marks=pytest.mark.stress)])
 @pytest.mark.parametrize("over", ["osc", "udp"])
 def test_no_datagram_ends_a_session_or_prints(over, n, request, here, capfd, caplog):
@@ -455,10 +417,10 @@ def test_no_datagram_ends_a_session_or_prints(over, n, request, here, capfd, cap
     receive, to = request.getfixturevalue(over)
     taken = Taken(receive, 1)
     for k in range(n):
-        here.sendto(mutated(rng, rng.choice(seeds)), to)
+        here.sendto(mutated(rng.choice(seeds), over, rng.randrange)[:2000], to)
         if k % 50 == 49:
             taken()
     while any(found := receive(0.05)):
         taken._take(*found)
-    assert taken.rows > n / 50 and sum(taken.rejected.values()) + taken.rows > 0.9 * n
+    assert taken.rows > n / 100 and sum(taken.rejected.values()) + taken.rows > 0.8 * n
     assert len(taken.rejected) > 3 and capfd.readouterr() == ("", "") and not caplog.records

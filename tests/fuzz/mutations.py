@@ -1,8 +1,7 @@
 """Changes of a good file that keep its form: of cells, of values in JSON, of arrays in
 an npz, and of bytes.
 
-Who chooses is a function, ``below(n)``, a whole number from 0 to n - 1: hypothesis,
-atheris or a plain generator of numbers.
+Who chooses is a function, ``below(n)``, a whole number from 0 to n - 1.
 """
 
 import io
@@ -263,6 +262,7 @@ CHANGES: dict[str, Callable[[bytes, Below], bytes]] = {
     "haptic": _json,
     "hjif": _json,
     "session": _json,
+    "report": _json,
     "events": _json,
     "texture": _elements,
 }

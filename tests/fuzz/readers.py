@@ -25,7 +25,7 @@ from stimlib.devices.null import NullSink
 from stimlib.errors import StimlibError
 from stimlib.files import audio as file
 from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import processor
+from stimlib.files.log_replay import processor, replay
 from stimlib.motion.generators import minimum_jerk
 from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze, viscoelastic
@@ -58,10 +58,22 @@ OPTIONS = (
 
 
 class Reader(NamedTuple):
-    """seeds: good files to start from; read: a file of these bytes."""
+    """name: of the file; seeds: good files to start from; read: what is made of a file
+    of that name; beside: what else its folder holds.
+    """
 
+    name: str
     seeds: Callable[[], list[bytes]]
-    read: Callable[[bytes, Path], object]
+    read: Callable[[Path], object]
+    beside: Callable[[], dict[str, bytes]] = dict
+
+
+def place(name: str, folder: Path) -> Path:
+    """Where the file of a reader is to be, with all that is beside it."""
+    for other, data in READERS[name].beside().items():
+        (folder / other).write_bytes(data)
+    (folder / READERS[name].name).unlink(missing_ok=True)
+    return folder / READERS[name].name
 
 
 def attempt(name: str, data: bytes) -> object:
@@ -69,10 +81,12 @@ def attempt(name: str, data: bytes) -> object:
     is.
     """
     READERS[name].seeds()  # some are made here by what may have to be compiled first
-    began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
+        path = place(name, Path(folder))
+        path.write_bytes(data)
+        began = time.process_time()
         try:
-            return READERS[name].read(data, Path(folder))
+            return READERS[name].read(path)
         except StimlibError as error:
             assert not CONTROL.search(str(error)), f"control characters: {error!r}"
             return error
@@ -81,28 +95,18 @@ def attempt(name: str, data: bytes) -> object:
             assert took < SECONDS, f"{took:.1f} s"
 
 
-def _written(folder: Path, name: str, data: bytes) -> Path:
-    path = folder / name
-    path.write_bytes(data)
-    return path
-
-
-def _recording(suffix: str) -> Callable[[bytes, Path], object]:
-    def read(data: bytes, folder: Path) -> object:
-        path = _written(folder, f"log{suffix}", data)
-        taken = None
-        for options in OPTIONS:
-            try:
-                taken = recording(path, {"x": "x_m", "y": "x_m*2+1e-3"}, **options)
-            except StimlibError:
-                continue
-            assert not CONTROL.search(f"{taken}{taken!r}{taken.motion['x']!r}")
-            t = np.linspace(-0.1, 1.1, 7) * taken.duration
-            motions = [taken.motion["x"], taken.motion["y"], taken.contact]
-            assert all(np.isfinite(m(t)).all() for m in motions)
-        return recording(path, {"x": "x_m"}) if taken is None else taken
-
-    return read
+def _recording(path: Path) -> object:
+    taken = None
+    for options in OPTIONS:
+        try:
+            taken = recording(path, {"x": "x_m", "y": "x_m*2+1e-3"}, **options)
+        except StimlibError:
+            continue
+        assert not CONTROL.search(f"{taken}{taken!r}{taken.motion['x']!r}")
+        t = np.linspace(-0.1, 1.1, 7) * taken.duration
+        motions = [taken.motion["x"], taken.motion["y"], taken.contact]
+        assert all(np.isfinite(m(t)).all() for m in motions)
+    return recording(path, {"x": "x_m"}) if taken is None else taken
 
 
 def _npz() -> list[bytes]:
@@ -120,16 +124,13 @@ def _npz() -> list[bytes]:
     return out
 
 
-def _table(data: bytes, folder: Path) -> object:
-    path = _written(folder, "profile.csv", data)
-    x = stimlib.Input("x", "m")
-    done = None
+def _table(path: Path) -> object:
+    x, done = stimlib.Input("x", "m"), None
     for kind in ("linear", "pchip", "cubic", None):
         try:
             done = equalize(x, path, kind=kind)
-            stimlib.compile(stimlib.Scene({"y": done}), 8000, target="python").process(
-                np.array([[0.0, 0.03, 1e3]])
-            )
+            proc = stimlib.compile(stimlib.Scene({"y": done}), 8000, target="python")
+            proc.process(np.array([[0.0, 0.03, 1e3]]))
         except StimlibError:
             continue
     return equalize(x, path) if done is None else done
@@ -141,8 +142,8 @@ def _textures() -> list[bytes]:
         return [(Path(folder) / "a.xml").read_bytes()]
 
 
-def _texture(data: bytes, folder: Path) -> object:
-    model = load_texture(_written(folder, "a.xml", data))
+def _texture(path: Path) -> object:
+    model = load_texture(path)
     with suppress(StimlibError):  # a rate that does not fit
         scene = stimlib.Scene({"a": texture(0.05, stimlib.Input("N", "N"), model, seed=1)})
         y = stimlib.compile(scene, 8000, target="python").process(np.array([[0.0, 0.5, 1e3]]))
@@ -150,8 +151,8 @@ def _texture(data: bytes, folder: Path) -> object:
     return model
 
 
-def _scene(data: bytes, folder: Path) -> object:
-    scene = stimlib.load(_written(folder, "scene.json", data))
+def _scene(path: Path) -> object:
+    scene = stimlib.load(path)
     repr(scene)
     proc = stimlib.compile(scene, 8000, target="python")
     proc.process(np.zeros((len(proc.inputs), 4)))
@@ -161,88 +162,87 @@ def _scene(data: bytes, folder: Path) -> object:
 @cache
 def _scenes() -> list[bytes]:
     x = stimlib.Input("x", "m")
-    made = [squeeze(fingers=1), viscoelastic()]
-    made += [
-        stimlib.Scene(
-            {
-                "y": lut(x, [0.0, 0.1, 0.3], [1.0, 2.0, 4.0], "pchip"),
-                "z": stimlib.blocks.delay(x, 3),
-            }
-        )
-    ]
+    table = lut(x, [0.0, 0.1, 0.3], [1.0, 2.0, 4.0], "pchip")
+    late = stimlib.Scene({"y": table, "z": stimlib.blocks.delay(x, 3)})
+    made = [squeeze(fingers=1), viscoelastic(), late]
     return [json.dumps(scene.to_dict()).encode() for scene in made]
 
 
+SPRING = stimlib.Scene({"f": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
+HAND = {"x": minimum_jerk()}
+
+
 @cache
-def _audio() -> tuple[bytes, bytes]:
+def _audio() -> dict[str, bytes]:
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "a.wav")
-        scene = stimlib.Scene({"f": stimlib.Param("k", 2.0) * stimlib.Input("x", "m")})
-        proc = stimlib.compile(scene, 8000, target="python")
-        file.write(path, proc, {"x": minimum_jerk()}, 0.01, progress=False)
-        return path.read_bytes(), path.with_name("a.wav.json").read_bytes()
+        proc = stimlib.compile(SPRING, 8000, target="python")
+        for name in ("a.wav", "a.flac"):
+            proc.reset()
+            file.write(Path(folder, name), proc, HAND, 0.01, full_scale=1.0, progress=False)
+        return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
 
 
-def _sidecar(data: bytes, folder: Path) -> object:
-    _written(folder, "a.wav.json", data)
-    return file.read(_written(folder, "a.wav", _audio()[0]))
-
-
-def _sound(data: bytes, folder: Path) -> object:
-    _written(folder, "a.wav.json", _audio()[1])
-    return file.read(_written(folder, "a.wav", data))
+def _sound(path: Path) -> object:
+    found = file.read(path)
+    stimlib.verify(SPRING, HAND, path)
+    return found
 
 
 @cache
 def _log() -> dict[str, bytes]:
-    scene = stimlib.Scene({"f": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, "a.stimlog")
-        with NullSink(scene, 50.0, motion={"x": minimum_jerk()}, clocked=False, log=folder) as sink:
+        with NullSink(SPRING, 50.0, motion=HAND, clocked=False, log=folder) as sink:
             sink.open(8000)
             sink.start(0.05)
             sink.wait()
         return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
-def _logged(part: str) -> Reader:
-    def read(data: bytes, folder: Path) -> object:
-        for name, good in _log().items():
-            _written(folder, name, data if name == part else good)
-        log = read_log(folder)
+def _logged(name: str) -> Reader:
+    def read(path: Path) -> object:
+        log = read_log(path.parent)
         processor(log, target="python")
+        if log.frames < 10_000:
+            replay(log)
         return log
 
-    return Reader(lambda: [_log()[part]], read)
+    return Reader(name, lambda: [_log()[name]], read, _log)
 
 
 def _pattern(suffix: str) -> Reader:
-    def read(data: bytes, folder: Path) -> object:
-        pattern = files.read_pattern(_written(folder, f"a{suffix}", data))
+    def read(path: Path) -> object:
+        pattern = files.read_pattern(path)
         for written in (".ahap", ".haptic", ".hjif"):
             if pattern.seconds < 2.0 and len(pattern.patterns) < 3:
                 with suppress(StimlibError):  # what the format cannot say
-                    files.write_pattern(folder / f"b{written}", pattern, fs=1000)
+                    files.write_pattern(path.with_name(f"b{written}"), pattern, fs=1000)
         return pattern
 
     seeds = sorted(PATTERNS.glob(f"*{suffix}"))
-    return Reader(lambda: [path.read_bytes() for path in seeds], read)
+    return Reader(f"a{suffix}", lambda: [path.read_bytes() for path in seeds], read)
 
 
+TABLES = [CSV.encode(), EUROPE.encode(), CSV.replace('"', "").encode(), ABOVE.encode()]
 READERS: dict[str, Reader] = {
-    "csv": Reader(
-        lambda: [CSV.encode(), EUROPE.encode(), CSV.replace('"', "").encode(), ABOVE.encode()],
-        _recording(".csv"),
+    "csv": Reader("log.csv", lambda: TABLES, _recording),
+    "npz": Reader("log.npz", _npz, _recording),
+    "table": Reader("profile.csv", lambda: [TABLE.encode()], _table),
+    "texture": Reader("a.xml", _textures, _texture),
+    "scene": Reader("scene.json", _scenes, _scene),
+    "sidecar": Reader(
+        "a.wav.json",
+        lambda: [_audio()["a.wav.json"]],
+        lambda path: _sound(path.with_suffix("")),
+        _audio,
     ),
-    "npz": Reader(_npz, _recording(".npz")),
-    "table": Reader(lambda: [TABLE.encode()], _table),
-    "texture": Reader(_textures, _texture),
-    "scene": Reader(_scenes, _scene),
-    "sidecar": Reader(lambda: [_audio()[1]], _sidecar),
-    "audio": Reader(lambda: [_audio()[0]], _sound),
+    "audio": Reader("a.wav", lambda: [_audio()["a.wav"]], _sound, _audio),
+    "flac": Reader("a.flac", lambda: [_audio()["a.flac"]], _sound, _audio),
     "ahap": _pattern(".ahap"),
     "haptic": _pattern(".haptic"),
     "hjif": _pattern(".hjif"),
     "session": _logged("session.json"),
     "events": _logged("events.jsonl"),
+    "motion": _logged("motion.f64"),
+    "report": _logged("report.json"),
 }

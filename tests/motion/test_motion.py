@@ -3,7 +3,6 @@ back.
 """
 
 import dataclasses
-import time
 from fractions import Fraction
 
 import mpmath
@@ -36,68 +35,31 @@ MOTIONS = [
 
 
 @pytest.mark.parametrize("motion", MOTIONS, ids=lambda x: repr(x)[:40])
-def test_same_bits_however_time_is_cut(motion):
+def test_same_bits_hours_later_and_in_any_layout_of_memory(motion):
     for first in (0, 12345 * 8000):  # the start, and hours later
         t = np.arange(first, first + 5003) / FS
         whole = motion(t)
-        assert whole.dtype == np.float64 and whole.shape == t.shape and np.isfinite(whole).all()
-        for block in (1, 7, 64, 1000):
-            n = 300 if block == 1 else len(t)
-            parts = [motion(t[i : i + block][: n - i]) for i in range(0, n, block)]
-            assert np.array_equal(np.concatenate(parts), whole[:n]), block
+        assert whole.dtype == np.float64 and np.isfinite(whole).all()
         shifted = np.empty(len(t) + 1)[1:]  # another alignment in memory
         shifted[:] = t
-        assert np.array_equal(motion(shifted), whole)
-        assert np.array_equal(motion(np.repeat(t, 3)[::3]), whole)
+        for other in (shifted, np.repeat(t, 3)[::3], t[:4998].reshape(2, 3, 833)):
+            assert np.array_equal(motion(other), whole[: other.size].reshape(other.shape))
         assert np.array_equal(motion(t[::-1]), whole[::-1])
-
-
-@pytest.mark.parametrize("motion", MOTIONS, ids=lambda x: repr(x)[:40])
-def test_shape_is_that_of_time_and_time_is_left_alone(motion):
-    t = np.arange(12.0).reshape(3, 4) / 7
-    before = t.copy()
-    assert motion(t).shape == (3, 4) and np.array_equal(motion(t).ravel(), motion(t.ravel()))
+        parts = [motion(part) for part in np.split(t, [1, 2, 9, 73, 1073, 2073])]
+        assert np.array_equal(np.concatenate(parts), whole)
+        assert np.array_equal(t, np.arange(first, first + 5003) / FS)
+        assert not np.shares_memory(whole, t)
     assert motion(0.1).shape == () and motion(np.empty(0)).shape == (0,)
-    assert np.array_equal(t, before) and not np.shares_memory(motion(t), t)
-
-
-@pytest.mark.parametrize("motion", MOTIONS, ids=lambda x: repr(x)[:40])
-def test_repr_reads_back(motion):
-    assert parse_motion(repr(motion)) == motion
-    assert "\n" not in repr(motion) and "np." not in repr(motion)
 
 
 def test_fields_become_plain_numbers():
     motion = m.minimum_jerk(depth=np.float32(0.5), rise=np.int64(2), repeats=np.int32(3))
-    assert (
-        repr(motion)
-        == "minimum_jerk(depth=0.5, start=0.0, rise=2.0, hold=0.2, fall=0.3, rest=0.4, repeats=3)"
+    assert repr(motion) == (
+        "minimum_jerk(depth=0.5, start=0.0, rise=2.0, hold=0.2, fall=0.3, rest=0.4, repeats=3)"
     )
     assert type(motion.rise) is float and type(motion.repeats) is int
     with pytest.raises(dataclasses.FrozenInstanceError):
         motion.depth = 1.0
-
-
-def test_minimum_jerk_boundaries_and_speed():
-    x = m.minimum_jerk(depth=0.02, start=0.001, rise=0.3, hold=0.2, fall=0.3, rest=0.4)
-    assert x([-1.0, 0.0, 0.3, 0.5, 0.8, 1.1]).tolist() == pytest.approx(
-        [0.001, 0.001, 0.021, 0.021, 0.001, 0.001]
-    )
-    t = np.arange(0, 0.3, 1e-5)
-    v = np.gradient(x(t), t)
-    # peak speed of a minimum-jerk movement
-    assert v.max() == pytest.approx(1.875 * 0.02 / 0.3, rel=1e-4)
-    assert (v[2:-2] >= 0).all() and abs(v[1]) < 1e-5
-    inside = np.linspace(0.51, 0.79, 99)
-    # the fall mirrors the rise
-    np.testing.assert_allclose(x(inside), x(0.8 - inside), rtol=0, atol=1e-16)
-    np.testing.assert_allclose(x(t + 1.2 * 1000), x(t), rtol=0, atol=1e-13)
-
-
-def test_minimum_jerk_repeats_end_at_rest():
-    x = m.minimum_jerk(repeats=2)
-    assert x(1.2 + 0.4) == 0.02
-    assert x(2.4 + 0.4) == 0.0 and x(1e9) == 0.0
 
 
 def test_sinusoid_is_right_to_the_last_bits_after_hours():
@@ -106,11 +68,9 @@ def test_sinusoid_is_right_to_the_last_bits_after_hours():
     exact = [float(mpmath.sinpi(2 * mpmath.mpf(v))) for v in t]
     assert np.abs(x(t) - exact).max() < 3e-16
     assert np.array_equal(x([0.0, 0.25, 0.5, 0.75, 1e6 + 0.25]), [0.0, 1.0, 0.0, -1.0, 1.0])
-    shifted = m.sinusoid(1.0, 3.0, mean=2.0, phase=0.7)
-    np.testing.assert_allclose(shifted(t), 2 + np.sin(2 * np.pi * 3 * t + 0.7), rtol=0, atol=3e-9)
-    np.testing.assert_allclose(
-        shifted(t[:997]), 2 + np.sin(2 * np.pi * 3 * t[:997] + 0.7), rtol=0, atol=3e-14
-    )
+    shifted = m.sinusoid(1.0, 3.0, mean=2.0, phase=0.7)(t)
+    error = np.abs(shifted - 2 - np.sin(2 * np.pi * 3 * t + 0.7))
+    assert error.max() < 3e-9 and error[:997].max() < 3e-14
 
 
 @pytest.mark.parametrize("period", [1.2, 0.1, 1.999999999999999, 2.0**-30, 1e-310, 1.7e308])
@@ -130,11 +90,14 @@ def test_the_time_within_a_period_is_exact(period):
 def test_a_press_may_rise_and_fall_at_its_own_speeds():
     """Minimum jerk from 0 to 1 in T: 10 u^3 - 15 u^4 + 6 u^5 with u = t/T."""
     t = np.arange(1200) / 1000
-    x = m.minimum_jerk(1.0, rise=0.2, hold=0.1, fall=0.6, rest=0.3)(t)
     rise, fall = ((np.arange(1000 * T) / (1000 * T)) for T in (0.2, 0.6))
     up, down = (10 * u**3 - 15 * u**4 + 6 * u**5 for u in (rise, fall))
     want = np.concatenate([up, np.ones(100), 1 - down, np.zeros(300)])
-    np.testing.assert_allclose(x, want, rtol=0, atol=1e-12)
+    x = m.minimum_jerk(2.0, start=0.5, rise=0.2, hold=0.1, fall=0.6, rest=0.3, repeats=2)
+    for late, height in ((0.0, 1.0), (1.2, 1.0), (2.4, 0.0), (-1.2, 0.0), (1e9, 0.0)):
+        np.testing.assert_allclose(x(t + late), 0.5 + 2.0 * height * want, rtol=0, atol=1e-12)
+    for_ever = m.minimum_jerk(rise=0.2, hold=0.1, fall=0.6, rest=0.3)
+    np.testing.assert_allclose(for_ever(t + 1.2 * 1000), for_ever(t), rtol=0, atol=1e-13)
 
 
 def test_ramp_and_triangle_have_their_speed():
@@ -160,37 +123,32 @@ def test_edges_fall_on_their_sample(fs, samples):
     assert np.count_nonzero(inside) <= 1  # one for the gap in n
 
 
-def test_quantised_is_whole_codes():
-    t = np.arange(8000) / FS
-    true = m.minimum_jerk()
+def test_quantised_is_whole_codes_of_any_function():
+    t, true = np.arange(8000) / FS, m.minimum_jerk()
     x = m.quantised(true, 1e-6)(t)
     assert np.array_equal(x, np.rint(x / 1e-6) * 1e-6)
     assert np.abs(x - true(t)).max() <= 0.5e-6 * (1 + 1e-9)
+    assert m.quantised(lambda t: 0.3 * t, 0.1)([0.0, 1.0]).tolist() == [0.0, 0.30000000000000004]
 
 
 @pytest.mark.parametrize("position", [0.0, 0.01, 0.0123456])
 def test_jitter_toggles_between_two_adjacent_codes(position):
-    q, rate = 1e-6, 800.0
-    x = m.quantised(m.jittered(m.ramp_and_hold(position, 1e-3), q, rate, seed=7), q)
-    codes = np.rint(x(1 + np.arange(80_000) / FS) / q)
+    q, rate, t = 1e-6, 800.0, 1 + np.arange(80_000) / FS
+    held = m.ramp_and_hold(position, 1e-3)
+    x, other = (m.quantised(m.jittered(held, q, rate, seed=seed), q)(t) for seed in (7, 8))
+    codes = np.rint(x / q)
     assert np.unique(codes).tolist() == [np.rint(position / q), np.rint(position / q) + 1]
     assert (codes.reshape(-1, 10) == codes[::10, None]).all()  # one value per interval
     bits = codes[::10] - codes.min()
-    assert abs(bits.mean() - 0.5) < 4 / (2 * np.sqrt(bits.size))
-    r = np.corrcoef(bits[1:], bits[:-1])[0, 1]
-    assert abs(r) < 4 / np.sqrt(bits.size)
-    other = m.quantised(m.jittered(m.ramp_and_hold(position, 1e-3), q, rate, seed=8), q)
-    same = (other(1 + np.arange(80_000) / FS) == x(1 + np.arange(80_000) / FS)).mean()
-    assert abs(same - 0.5) < 4 / (2 * np.sqrt(bits.size))
+    limit = 4 / np.sqrt(bits.size)
+    assert abs(bits.mean() - 0.5) < limit / 2 and abs((other == x).mean() - 0.5) < limit / 2
+    assert abs(np.corrcoef(bits[1:], bits[:-1])[0, 1]) < limit
 
 
-def test_jitter_before_time_zero_and_amplitude():
-    x = m.jittered(m.sinusoid(0.0, 1.0), 1e-3, 100.0, seed=1, amplitude_codes=3)
-    values = x(np.arange(-500, 500) / 100)
-    assert np.unique(values).tolist() == [0.0, 3e-3]
-    assert (
-        m.jittered(m.sinusoid(0.0, 1.0), 1e-3, 100.0, amplitude_codes=0)(np.arange(99.0)) == 0
-    ).all()
+@pytest.mark.parametrize("codes", [0, 3])
+def test_jitter_before_time_zero_and_amplitude(codes):
+    x = m.jittered(m.sinusoid(0.0, 1.0), 1e-3, 100.0, seed=1, amplitude_codes=codes)
+    assert {*x(np.arange(-500, 500) / 100)} == {0.0, codes * 1e-3}
 
 
 def test_splitmix64_known_answer():
@@ -199,51 +157,44 @@ def test_splitmix64_known_answer():
     assert got.tolist() == [6457827717110365317, 3203168211198807973, 9817491932198370423]
 
 
-def test_any_function_can_be_quantised():
-    x = m.quantised(lambda t: 0.3 * t, 0.1)
-    assert x([0.0, 1.0]).tolist() == [0.0, 0.30000000000000004]
+BAD = [
+    ("minimum_jerk(depth=1e999)", "minimum_jerk: depth .*inf"),
+    ("minimum_jerk(rise=0)", "rise .*above 0"),
+    ("minimum_jerk(rise=-1)", "rise .*got -1"),
+    ("minimum_jerk(hold=-1)", "hold .*0 or above"),
+    ("minimum_jerk(repeats=0)", "repeats .*whole"),
+    ("minimum_jerk(repeats=2.0)", "repeats .*whole"),
+    ("minimum_jerk(depth=True)", "depth .*finite"),
+    ("minimum_jerk(None)", "depth .*got None"),
+    ("minimum_jerk(depth=1" + "0" * 400 + ")", "depth .*finite"),
+    ("sinusoid(0.01, 0.0)", "freq .*above 0"),
+    ("sinusoid(1e999, 1.0)", "amplitude .*finite"),
+    ("sinusoid(sinusoid(1, 1), 1)", "amplitude .*finite"),
+    ("ramp_and_hold(0.01, 1.0, hold=1.0)", "both hold and fall"),
+    ("ramp_and_hold(0.01, 1.0, start_time=-1.0)", "start_time .*0 or above"),
+    ("ramp_and_hold(0.01, 1.0, hold=1.0, fall=0.0)", "fall .*above 0"),
+    ("constant_speed(-0.1, 0.05)", "speed .*above 0"),
+    ("constant_speed(0.1, 0.05, back_and_forth=1)", "back_and_forth .*True or False"),
+    ("staircase_hold(0.01, -1, 1.0)", "n_steps .*whole"),
+    ("quantised(0.01, 1e-6)", "motion must be a motion"),
+    ("quantised(minimum_jerk(), 0.0)", "resolution .*above 0"),
+    ("jittered(minimum_jerk(), 1e-6, 0.0)", "rate .*above 0"),
+    ("jittered(minimum_jerk(), 1e-6, 1.0, seed=-1)", "seed .*whole"),
+    # in the call itself
+    ("sinusoid(1)", "mean=0.0, phase=0.0.*missing .*'freq'"),
+    ("sinusoid(1, 2, frequency=3)", "no argument 'frequency'"),
+    ("minimum_jerk(**1)", "no argument"),
+]
 
 
-@pytest.mark.parametrize(
-    ("make", "says"),
-    [
-        (
-            lambda: m.minimum_jerk(depth=float("nan")),
-            "minimum_jerk: depth must be a finite number, got nan",
-        ),
-        (lambda: m.minimum_jerk(rise=0), "rise must be a finite number above 0"),
-        (lambda: m.minimum_jerk(hold=-1), "hold must be a finite number, 0 or above"),
-        (lambda: m.minimum_jerk(repeats=0), "repeats must be a whole number"),
-        (lambda: m.minimum_jerk(repeats=2.0), "repeats must be a whole number"),
-        (lambda: m.minimum_jerk(depth="0.02"), "depth must be a finite number, got '0.02'"),
-        (lambda: m.minimum_jerk(depth=True), "depth must be a finite number"),
-        (lambda: m.minimum_jerk(depth=10**400), "depth must be a finite number"),
-        (lambda: m.minimum_jerk(depth=None), "depth must be a finite number"),
-        (lambda: m.sinusoid(0.01, 0.0), "freq must be a finite number above 0"),
-        (lambda: m.sinusoid(float("inf"), 1.0), "amplitude must be a finite number"),
-        (lambda: m.ramp_and_hold(0.01, 1.0, hold=1.0), "give both hold and fall"),
-        (
-            lambda: m.ramp_and_hold(0.01, 1.0, start_time=-1.0),
-            "start_time must be a finite number, 0 or above",
-        ),
-        (
-            lambda: m.ramp_and_hold(0.01, 1.0, hold=1.0, fall=0.0),
-            "fall must be a finite number above 0",
-        ),
-        (lambda: m.constant_speed(-0.1, 0.05), "speed must be a finite number above 0"),
-        (
-            lambda: m.constant_speed(0.1, 0.05, back_and_forth=1),
-            "back_and_forth must be True or False",
-        ),
-        (lambda: m.staircase_hold(0.01, -1, 1.0), "n_steps must be a whole number"),
-        (lambda: m.quantised(0.01, 1e-6), "motion must be a motion"),
-        (lambda: m.quantised(m.minimum_jerk(), 0.0), "resolution must be a finite number above 0"),
-        (lambda: m.jittered(m.minimum_jerk(), 1e-6, 0.0), "rate must be a finite number above 0"),
-        (lambda: m.jittered(m.minimum_jerk(), 1e-6, 1.0, seed=-1), "seed must be a whole number"),
-    ],
-)
-def test_bad_values_are_named(make, says):
-    assert says in str(refused(BadValue, None, make))
+@pytest.mark.parametrize(("text", "says"), BAD, ids=lambda v: v[:40])
+def test_bad_values_are_named(text, says):
+    refused(BadValue, says, parse_motion, text)
+
+
+@pytest.mark.parametrize("value", ["0.02", float("nan"), 10**400, [1.0]])
+def test_numbers_that_no_text_gives_are_refused_too(value):
+    refused(BadValue, "minimum_jerk: depth .*finite", m.minimum_jerk, depth=value)
 
 
 @pytest.mark.parametrize(
@@ -271,73 +222,20 @@ def test_parse(text, motion):
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "",
-        "   ",
-        "minimum_jerk",
-        "0.01",
-        "None",
-        "minimum_jerk(",
-        "minimum_jerk() minimum_jerk()",
-        "nosuch()",
-        "__import__('os').system('true')",
-        "minimum_jerk(depth=__import__('os'))",
-        "minimum_jerk(depth=1+1)",
-        "minimum_jerk(depth='0.01')",
-        "minimum_jerk(depth=0.01j)",
-        "minimum_jerk(depth=-True)",
-        "Motion()",
-        "m.minimum_jerk()",
-        "(lambda: 1)()",
-        "[minimum_jerk()]",
-        "minimum_jerk(*[1])",
-        "minimum_jerk(**{'a': 1})",
-        "sinusoid(1, **1 + 1)",
-        "minimum_jerk(x := 1)",
-        "sinusoid.__init__(1)",
-        "parse_motion('minimum_jerk()')",
-        "sinusoid(nan, 1)",
-        "minimum_jerk()\nsinusoid(1, 1)",
-        "a = minimum_jerk()",
-        "\0",
-        "-" * 9000 + "1",
-        "(" * 5000,
-        "9" * 9000,
-        "quantised(" * 900 + "minimum_jerk()" + ", 1)" * 900,
-        "x" * 100_000,
-    ],
+    ["", "   ", "minimum_jerk", "0.01", "None", "minimum_jerk(", "minimum_jerk() minimum_jerk()"]
+    + ["nosuch()", "__import__('os').system('true')", "minimum_jerk(depth=__import__('os'))"]
+    + ["minimum_jerk(depth=1+1)", "minimum_jerk(depth='0.01')", "minimum_jerk(depth=0.01j)"]
+    + ["minimum_jerk(depth=-True)", "Motion()", "m.minimum_jerk()", "(lambda: 1)()"]
+    + ["[minimum_jerk()]", "minimum_jerk(*[1])", "minimum_jerk(**{'a': 1})", "minimum_jerk(x := 1)"]
+    + ["sinusoid(1, **1 + 1)", "sinusoid.__init__(1)", "parse_motion('minimum_jerk()')"]
+    + ["sinusoid(nan, 1)", "minimum_jerk()\nsinusoid(1, 1)", "a = minimum_jerk()", "\0"]
+    + ["-" * 9000 + "1", "(" * 5000, "9" * 9000, "x" * 100_000]
+    + ["quantised(" * 900 + "minimum_jerk()" + ", 1)" * 900],
     ids=lambda x: repr(x)[:30],
 )
 def test_parse_refuses_and_lists_the_generators(text):
-    before = time.perf_counter()
     error = refused(BadValue, None, parse_motion, text)
-    assert time.perf_counter() - before < 5
-    assert all(name in str(error) for name in m.GENERATORS)
-    assert len(str(error)) < 600
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (
-            "sinusoid(1)",
-            "sinusoid(amplitude, freq, mean=0.0, phase=0.0): missing a required argument: 'freq'",
-        ),
-        ("sinusoid(1, 2, frequency=3)", "there is no argument 'frequency'"),
-        ("minimum_jerk(rise=-1)", "minimum_jerk: rise must be a finite number above 0, got -1"),
-        ("minimum_jerk(depth=1e999)", "minimum_jerk: depth must be a finite number, got inf"),
-        ("quantised(1, 2)", "quantised: motion must be a motion"),
-        ("sinusoid(sinusoid(1, 1), 1)", "sinusoid: amplitude must be a finite number"),
-        ("minimum_jerk(**1)", "there is no argument '**'"),
-        ("minimum_jerk(None)", "minimum_jerk: depth must be a finite number, got None"),
-    ],
-)
-def test_parse_says_what_is_wrong_in_a_call(text, says):
-    assert says in str(refused(BadValue, None, parse_motion, text))
-
-
-def test_parse_wants_text():
-    refused(BadValue, None, parse_motion, 3)
+    assert all(name in str(error) for name in m.GENERATORS) and len(str(error)) < 600
 
 
 NUMBER = st.floats(-1, 1)
@@ -372,6 +270,7 @@ ANY = st.recursive(
 @given(ANY, st.lists(st.integers(0, 700), max_size=5))
 def test_any_motion_reads_back_and_can_be_cut_anywhere(motion, cuts):
     assert parse_motion(repr(motion)) == motion
+    assert "\n" not in repr(motion) and "np." not in repr(motion)
     t = np.arange(700) / 613.0
     whole = motion(t)
     assert np.array_equal(np.concatenate([motion(p) for p in np.split(t, sorted(cuts))]), whole)
@@ -398,18 +297,10 @@ def test_many_generators_give_the_bits_of_each_alone():
         x = positions(sources, start, stop, 1000.0)
         alone = [positions({name: one}, start, stop, 1000.0)[0] for name, one in motion.items()]
         assert x.tobytes() == np.array(alone).tobytes()
-    huge = m.sinusoid(1e308, 1.0, mean=1e308)
-    motion["x31"] = motion["x41"] = huge
+    motion["x31"] = motion["x41"] = m.sinusoid(1e308, 1.0, mean=1e308)
+    sources = sources_of(motion, tuple(motion), 4000)
     with np.errstate(over="ignore"):
-        refused(
-            BadValue,
-            "motion of x31 is not finite at sample 147",
-            positions,
-            sources_of(motion, tuple(motion), 4000),
-            0,
-            500,
-            1000.0,
-        )
+        refused(BadValue, "x31 .* sample 147", positions, sources, 0, 500, 1000.0)
 
 
 def test_a_function_that_several_encoders_report_sees_times_in_one_row():

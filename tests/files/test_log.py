@@ -1,0 +1,605 @@
+"""The log of a session: what it holds replays to the delivered samples, bit for bit,
+and nothing in it is trusted.
+"""
+
+import dataclasses as dc
+import hashlib
+import json
+import shutil
+import time
+from itertools import product
+
+import numpy as np
+import pytest
+import soundfile as sf
+from devices.servers import begun
+from logged import play
+from refusals import refused
+
+import stimlib
+from stimlib import Input, Param, Scene, constant
+from stimlib.blocks import timeline, white_noise
+from stimlib.checks.evidence import Asked
+from stimlib.checks.session import verify_log
+from stimlib.core.units import unit
+from stimlib.devices.null import NullSink
+from stimlib.devices.sources import Live
+from stimlib.errors import BadValue, FaultError, SinkError, UnitError
+from stimlib.files import audio as file
+from stimlib.files.log_reader import read_log
+from stimlib.files.log_replay import delivered, replay
+from stimlib.files.log_writer import LogWriter, header
+from stimlib.motion.generators import minimum_jerk
+from stimlib.run.processor import Change
+from stimlib.run.safety import GAIN, Safety, protect, to_device
+from stimlib.scenes import bumps, squeeze, viscoelastic
+
+FS = 8000.0
+
+
+def spring():
+    """Two outputs, one of them noisy, with a parameter."""
+    force = Param("k", 1000.0, "N/m") * Input("x", "m")
+    return Scene({"force": force, "noisy": force + constant(2.0, "N") * white_noise(seed=3)})
+
+
+def motion(n, inputs=1):
+    t = np.arange(n) / FS
+    return np.stack([0.02 * np.sin(2 * np.pi * (3 + i) * t) for i in range(inputs)])
+
+
+SAFETY = Safety(full_scale=16.0, slew=4000.0)
+SETS = [
+    (0, GAIN, 1.0, 160),
+    (777, "k", 1500.0, 333),
+    (900, "k", 300.0, 1),
+    (5003, "k", 800.0, 160),
+    (7800, GAIN, 0.0, 160),
+]
+LOST = [(1200, 77), (2001, 500), (3999, 1), (7999, 1)]
+
+
+SCALES = {"force": 16.0, "noisy": 20.0}
+FOUR = ["noisy", None, "force", "noisy"]
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("played") / "a.stimlog"
+    safety = Safety(full_scale=SCALES, slew=4000.0)
+    how = {"sets": SETS, "lost": LOST, "channels": FOUR}
+    return folder, play(folder, spring(), safety, motion(8000), **how)
+
+
+@pytest.fixture
+def session(played, tmp_path):
+    """A folder of the log, which a test may change, and the frames delivered."""
+    shutil.copytree(played[0], tmp_path / "a.stimlog")
+    return tmp_path / "a.stimlog", played[1]
+
+
+# -- replay
+
+
+def test_a_session_with_changes_and_losses_replays(session, tmp_path):
+    folder, frames = session
+    log = read_log(folder)
+    assert (log.frames, log.logged, log.lost, log.channels) == (8000, 8000, LOST, (1, -1, 0, 1))
+    assert log.motion.shape == (8000, 1) and np.array_equal(log.motion.T, motion(8000))
+    assert log.changes == [(at, name, value, ramp / 8000) for at, name, value, ramp in SETS]
+    assert log.notes == [] and np.abs(frames).max() == 1.0
+    for block in (1, 17, 8192):
+        found = replay(log, tmp_path / f"{block}.wav", block)
+        assert found.matches and found.wrong == [] and (found.frames, found.lost) == (8000, 579)
+        assert found.spans == len(log.spans) >= 4
+        again = np.concatenate([f for _, f, given in delivered(log, block) if given])
+        assert again.tobytes() == frames.tobytes()
+    assert (tmp_path / "1.wav").read_bytes() == (tmp_path / "8192.wav").read_bytes()
+    y, sidecar = file.read(tmp_path / "17.wav")
+    channels = [(c["name"], c["full_scale"]) for c in sidecar["channels"]]
+    assert channels == [(n or "channel1", SCALES.get(n, 1.0)) for n in FOUR]
+    assert np.array_equal(y, (frames.astype(float) * [s for _, s in channels]).T)
+    assert sidecar["lost"] == [{"at": a, "frames": n} for a, n in LOST]
+    at = [a for a, f, given in delivered(log, 100) if given and len(f)]
+    assert at == sorted(at)
+    hidden = [(a, len(f)) for a, f, given in delivered(log, 100) if not given]
+    assert sum(n for _, n in hidden) == 579
+    assert all(any(b <= a < b + n for b, n in LOST) for a, _ in hidden)
+    # the last change told first
+    edit(folder, EVENTS, lambda e: sorted(e, key=lambda e: -e["at"] * (e["kind"] == "set")))
+    again = read_log(folder)
+    assert again.changes == log.changes and replay(again).matches
+
+
+def test_the_log_says_what_was_delivered_whatever_the_block(tmp_path):
+    texts, how = [], {"sets": SETS[:3], "lost": LOST[:2]}
+    for i, blocks in enumerate(([1], [64], [5000], [1, 7, 64, 100, 1000])):
+        folder = tmp_path / f"{i}.stimlog"
+        play(folder, spring(), SAFETY, motion(5000), blocks=blocks, ahead=i == 2, **how)
+        edit(folder, EVENTS, lambda e: sorted(e, key=lambda e: (e["at"], json.dumps(e))))
+        texts.append({p.name: p.read_bytes() for p in folder.iterdir()})
+    assert all(t == texts[0] for t in texts)
+    spans = read_log(tmp_path / "0.stimlog").spans
+    assert max(s.to - s.at for s in spans) <= 2000  # a quarter of a second
+    assert all(s.to % 2000 == 0 or s.to in (1200, 2001, 5000) for s in spans)
+
+
+def test_start_numbers_that_differ(tmp_path):
+    x, sets = motion(2000), [(0, GAIN, 1.0, 160)]
+    play(tmp_path / "a", spring(), SAFETY, x, sets=sets, params={"k": 77.0})
+    log = read_log(tmp_path / "a")
+    assert log.params == {"k": 77.0} and replay(log).matches
+    assert not replay(dc.replace(log, params={})).matches
+
+
+def test_a_scene_without_inputs(tmp_path):
+    scene, sets = Scene({"noise": constant(3.0, "N") * white_noise(seed=1)}), [(0, GAIN, 1.0, 160)]
+    play(tmp_path / "a", scene, SAFETY, np.zeros((0, 3000)), sets=sets, lost=[(500, 30)])
+    assert not (tmp_path / "a" / "motion.f64").exists()
+    log = read_log(tmp_path / "a")
+    assert log.frames == 3000 and replay(log).matches and verify_log(log).passed
+    not_delivered = {"kind": "gap", "delivered": False}  # without motion a gap can be replayed
+    edit(
+        tmp_path / "a",
+        EVENTS,
+        lambda events: [e | not_delivered if e["kind"] == "lost" else e for e in events],
+    )
+    gap = read_log(tmp_path / "a")
+    found = replay(gap)
+    assert gap.lost == log.lost and (found.frames, found.lost, found.matches) == (3000, 30, True)
+
+
+def test_a_gap_ends_what_can_be_replayed(tmp_path):
+    scene, x = spring(), motion(4000)
+    proc = stimlib.compile(protect(scene, SAFETY), FS, seed=5)
+    y = to_device(proc.process(x), SAFETY.scales(proc.outputs), [0, 1])
+    with LogWriter(tmp_path / "a", header(scene, SAFETY, FS, seed=5)) as log:
+        log.motion(x[:, :1000])
+        log.delivered(y[:1000])
+        # block for block, as the callback tells them
+        log.event(1000, "gap", frames=200, delivered=True)
+        log.event(1200, "gap", frames=300, delivered=True)
+        log.motion(np.ascontiguousarray(x[:, 1500:]))
+        log.delivered(y[1500:])
+        log.close({"produced": 4000})
+    log = read_log(tmp_path / "a")
+    assert (log.frames, log.logged) == (1000, 4000)
+    assert log.notes == ["a gap of 500 samples at 1000, of which the log knows nothing"]
+    found = replay(log)
+    assert (found.frames, found.missing, found.wrong, found.matches) == (1000, 3000, [], False)
+
+
+def test_frames_are_kept_and_hashed_as_float32(tmp_path):
+    frames = play(tmp_path / "a", spring(), SAFETY, motion(3000), sets=SETS[:1], record=True)
+    got, fs = sf.read(tmp_path / "a" / "delivered.caf", dtype="float32")
+    assert fs == 8000 and np.array_equal(got, frames)
+    parts = [(0, 2000), (2000, 3000)]
+    hashes = [hashlib.sha256(frames[a:b].astype("<f4").tobytes()).hexdigest() for a, b in parts]
+    spans = read_log(tmp_path / "a").spans
+    assert [tuple(s) for s in spans] == [(*p, h) for p, h in zip(parts, hashes, strict=True)]
+
+
+# -- verify
+
+
+def test_verify_proves_a_session_of_the_squeeze(tmp_path):
+    depth = minimum_jerk(depth=0.01)(np.arange(16000) / FS)
+    sets = [
+        (0, GAIN, 1.0, 160),
+        (3333, "A", 0.0, 500),
+        (5000, "A", 2.0, 40),
+        (9000, "level", 1.5, 1),
+        (9000, "level", 0.5, 1),
+        (12001, "k", 1500.0, 160),
+        (12100, "k", 900.0, 2000),
+        (15840, GAIN, 0.0, 160),
+    ]
+    x, safety = np.stack([depth, 0.5 * depth]), Safety(full_scale=50.0, peak=40.0)
+    play(tmp_path / "a", squeeze(), safety, x, sets=sets, lost=[(3000, 64)])
+    log = read_log(tmp_path / "a")
+    refused(BadValue, "another scene", verify_log, log, spring())
+    report = verify_log(log, squeeze())
+    assert report.passed, str(report)
+    assert {
+        "log: delivered = replay",
+        "log: replay = these samples made safe",
+        "log: samples as reported",
+        "force1: mean part is k x",
+        "force2: vibration law",
+    } <= {c.name for c in report.checks}
+    assert any(n.startswith("force1: Pacinian") for n in report.evidence.numbers)
+    skipped = "\n".join(report.evidence.skipped)
+    assert "k was changed" in skipped and "no one slope" in skipped
+    assert "64 samples were lost, 1 times, first at 3000" in skipped
+    assert "law of the scene" not in skipped
+    report.to_html(tmp_path / "a.html")
+    page = (tmp_path / "a.html").read_text()
+    assert "passed" in page and "Keep the folder of the log, <code>a</code>, whole" in page
+
+
+HALVED = {  # what changes, and when
+    squeeze: [("k", 12001)],
+    viscoelastic: [("firmness", 4567)],
+    bumps: [("A", 4567), ("duty", 5000), ("freq", 3001), ("A", 6500)],
+}
+DISHONEST = {  # a change of the session, as the law is told of it
+    "value": lambda c: c._replace(value=c.value * (1 + 1e-3)),
+    "at": lambda c: c._replace(at=c.at + 1),
+    "ramp": lambda c: c._replace(ramp=c.ramp + 1 / FS),
+}
+
+
+@pytest.mark.parametrize(
+    ("law", "wrong"), [*product(HALVED, [None, "value", "at"]), (squeeze, "ramp")]
+)
+def test_laws_follow_changes_and_see_a_session_that_was_played_otherwise(
+    tmp_path, monkeypatch, law, wrong
+):
+    """The law reads the log by itself, so a processor that does otherwise is found."""
+    scene, t = squeeze(fingers=1) if law is squeeze else law(), np.arange(14000) / FS
+    x = 0.05 * t[:8000] if law is bumps else minimum_jerk(depth=0.01)(t)
+    sets = [
+        (at, name, 0.5 * scene.params[name].value * (at != 6500), 300) for name, at in HALVED[law]
+    ]
+    play(tmp_path / "a", scene, Safety(1000.0), x[None], sets=[(0, GAIN, 1.0, 160), *sets])
+    log, honest = read_log(tmp_path / "a"), Asked.live
+    if wrong:
+
+        def dishonest(a, name):
+            changes = [DISHONEST[wrong](Change(*c)) for c in a.e.changes]
+            return honest(dc.replace(a, e=dc.replace(a.e, changes=changes)), name)
+
+        monkeypatch.setattr(Asked, "live", dishonest)
+    report = verify_log(log)
+    assert report.passed == (wrong is None), str(report)
+    assert not any("law of the scene" in text for text in report.evidence.skipped)
+    assert any(c.group == "d" for c in report.checks)
+    if law is squeeze and wrong:
+        failed = {c.name for c in report.checks if not c.passed}
+        assert failed == {"force1: mean part is k x", "force1: vibration law"}
+
+
+# -- what was tampered with is found
+
+
+EVENTS, HEAD, MOTION, REPORT = "events.jsonl", "session.json", "motion.f64", "report.json"
+
+
+def edit(folder, name, change):
+    """Change the events of a log, the table of one of its files, or its motion."""
+    path = folder / name
+    if name == MOTION:
+        path.write_bytes(change(path.read_bytes()))
+    elif name == EVENTS:
+        events = [json.loads(line) for line in path.read_text().splitlines()]
+        path.write_text("".join(json.dumps(e) + "\n" for e in change(events)))
+    else:
+        path.write_text(json.dumps(change(json.loads(path.read_text()))))
+
+
+def flipped(at):
+    """A bit of the exponent or of the leading digits of a position is another."""
+    at = 8 * at + 6
+    return lambda data: data[:at] + bytes([data[at] ^ 0x10]) + data[at + 1 :]
+
+
+def of_param(**change):
+    def changed(head):
+        blocks = [
+            b | {"fields": b["fields"] | change} if b["class"] == "Param" else b
+            for b in head["scene"]["blocks"]
+        ]
+        return head | {"scene": head["scene"] | {"blocks": blocks}}
+
+    return changed
+
+
+def without_end(events):
+    last = max(i for i, e in enumerate(events) if e["kind"] == "hash")
+    return [e for i, e in enumerate(events) if i < last or e["kind"] == "motion"]
+
+
+def other_hash(events):
+    i = next(i for i, e in enumerate(events) if e["kind"] == "hash" and e["at"] > 2000)
+    return [*events[:i], events[i] | {"sha256": "0" * 64}, *events[i + 1 :]]
+
+
+def safety(**change):
+    return lambda head: head | {"safety": head["safety"] | change}
+
+
+REPLAY, AS_WRITTEN = "log: delivered = replay", "log: motion as it was written"
+REPORTED, WHOLE = "log: samples as reported", "log: all samples are there"
+EDITED = {  # the file, its change, the checks that fail or the error, and what a replay says
+    "a hash": (EVENTS, other_hash, {REPLAY}, "of frames 2501 to 3999"),
+    "the end of the events": (
+        EVENTS,
+        lambda events: [e for e in events if e["at"] < 6000],
+        {REPORTED, WHOLE, AS_WRITTEN},
+        "losses end at 6000",
+    ),
+    "no last hash": (EVENTS, without_end, {REPORTED, WHOLE}, "losses end at 6000"),
+    "the seed": (HEAD, lambda head: head | {"seed": head["seed"] + 1}, {REPLAY}, "0 of 6 hashes"),
+    "the full scale": (HEAD, safety(full_scale=16.1), {REPLAY}, "0 of 6 hashes"),
+    "the slew": (HEAD, safety(slew=3999.0), {REPLAY}, "1 of 6 hashes"),
+    "the scene": (HEAD, of_param(value=999.0), "scene_hash", ""),
+    "a unit of hours": (HEAD, of_param(unit="9**9**9**9"), "scene or safety", ""),
+    # nobody feels it while the gain is 0, or what was lost
+    "motion before the rise": (MOTION, flipped(0), {AS_WRITTEN}, "samples 0 to 2000"),
+    "motion that was lost": (MOTION, flipped(1250), {AS_WRITTEN}, "samples 0 to 2000"),
+    "motion": (MOTION, flipped(4096), {AS_WRITTEN, REPLAY}, "samples 4000 to 6000"),
+    "the last motion": (MOTION, flipped(7900), {AS_WRITTEN, REPLAY}, "samples 6000 to 8000"),
+    "less motion": (
+        MOTION,
+        lambda data: data[: 8 * 5000 + 3],
+        {REPLAY, REPORTED, WHOLE, AS_WRITTEN},
+        "motion ends at sample 5000",
+    ),
+    "more bytes": (MOTION, lambda data: data + bytes(3), {AS_WRITTEN}, "3 bytes more"),
+    "more rows": (MOTION, lambda data: data + bytes(24), {AS_WRITTEN}, "24 bytes more"),
+    **{
+        f"{what} {value}": (REPORT, lambda r, w=what, v=value: r | {w: v}, {REPORTED}, says)
+        for what, says in (("produced", "the report"), ("delivered", ""), ("lost", ""))
+        for value in (-1, 7999, 2**70, "8000", None)
+    },
+}
+
+
+@pytest.mark.parametrize("what", EDITED)
+def test_what_was_tampered_with_is_found(session, what):
+    folder, _ = session
+    name, change, says, told = EDITED[what]
+    edit(folder, name, change)
+    if isinstance(says, str):
+        refused(SinkError, says, read_log, folder)
+        return
+    log = read_log(folder)
+    failed = {c.name for c in verify_log(log).checks if not c.passed}
+    assert failed == says
+    found = replay(log)
+    assert told in str(found) and found.matches == (name == REPORT or "more" in what)
+
+
+def test_motion_after_a_session_that_was_killed_is_no_fault(tmp_path):
+    play(tmp_path / "a", spring(), SAFETY, motion(3000), sets=SETS[:1], report=False)
+    for more, says in ((24, False), (3, True)):
+        edit(tmp_path / "a", MOTION, lambda data, n=more: data + bytes(n))
+        log = read_log(tmp_path / "a")
+        assert ("the last frame of motion is cut short" in log.notes) == says
+        assert replay(log).matches and verify_log(log).passed
+
+
+def test_a_changed_number_or_ramp_is_found(tmp_path):
+    folder = tmp_path / "a"
+    # no limit hides what was changed
+    play(folder, spring(), Safety(full_scale=100.0), motion(8000) + 0.01, sets=SETS)
+    clean = (folder / EVENTS).read_bytes()
+    for at, number, *_ in SETS:
+        for what, more in (("value", 1e-3), ("ramp", 1), ("at", 1)):
+            edit(
+                folder,
+                EVENTS,
+                lambda events, at=at, what=what, more=more: [
+                    e | {what: e[what] + more} if (e["kind"], e["at"]) == ("set", at) else e
+                    for e in events
+                ],
+            )
+            assert not replay(read_log(folder)).matches, (at, number, what)
+            (folder / EVENTS).write_bytes(clean)
+
+
+def test_a_line_of_frames_that_is_missing_is_told(session):
+    clean = (session[0] / EVENTS).read_text().splitlines(keepends=True)
+    told = [i for i, line in enumerate(clean) if '"hash"' in line or '"lost"' in line]
+    for i in told[:-1]:
+        (session[0] / EVENTS).write_text("".join(clean[:i] + clean[i + 1 :]))
+        refused(SinkError, "missing or moved", read_log, session[0])
+
+
+# -- a killed session
+
+
+def test_every_cut_of_a_log_reads_and_replays_to_its_end(tmp_path):
+    folder, seen = tmp_path / "a", set()
+    play(folder, spring(), SAFETY, motion(6000), sets=SETS[:3], lost=LOST[:2], report=False)
+    events, x = (folder / EVENTS).read_bytes(), (folder / MOTION).read_bytes()
+    for cut in range(0, len(events) + 1, 13):
+        (folder / EVENTS).write_bytes(events[:cut])
+        log = read_log(folder)
+        assert "no report" in " ".join(log.notes)
+        if log.frames not in seen:
+            found = replay(log)
+            assert found.matches and found.frames == log.frames
+            seen.add(log.frames)
+    assert seen >= {0, 1200, 1277, 2000, 2001, 2501, 4000}
+    for cut in range(0, len(x), 4001):
+        (folder / MOTION).write_bytes(x[:cut])
+        found = replay(read_log(folder))
+        assert found.wrong == [] and found.frames == min(cut // 8, log.frames)
+
+
+# -- the writer
+
+
+GOOD = header(spring(), SAFETY, FS)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"scene_hash": "0" * 64}, "scene_hash"),
+        ({"channels": ["nothing"]}, "channels must be names"),
+        ({"channels": []}, "1 to 1024"),
+        ({"inputs": ["y"]}, "inputs must be of x"),
+        ({"inputs": ["x", "x"]}, "there twice"),
+        ({"fs": float("nan")}, "fs must be"),
+        ({"safety": {"full_scale": -1}}, "above 0"),
+        ({"safety": {"surprise": 1}}, "safety cannot be used"),
+        ({"params": {"q": 1.0}}, "no parameter 'q'"),
+        ({"params": {"k": float("inf")}}, "finite"),
+    ],
+)
+def test_a_header_that_could_not_be_replayed_is_refused(tmp_path, change, says):
+    refused(BadValue, says, LogWriter, tmp_path / "a", GOOD | change)
+    assert not (tmp_path / "a").exists()
+
+
+def test_the_writer_refuses_what_it_could_not_replay(tmp_path):
+    with LogWriter(tmp_path / "a", GOOD) as log:
+        log.delivered(np.zeros((10, 2), np.float32))
+        for call, *given in [
+            (log.motion, np.zeros((2, 5))),
+            (log.motion, np.zeros((1, 5), np.float32)),
+            (log.delivered, np.zeros((5, 3), np.float32)),
+            (log.delivered, np.zeros((5, 2))),
+            *((log.event, 10, "lost", n) for n in (86400 * 8000 + 1, -3, None, 1.5)),
+            (log.event, 9, "lost", 3),
+            (log.event, -1, "stop"),
+            (log.event, 1.5, "stop"),
+            (log.event, 3, "hash"),
+        ]:
+            frames = {"frames": given.pop()} if len(given) == 3 else {}
+            refused(BadValue, None, call, *given, **frames)
+        for value in (float("nan"), object()):
+            refused(BadValue, None, log.event, 3, "note", value=value)
+        log.event(np.int64(10), "note", value=np.float64(3), n=np.int32(4))
+        log.event(500, "lost", frames=100)  # ahead of what was delivered
+        refused(BadValue, "frames up to 600", log.event, 550, "lost", frames=100)
+    refused(SinkError, "is closed", log.event, 3, "note")
+    log.close()
+    assert [e.kind for e in read_log(tmp_path / "a").events] == ["note", "hash"]
+    refused(SinkError, "^(?!cannot).*not empty", LogWriter, tmp_path / "a", GOOD)
+    refused(SinkError, "cannot make the log", LogWriter, tmp_path / "none" / "a", GOOD)
+
+
+def test_a_full_disk_is_told_and_the_log_stays_readable(mounted):
+    folder = mounted("size=256k")
+    log = LogWriter(folder / "a", header(spring(), SAFETY, FS, seed=5))
+    proc, x = stimlib.compile(protect(spring(), SAFETY), FS, seed=5), motion(640)
+    with pytest.raises(SinkError, match="No space left on device") as first:
+        for _ in range(1000):
+            log.motion(x)
+            log.delivered(to_device(proc.process(x), SAFETY.scales(proc.outputs), [0, 1]))
+    assert refused(SinkError, None, log.event, 0, "stop") is first.value
+    log.close({"produced": 1})  # quietly
+    found = replay(read_log(folder / "a"))
+    assert found.matches and found.frames > 10000
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["9**9**9**9", "m**(9**9**9)", "((m**9)**9)**9", "m**1e400", "m**400", "((((m", "m" * 200]
+    + ["m\n("],
+)
+def test_a_unit_that_would_be_computed_for_hours(text):
+    refused(UnitError, None, unit, text)
+
+
+# -- sessions of a real sink
+
+
+def test_a_sink_with_stalls_stale_hands_and_changes(tmp_path):
+    """Everything that may happen to a session: its log replays, and its scene is
+    verified on the motion as it was.
+    """
+    x = np.repeat(minimum_jerk(depth=0.01)(np.arange(16000) / FS)[None], 2, axis=0)
+    how = {"motion": Live(), "params": {"k": 1500.0}, "seed": 9, "realtime": False}
+    sink = NullSink(squeeze(), 50.0, log=tmp_path / "a.stimlog", **how)
+    todo = [(0.3, lambda: sink.pump.write("STALL", 100_000))]
+    todo += [(0.5, lambda: sink.set("k", 1000.0, ramp=0.05))]
+    with begun(sink, channels=["force2", None, "force1"], block=64):
+        at, began = 0, time.monotonic()
+        while (now := time.monotonic() - began) < 1.6:
+            # else the last position is held, and fades
+            if not 0.9 < now < 1.1 and at < (to := min(16000, int(FS * now))):
+                at += sink.push(dict(zip(sink.proc.inputs, x[:, at:to], strict=True)))
+            if todo and now > todo[0][0]:
+                todo.pop(0)[1]()
+            time.sleep(0.004)
+        sink.stop()
+        sink.wait(30)
+    log, report = read_log(tmp_path / "a.stimlog"), sink.report()
+    kinds = {e.kind for e in log.events}
+    assert {"set", "lost", "stale", "fresh", "stop", "hash", "motion"} <= kinds, kinds
+    assert (log.frames, log.logged) == (report.produced, report.produced) and log.notes == []
+    assert sum(n for _, n in log.lost) == report.lost > 0.05 * FS
+    assert {c.name for c in log.changes} == {GAIN, "k"}
+    found = replay(log, tmp_path / "a.rf64")
+    assert found.matches and found.lost == report.lost, str(found)
+    assert file.read(tmp_path / "a.rf64")[0].shape == (3, report.delivered)
+    proven = verify_log(log, squeeze())
+    assert proven.passed, str(proven)
+
+
+def test_a_stimulus_with_ramps_of_its_own_is_not_faded_again(tmp_path):
+    """At 5 ms a burst that rises within 10 ms is at half, whatever the sink does before
+    it.
+    """
+    ramps = timeline([(0.0, 0.0), (0.01, 1.0), (0.04, 1.0), (0.05, 0.0)])
+    burst, folder = Scene({"y": ramps * (0.5 + white_noise(seed=1))}), tmp_path / "a.stimlog"
+    with begun(NullSink(burst, 8.0, clocked=False, log=folder), 0.05) as sink:
+        sink.wait()
+    log = read_log(folder)
+    assert replay(log, tmp_path / "a.wav").matches
+    y = stimlib.render(burst, {}, FS, 0.05)["y"]
+    assert np.array_equal(file.read(tmp_path / "a.wav")[0][0], np.float32(y / 8.0) * 8.0)
+    fades = [(e.at, e.kind, e.data["frames"]) for e in log.events if e.kind in ("rise", "fall")]
+    assert fades == [(0, "rise", 160), (400, "fall", 160)]
+    said, report = str(sink.report()), verify_log(log)
+    assert "in over 160 frames before sample 0" in said and "out over 160 frames after" in said
+    assert report.passed and not report.evidence.numbers
+    told = [text for text in report.evidence.skipped if "fade" in text]
+    assert "160 frames before sample 0" in told[0] and "160 frames from sample 400 on" in told[1]
+
+
+def test_a_log_with_two_rows_of_motion_swapped_is_refused(tmp_path):
+    """Its header names the rows of motion.f64: in another order it is other motion."""
+    scene = Scene({"y": Input("a") - 2.0 * Input("b")})
+    play(tmp_path / "a", scene, Safety(8.0), motion(800, 2) + 0.1, sets=[(0, GAIN, 1.0, 160)])
+    assert verify_log(read_log(tmp_path / "a")).passed
+    edit(tmp_path / "a", HEAD, lambda head: head | {"inputs": head["inputs"][::-1]})
+    assert not verify_log(read_log(tmp_path / "a")).passed
+
+
+def test_a_fade_along_the_samples_is_told(tmp_path):
+    with NullSink(spring(), 50.0, clocked=False, motion=Live(), log=tmp_path / "a.stimlog") as sink:
+        sink.open(FS)
+        sink.push(motion(FS // 2))
+        sink.start(0.2)
+        sink.wait(30)
+    log, said = read_log(tmp_path / "a.stimlog"), str(sink.report())
+    assert "faded in over the first samples" in said
+    assert "rise" not in {e.kind for e in log.events}
+    (told,) = verify_log(log).evidence.numbers
+    fades = sum(c.name == GAIN for c in log.changes)
+    assert told.startswith(f"{fades} fades on the stimulus") and "0 to 160" in told
+
+
+@pytest.mark.parametrize("clocked, before", [(True, 0.0), (False, 0.0), (False, 1.0)])
+def test_a_sink_whose_motion_is_not_finite(tmp_path, clocked, before):
+    x = motion(16000)[0]
+    # m: far beyond full scale, so that the guard's fade is that of what was clipped
+    x[4999:5001] += [before, np.nan]
+    scene = Scene({"force": Param("k", 1000.0, "N/m") * Input("x", "m")})
+    how = {"clocked": clocked, "realtime": False, "log": tmp_path / "a.stimlog"}
+    sink = NullSink(scene, 50.0, motion={"x": x}, **how)
+    with pytest.raises(FaultError), begun(sink, 1.0, block=64):
+        sink.wait(30)
+    log = read_log(tmp_path / "a.stimlog")
+    assert "fault" in {e.kind for e in log.events} and log.frames == sink.report().produced
+    assert np.isnan(log.motion[5000:5001, 0]).all() and replay(log).matches
+    report = verify_log(log)
+    assert [c.name for c in report.checks if not c.passed] == ["no fault"]
+    assert any("before 5000 only" in text for text in report.evidence.skipped)
+
+
+def test_a_sink_whose_disk_is_full_fades_out(mounted):
+    small, hand = mounted("size=300k"), minimum_jerk(depth=0.01)
+    how = {"motion": {"x1": hand, "x2": hand}, "realtime": False, "log": small / "a.stimlog"}
+    with pytest.raises(SinkError, match="No space left on device"):
+        with begun(NullSink(squeeze(), 50.0, **how), 20.0, block=64) as sink:
+            sink.wait(60)
+    log = read_log(small / "a.stimlog")
+    found = replay(log)
+    assert found.matches and found.frames > 8000 and log.report is None and verify_log(log).passed
+    del log  # it maps the motion
