@@ -5,13 +5,20 @@ observer.
 import dataclasses
 
 import stimlib
-from stimlib.experiments.designs import ConstantStimuli, Interleaved, Staircase
-from stimlib.experiments.experiment import Experiment, Timing
-from stimlib.experiments.questions import choice
-from stimlib.experiments.runner import Simulated, run
-from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import TwoInterval
-from stimlib.experiments.trial import Answer, Stimulus
+from stimlib.experiments import (
+    Answer,
+    ConstantStimuli,
+    Experiment,
+    Interleaved,
+    Session,
+    Simulated,
+    Staircase,
+    Stimulus,
+    Timing,
+    TwoInterval,
+    choice,
+    run,
+)
 
 SPRING = stimlib.Scene({"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
 TASK = TwoInterval("silent", "softer", Stimulus("spring"), Stimulus("spring"), "k", asks_less=True)

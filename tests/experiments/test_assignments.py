@@ -17,12 +17,15 @@ import pytest
 from refusals import refused
 
 from stimlib.errors import BadValue, SinkError, UnknownName
-from stimlib.experiments import assignments
-from stimlib.experiments.assignments import assign, assigned
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.latin_squares import williams
-from stimlib.experiments.tasks import Rate
-from stimlib.experiments.trial import Stimulus
+from stimlib.experiments import (
+    ConstantStimuli,
+    Rate,
+    Stimulus,
+    assign,
+    assigned,
+    assignments,
+    williams,
+)
 from stimlib.system import safe_files
 
 

@@ -9,8 +9,18 @@ import pytest
 from refusals import refused
 
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.compare import anova, dunn, kruskal, mixed, paired, repeated, shapiro
-from stimlib.experiments.signal_detection import detection, diagnosis, wilson
+from stimlib.experiments import (
+    anova,
+    detection,
+    diagnosis,
+    dunn,
+    kruskal,
+    mixed,
+    paired,
+    repeated,
+    shapiro,
+    wilson,
+)
 
 # of 252 nodules found, of 112 empty sides
 COUNTS = {"deformation": (183, 111), "speed": (236, 107), "both": (239, 112)}

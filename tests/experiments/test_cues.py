@@ -13,17 +13,22 @@ from scipy.special import log_ndtr, ndtri
 
 import stimlib
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.cue_distances import displayed, recorded
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Timing
+from stimlib.experiments import (
+    Answer,
+    ConstantStimuli,
+    OneInterval,
+    Session,
+    Simulated,
+    Timing,
+    displayed,
+    present,
+    read,
+    recorded,
+    run,
+    spans,
+)
 from stimlib.experiments.papers.bounciness import PAIRS, analysis, bounciness, known
 from stimlib.experiments.papers.springpots import CUES, Explained, cues_text, explained
-from stimlib.experiments.presentation import present, spans
-from stimlib.experiments.reader import read
-from stimlib.experiments.runner import Simulated, run
-from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import OneInterval
-from stimlib.experiments.trial import Answer
 from stimlib.motion.generators import sinusoid
 from stimlib.scenes import viscoelastic
 

@@ -14,23 +14,35 @@ from refusals import refused
 
 import stimlib
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.designs import (
+from stimlib.experiments import (
+    Answer,
     ConstantStimuli,
+    Experiment,
     Interleaved,
+    OneInterval,
+    Psychometric,
+    Quest,
+    Rate,
+    Roved,
     Sequential,
     Staircase,
+    Stimulus,
+    Trial,
+    TwoInterval,
+    analogue,
+    check_graeco_latin,
+    choice,
+    graeco_latin,
+    observed,
+    places,
+    psychometric,
+    ranking,
+    rating,
+    seed_of,
     shuffled,
+    stream,
     turn_of,
 )
-from stimlib.experiments.experiment import Experiment
-from stimlib.experiments.fits import psychometric
-from stimlib.experiments.latin_squares import check_graeco_latin, graeco_latin
-from stimlib.experiments.observers import Psychometric
-from stimlib.experiments.quest import Quest
-from stimlib.experiments.questions import analogue, choice, places, ranking, rating
-from stimlib.experiments.random_streams import seed_of, stream
-from stimlib.experiments.tasks import OneInterval, Rate, Roved, TwoInterval
-from stimlib.experiments.trial import Answer, Stimulus, Trial, observed
 
 PAIR = TwoInterval(
     "silent",

@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from stimlib.experiments.designs import Staircase
-from stimlib.experiments.fits import psychometric, psychometrics
-from stimlib.experiments.observers import Psychometric
-from stimlib.experiments.quest import Quest
-from stimlib.experiments.random_streams import stream
-from stimlib.experiments.tasks import TwoInterval
-from stimlib.experiments.trial import Stimulus, observed, outcome
+from stimlib.experiments import (
+    Psychometric,
+    Quest,
+    Staircase,
+    Stimulus,
+    TwoInterval,
+    observed,
+    outcome,
+    psychometric,
+    psychometrics,
+    stream,
+)
 
 PAIR = TwoInterval("a", "softer", Stimulus("s", {"k": 1.0}), Stimulus("s"), "k", detection=False)
 GRID = tuple(np.linspace(0.3, 3.0, 10).round(3).tolist())  # a step is 0.3

@@ -25,11 +25,19 @@ from stimlib.cli import app, terminal
 from stimlib.cli.experiments import experiment_of
 from stimlib.cli.terminal import Terminal
 from stimlib.errors import FaultError, SinkError
-from stimlib.experiments.answer_keys import Keyed, prompted
-from stimlib.experiments.observers import Psychometric, power
-from stimlib.experiments.questions import analogue, choice, places, ranking, rating
-from stimlib.experiments.reader import read
-from stimlib.experiments.tables import fitted
+from stimlib.experiments import (
+    Keyed,
+    Psychometric,
+    analogue,
+    choice,
+    fitted,
+    places,
+    power,
+    prompted,
+    ranking,
+    rating,
+    read,
+)
 
 FILE = """
 import sys

@@ -17,14 +17,19 @@ from refusals import refused
 import stimlib
 from stimlib.devices.sources import Live, Signal, Signals
 from stimlib.errors import BadValue, SinkError
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Timing
-from stimlib.experiments.observers import simulate as observe
-from stimlib.experiments.presentation import present
-from stimlib.experiments.reader import read, status
-from stimlib.experiments.runner import Simulated, run
-from stimlib.experiments.session import Session
-from stimlib.experiments.trial import Stimulus, Trial
+from stimlib.experiments import (
+    ConstantStimuli,
+    Session,
+    Simulated,
+    Stimulus,
+    Timing,
+    Trial,
+    present,
+    read,
+    run,
+    simulate as observe,
+    status,
+)
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
 

@@ -9,19 +9,27 @@ from refusals import refused
 from scipy.stats import norm
 
 from stimlib.errors import BadValue
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Timing
-from stimlib.experiments.latin_squares import check_graeco_latin
+from stimlib.experiments import (
+    ConstantStimuli,
+    OneInterval,
+    Roved,
+    Session,
+    Simulated,
+    Stimulus,
+    Timing,
+    Trial,
+    TwoInterval,
+    check_graeco_latin,
+    columns,
+    observed,
+    run,
+    sessions,
+    stream,
+    write_report,
+)
 from stimlib.experiments.papers import bounciness as bouncy, firmness as firm
 from stimlib.experiments.papers.firmness import PAIRS, firmness, pair_of, person, weber_fractions
 from stimlib.experiments.papers.springpots import by_cues, cues_of_stimulus
-from stimlib.experiments.random_streams import stream
-from stimlib.experiments.reader import columns, sessions
-from stimlib.experiments.report import write_report
-from stimlib.experiments.runner import Simulated, run
-from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import OneInterval, Roved, TwoInterval
-from stimlib.experiments.trial import Stimulus, Trial, observed
 from stimlib.scenes import viscoelastic
 
 

@@ -12,15 +12,21 @@ from refusals import refused
 import stimlib
 from stimlib.blocks import oscillator
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments import likelihood
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Experiment
-from stimlib.experiments.fits import (
+from stimlib.experiments import (
+    ConstantStimuli,
+    Experiment,
+    Psychometric as Observer,
+    Stimulus,
+    TwoInterval,
     bootstrap,
+    choice,
+    fitted,
+    likelihood,
     likelihood_ratio,
     profile,
     psychometric,
     psychometrics,
+    simulate,
 )
 from stimlib.experiments.goodness import allowed, dispersion, goodness
 from stimlib.experiments.likelihood import (
@@ -34,11 +40,6 @@ from stimlib.experiments.likelihood import (
     maximum,
     probability,
 )
-from stimlib.experiments.observers import Psychometric as Observer, simulate
-from stimlib.experiments.questions import choice
-from stimlib.experiments.tables import fitted
-from stimlib.experiments.tasks import TwoInterval
-from stimlib.experiments.trial import Stimulus
 
 LEVELS, YES, ASKED = (
     np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0]),

@@ -12,14 +12,23 @@ from refusals import refused
 import stimlib
 from stimlib.blocks import white_noise
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.compare import paired
-from stimlib.experiments.cue_distances import distances
-from stimlib.experiments.designs import ConstantStimuli, Sequential
-from stimlib.experiments.observers import Listener, Psychometric, power, simulate
-from stimlib.experiments.random_streams import stream
-from stimlib.experiments.signal_detection import wilson
-from stimlib.experiments.tasks import OneInterval, Rate, TwoInterval
-from stimlib.experiments.trial import Stimulus, Trial
+from stimlib.experiments import (
+    ConstantStimuli,
+    Listener,
+    OneInterval,
+    Psychometric,
+    Rate,
+    Sequential,
+    Stimulus,
+    Trial,
+    TwoInterval,
+    distances,
+    paired,
+    power,
+    simulate,
+    stream,
+    wilson,
+)
 from stimlib.motion.generators import sinusoid
 
 SPRING = stimlib.Scene({"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")})

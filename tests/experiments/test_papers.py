@@ -15,11 +15,26 @@ from typer.testing import CliRunner
 import stimlib
 from stimlib.cli import app
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.compare import paired
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Timing
-from stimlib.experiments.latin_squares import check_graeco_latin
-from stimlib.experiments.observers import Listener, Psychometric, simulate
+from stimlib.experiments import (
+    ConstantStimuli,
+    Listener,
+    Psychometric,
+    Session,
+    Simulated,
+    Stimulus,
+    Timing,
+    check_graeco_latin,
+    columns,
+    fechner,
+    observed,
+    paired,
+    present,
+    run,
+    sessions,
+    simulate,
+    stream,
+    write_report,
+)
 from stimlib.experiments.papers import (
     nodule_places as place,
     nodule_sizes as size,
@@ -37,14 +52,6 @@ from stimlib.experiments.papers.bounciness import (
     phase,
 )
 from stimlib.experiments.papers.ugrip import K0, SQUEEZES, comparisons, feels, text, ugrip
-from stimlib.experiments.presentation import present
-from stimlib.experiments.random_streams import stream
-from stimlib.experiments.reader import columns, sessions
-from stimlib.experiments.report import write_report
-from stimlib.experiments.runner import Simulated, run
-from stimlib.experiments.scaling import fechner
-from stimlib.experiments.session import Session
-from stimlib.experiments.trial import Stimulus, observed
 from stimlib.scenes import soft_surface, squeeze, viscoelastic
 from stimlib.soft import block, buried
 

@@ -9,10 +9,7 @@ from refusals import refused
 from scipy.stats import norm
 
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.quest import Quest
-from stimlib.experiments.random_streams import stream
-from stimlib.experiments.tasks import TwoInterval
-from stimlib.experiments.trial import Stimulus
+from stimlib.experiments import Quest, Stimulus, TwoInterval, stream
 
 PAIR = TwoInterval("silent", "which", Stimulus("a", {"k": 1.0}), Stimulus("a"), "k")
 FELT = TwoInterval("felt", "which", Stimulus("a", {"k": 0.0}), Stimulus("a"), "k")

@@ -11,12 +11,18 @@ from experiments.some import experiment
 from refusals import refused
 
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.compare import repeated
-from stimlib.experiments.fits import psychometric
-from stimlib.experiments.observers import Psychometric, simulate
-from stimlib.experiments.report import write_report
-from stimlib.experiments.signal_detection import wilson
-from stimlib.experiments.tables import fitted, grouped, plain, to_pandas
+from stimlib.experiments import (
+    Psychometric,
+    fitted,
+    grouped,
+    plain,
+    psychometric,
+    repeated,
+    simulate,
+    to_pandas,
+    wilson,
+    write_report,
+)
 
 
 @pytest.fixture(scope="module")

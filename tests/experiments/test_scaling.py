@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.scaling import bradley_terry, fechner, jnd_from_dprime, line, stevens
-from stimlib.experiments.signal_detection import detection
+from stimlib.experiments import bradley_terry, detection, fechner, jnd_from_dprime, line, stevens
 
 RMS = [
     0.08,

@@ -19,16 +19,29 @@ from stimlib.checks import verify_log
 from stimlib.cli import terminal
 from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, SinkError, UnknownName
+from stimlib.experiments import (
+    ConstantStimuli,
+    Masking,
+    OneInterval,
+    Rate,
+    Sequential,
+    Session,
+    Simulated,
+    Timing,
+    choice,
+    columns,
+    elapsed_times,
+    free_text,
+    places,
+    present,
+    read,
+    run,
+    sessions,
+    spans,
+    status,
+    times_text,
+)
 from stimlib.experiments.bids import to_bids, to_psych_ds
-from stimlib.experiments.compare import elapsed_times, times_text
-from stimlib.experiments.designs import ConstantStimuli, Sequential
-from stimlib.experiments.experiment import Masking, Timing
-from stimlib.experiments.presentation import present, spans
-from stimlib.experiments.questions import choice, free_text, places
-from stimlib.experiments.reader import columns, read, sessions, status
-from stimlib.experiments.runner import Simulated, run
-from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import OneInterval, Rate
 from stimlib.experiments.trial import Answer, Record, Stimulus, Trial, correct
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay

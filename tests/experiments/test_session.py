@@ -38,15 +38,35 @@ from stimlib.devices.calibration import Calibration
 from stimlib.devices.null import NullSink
 from stimlib.devices.sources import Live
 from stimlib.errors import BadValue, SinkError, StimlibError, UnitError, UnknownName
-from stimlib.experiments.designs import ConstantStimuli, Sequential, Staircase
-from stimlib.experiments.experiment import Cursor, Experiment, Masking, Timing
-from stimlib.experiments.presentation import prepare, present, program, spans
-from stimlib.experiments.questions import rating
-from stimlib.experiments.reader import blinded, columns, read, sessions, status
-from stimlib.experiments.runner import Simulated, run
+from stimlib.experiments import (
+    Answer,
+    ConstantStimuli,
+    Cursor,
+    Experiment,
+    Masking,
+    OneInterval,
+    Rate,
+    Record,
+    Sequential,
+    Simulated,
+    Staircase,
+    Stimulus,
+    Timing,
+    Trial,
+    blinded,
+    columns,
+    outcome,
+    prepare,
+    present,
+    program,
+    rating,
+    read,
+    run,
+    sessions,
+    spans,
+    status,
+)
 from stimlib.experiments.session import LOG, Session
-from stimlib.experiments.tasks import OneInterval, Rate
-from stimlib.experiments.trial import Answer, Record, Stimulus, Trial, outcome
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
 from stimlib.run.safety import Safety

@@ -9,12 +9,19 @@ from refusals import refused
 from scipy.special import ndtr
 
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.designs import Interleaved, Staircase
-from stimlib.experiments.fits import psychometric
-from stimlib.experiments.observers import Psychometric
-from stimlib.experiments.random_streams import stream
-from stimlib.experiments.tasks import TwoInterval
-from stimlib.experiments.trial import Answer, Stimulus, Trial, observed, outcome
+from stimlib.experiments import (
+    Answer,
+    Interleaved,
+    Psychometric,
+    Staircase,
+    Stimulus,
+    Trial,
+    TwoInterval,
+    observed,
+    outcome,
+    psychometric,
+    stream,
+)
 
 
 class Quick:

@@ -15,6 +15,17 @@ from refusals import refused
 import stimlib.experiments.texts
 from stimlib.cli import terminal
 from stimlib.errors import BadValue
+from stimlib.experiments import (
+    OneInterval,
+    Quest,
+    Rate,
+    Session,
+    Stimulus,
+    Trial,
+    TwoInterval,
+    run,
+    texts_of,
+)
 from stimlib.experiments.designs import (
     ConstantStimuli,
     Interleaved,
@@ -22,13 +33,7 @@ from stimlib.experiments.designs import (
     Staircase,
     trials_of,
 )
-from stimlib.experiments.quest import Quest
 from stimlib.experiments.questions import KINDS, analogue, places, rating
-from stimlib.experiments.runner import run
-from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import OneInterval, Rate, TwoInterval
-from stimlib.experiments.texts import texts_of
-from stimlib.experiments.trial import Stimulus, Trial
 
 FILE = Path(stimlib.experiments.texts.__file__).with_name("texts.toml")
 SHIPPED = tomllib.loads(FILE.read_text("utf-8"))
