@@ -520,6 +520,11 @@ NORMAL = {"deviations": (1.0,)}
         (experiment, {"scenes": [SPRING]}, "scenes = .* must be a dict"),
         (experiment, {"timing": {"interval": 1.0}}, "timing = .* must be a Timing"),
         (experiment, {"design": PAIR}, "design = TwoInterval.* must be a design"),
+        (
+            experiment,
+            {"design": ConstantStimuli(((dc.replace(PAIR, choices=("A", "B")), 4.0),))},
+            "must be the same",
+        ),
         (experiment, {"bounds": {"k": 500.0}}, "bounds = .* must be a dict"),
         (experiment, {"bounds": [("k", 0.0, 1.0)]}, "bounds = .* must be a dict"),
         (
