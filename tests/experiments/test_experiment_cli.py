@@ -74,8 +74,9 @@ def test_a_folder_of_data_is_no_option_and_an_empty_session_may_go(file, tmp_pat
     file.write_text(file.read_text().replace("(TASK, 1.0)", "(TASK, 1.5)"))
     assert "it has no answer" in stimlib("resume", *who, status=2)
     said = "no device plays"
-    assert said in stimlib("run", *who[:3], status=2)
-    assert said not in stimlib("run", *who[:3], "--pilot", status=2)
+    other = f"{file}:short", "--participant", "P08"
+    assert said in stimlib("run", *other, status=2)
+    assert said not in stimlib("run", *other, "--pilot", status=2)
 
 
 def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
