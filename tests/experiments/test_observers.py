@@ -107,7 +107,7 @@ def test_one_interval_and_ratings():
     assert [a.values["rough"] for a in rated] == [1, 2, 4, 7]  # the force has an rms of 2.12 N
     absent = listener(sigma=0.0, criterion=1.0, lapse=0.5)  # never attends
     for k in range(20):
-        # the last number drawn, after that of the interval and the one that decides on a lapse
+        # the last number drawn: one of the interval, one that decides on a lapse, and this
         rng = stream(k)
         coin = (rng.normal(), *rng.random(2))[-1]
         assert absent(hard, stream(k)).values["which"] == ("hard" if coin < 0.5 else "soft")

@@ -61,7 +61,7 @@ def test_roughness_over_rms():
 
 
 def test_jnds_of_simulated_people_follow_their_line():
-    """Thousands of four people of Çaldıran's thesis, whose JNDs are .1452 alpha - .0012:
+    """4000 times four people of Çaldıran's thesis, whose JNDs are .1452 alpha - .0012:
     corrections take little from it.
     """
     alphas, step = np.array([0.25, 0.5, 0.75]), 0.05 * np.arange(1, 4)
