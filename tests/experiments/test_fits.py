@@ -470,24 +470,6 @@ def test_a_likelihood_ratio_takes_levels_that_differ_by_rounding_as_one(log):
         refused(BadValue, why, likelihood_ratio, less, more)
 
 
-def test_a_likelihood_ratio_of_models_that_are_not_nested_is_an_error():
-    """The shared rate of the fuller model was fitted to two further sets."""
-    levels, asked, how = [0.01, 0.02, 0.04, 0.08, 0.16, 0.32], [30] * 6, HALF | {"link": "weibull"}
-    said = {
-        "a": [15, 17, 22, 27, 29, 28],
-        "b": [15, 18, 23, 28, 29, 29],
-        "c": [15, 17, 22, 27, 30, 30],
-        "d": [15, 18, 23, 29, 30, 30],
-    }
-    sets = {key: (levels, yes, asked) for key, yes in said.items()}
-    both = psychometric(levels * 2, said["a"] + said["b"], asked * 2, lapse="free", **how)
-    wide = psychometrics(sets, lapse="shared", **how)
-    refused(BadValue, "does not contain", likelihood_ratio, [both], [wide["a"], wide["b"]])
-    fits = psychometrics({key: sets[key] for key in "ab"}, lapse="shared", **how)
-    found = likelihood_ratio([both], fits.values())
-    assert found.df == 2 and found.statistic > 0
-
-
 @pytest.mark.longer
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """94 to 96 % at length; of 1000 people, 93 to 97 %: three times the spread of such

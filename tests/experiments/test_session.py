@@ -143,7 +143,10 @@ def test_every_scene_is_its_own_rendering_in_every_interval(name, target):
     """Of any parameters, also inside enabled, and seeds; times the window; in random
     cuts; nothing of it runs between.
     """
-    rng, fs = np.random.default_rng(len(name)), 1234.5 if target == "python" and name != "texture" else 8000.0
+    rng, fs = (
+        np.random.default_rng(len(name)),
+        1234.5 if target == "python" and name != "texture" else 8000.0,
+    )
     takes = inspect.signature(SHIPPED[name]).parameters
     options = {"model": made_up()} if name == "texture" else {"contact": True}
     scene = SHIPPED[name](**{k: v for k, v in options.items() if k in takes})
@@ -172,28 +175,6 @@ def test_every_scene_is_its_own_rendering_in_every_interval(name, target):
             flat = slice(int(0.011 * fs) + 1, -int(0.011 * fs) - 1)
             assert_same(y[output][a:b][flat], alone[output][flat], output)
     assert not any(v[~within].any() for v in y.values())
-
-
-def test_what_depends_on_the_time_is_there_in_every_interval():
-    """A burst, events, a sweep and a timeline began with the trial once: the second
-    interval was silent, without a word.
-    """
-    timed = {
-        "burst": (
-            stimlib.blocks.oscillator(250.0) * stimlib.blocks.burst(0.01, duration=0.05, ramp=0.01)
-        ),
-        "at": stimlib.blocks.at([0.02, 0.03]),
-        "chirp": stimlib.blocks.chirp(20.0, 200.0, 0.08),
-        "timeline": stimlib.blocks.timeline([(0.0, 1.0), (0.05, 2.0)]),
-    }
-    made = experiment(scenes={"it": stimlib.Scene(timed)}, bounds={}, motion={})
-    trial = Trial("a", (Stimulus("it"), Stimulus("it"), Stimulus("it")), ("softer",))
-    whole = stimlib.render(program(made, trial)[0], {}, made.fs, 0.7)
-    alone = stimlib.render(made.scenes["it"], {}, made.fs, 0.1)
-    for name in timed:
-        assert alone[name].any() and all(
-            (whole[name][a:b] == alone[name]).all() for a, b in spans(made, trial)
-        ), name
 
 
 def test_a_channel_is_the_same_in_every_trial():
