@@ -12,7 +12,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from experiments.some import SPRING, experiment
-from hypothesis import given, settings, strategies as st
 from laws import STRESS
 from refusals import refused
 
@@ -53,6 +52,9 @@ PAIR = TwoInterval(
     "k",
     asks_less=True,
 )
+SOFT, FIRM = Stimulus("spring", {"k": 2.0}), Stimulus("spring", {"k": 9.0})
+NAMED = OneInterval("a", "softer", {"first": SOFT, "second": FIRM})
+PLAIN = TwoInterval("a", "softer", SOFT, Stimulus("spring"), "k")
 STAIRS = Staircase(PAIR, start=5.0, bounds=(0.1, 100.0))
 
 
@@ -78,65 +80,49 @@ def levels(design, answers, seed=1):
     return found
 
 
-# The levels that a design may reach -------------------------------------------------
-K = st.integers(1, 300).map(float)
-LEVELS = st.lists(K, min_size=2, max_size=4, unique=True).map(sorted).map(tuple)
-
-
-@st.composite
-def designs(draw, depth=2):
-    """Return a design over a spring, and all values that bound those of its trials."""
-    standard, levels, rove = draw(K), draw(LEVELS), draw(st.sampled_from([1.0, 1.2]))
-    kind = draw(st.sampled_from(["stairs", "quest", "constant", "one", "both"][: 3 + depth]))
-    if kind == "both":
-        parts = {"a": draw(designs(depth=0)), "b": draw(designs(depth=0))}
-        made = draw(st.sampled_from([Interleaved, Sequential]))
-        return made({k: d for k, (d, _) in parts.items()}), [
-            v for _, w in parts.values() for v in w
-        ]
-    spring = Stimulus("spring", {"k": standard})
-    task = TwoInterval("a", "softer", spring, Stimulus("spring"), "k")
-    values = [standard, *levels]
-    if kind == "one":  # and a catch trial
-        two = {"first": spring, "second": Stimulus("spring", {"k": levels[0]})}
-        task, levels, values = OneInterval("a", "softer", two), tuple(two), values[:2]
-    if rove > 1 and kind != "quest":
-        task, values = Roved(task, "k", rove), [v * f for v in values for f in (1 / rove, rove)]
-        if draw(st.booleans()):
-            task, values = Roved(task, "k", 1.1), [v * f for v in values for f in (1 / 1.1, 1.1)]
-    if kind == "stairs":
-        return Staircase(task, levels[0], (levels[0], levels[-1]), stuck=2, max_trials=30), values
-    if kind == "quest":
-        means, n = (levels[0], levels[-1]), 3
-        return Quest(task, levels, means=means, deviations=(10.0, 90.0), trials=n), values
-    return ConstantStimuli(tuple((task, level) for level in levels), repeats=2), values
-
-
-@settings(max_examples=150 if STRESS else 40)
-@given(
-    designs(), st.sampled_from([-0.25, 0, 0.25]), st.sampled_from([-0.25, 0, 0.25]), st.booleans()
+@pytest.mark.parametrize(
+    ("design", "low", "high"),
+    [
+        (Staircase(PLAIN, 3.0, (1.0, 5.0), stuck=2, max_trials=30), 1.0, 5.0),
+        (Staircase(PLAIN, 3.0, (2.5, 5.0), stuck=2, max_trials=30), 2.0, 5.0),  # its standard
+        (Quest(PLAIN, (1.0, 5.0), means=(1.0, 5.0), deviations=(1.0, 9.0), trials=3), 1.0, 5.0),
+        (ConstantStimuli(((PLAIN, 4.0), (PLAIN, 1.0)), 2), 1.0, 4.0),
+        (
+            ConstantStimuli(((NAMED, "first"), (NAMED, "second"))),
+            2.0,
+            9.0,
+        ),
+        (ConstantStimuli(((Roved(PLAIN, "k", 1.2), 4.0),), 2), 2.0 / 1.2, 4.8),
+        (ConstantStimuli(((Roved(Roved(PLAIN, "k", 1.2), "k", 1.1), 4.0),), 2), 2.0 / 1.32, 5.28),
+        *(
+            (
+                both(
+                    {"a": ConstantStimuli(((PLAIN, 4.0),)), "b": ConstantStimuli(((PLAIN, 1.0),))}
+                ),
+                1.0,
+                4.0,
+            )
+            for both in (Interleaved, Sequential)
+        ),
+    ],
 )
+@pytest.mark.parametrize("called", [False, True])
 def test_a_design_stays_within_the_bounds_of_its_experiment_or_is_refused(
-    drawn, below, above, called
+    design, low, high, called
 ):
     """A staircase of 1 to 300 ended an experiment of 0 to 100 at trial 48."""
-    design, values = drawn
-    low = min(values) - below
-    bounds = {"k": (low, max(max(values) + above, low + 0.1))}
 
-    def make():
-        if not called:
-            return experiment(design=design, bounds=bounds)
-        made = experiment(design=lambda who, session: design, bounds=bounds)
+    def make(low, high):
+        of = (lambda who, session: design) if called else design
+        made = experiment(design=of, bounds={"k": (low, high)})
         return made.designed("P01") and made
 
-    if min(below, above) < 0:
-        refused(BadValue, "is beyond its bounds", make)
-        return
-    made = make()
+    made = make(low * (1 - 1e-12), high * (1 + 1e-12))
     for more in (True, False):
         for trial, _ in observed(design, 1, lambda t, rng, more=more: says(t, more), stream(1)):
             made.check(trial)
+    for wrong in ((low + 0.01, high), (low, high - 0.01)):
+        refused(BadValue, "is beyond its bounds", make, *wrong)
 
 
 def test_staircase_of_the_paper_has_22_levels():

@@ -27,7 +27,6 @@ from stimlib.experiments import (
     fitted,
     likelihood,
     likelihood_ratio,
-    profile,
     psychometric,
     psychometrics,
     simulate,
@@ -213,14 +212,6 @@ def test_a_step_that_goes_too_far_is_halved(guess, yes, starts):
     found = likelihood._climb(sets, Model("logit", guess), start, free, 60)
     np.testing.assert_allclose(found.a, (high + low) / 2, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found.b, (high - low) / 2, rtol=0, atol=1e-9)
-
-
-def covered(people, model, at, chance):
-    """How often the ends of the intervals hold PSE 2 and sigma 0.4."""
-    drawn = np.random.default_rng(3).binomial(40, chance((at - 2) / 0.4), (people, at.size))
-    sets = Sets(at, drawn.astype(float), np.full(at.size, 40.0))
-    (low, high), (flat_low, flat_high) = profile(sets, model)
-    return np.mean((low < 2) & (2 < high)), np.mean((flat_low < 0.4) & (0.4 < flat_high))
 
 
 def drifting(nu, people, levels=7, asked=20, seed=4):
@@ -468,23 +459,6 @@ def test_a_likelihood_ratio_takes_levels_that_differ_by_rounding_as_one(log):
         (iter("a"), each, "'a' is no Fit"),
     ):
         refused(BadValue, why, likelihood_ratio, less, more)
-
-
-@pytest.mark.longer
-def test_intervals_hold_the_truth_as_often_as_they_say():
-    """94 to 96 % at length; of 1000 people, 93 to 97 %: three times the spread of such
-    a count.  With guesses it is 93 %, as docs say; five of the same 1000 may differ.
-    """
-    people, off = (20000, 0.01) if STRESS else (1000, 0.02)
-    at = np.linspace(1.2, 2.8, 7)
-    assert covered(people, Model(), at, ndtr) == pytest.approx((0.95, 0.95), abs=off)
-    if STRESS:
-        guessed = covered(1000, Model(guess=0.5, lapse=0.02), at, lambda z: 0.5 + 0.48 * ndtr(z))
-        assert guessed == pytest.approx((0.936, 0.926), abs=0.004)
-        drawn = np.random.default_rng(3).binomial(40, ndtr((at - 2) / 0.4), (2000, 7)).astype(float)
-        sets = [Sets(at, yes, np.full(7, 40.0)) for yes in drawn]
-        found = [bootstrap(one, seed=k, n=500)[0] for k, one in enumerate(sets)]
-        assert np.mean([low < 2 < high for low, high in found]) == pytest.approx(0.95, abs=0.01)
 
 
 def test_bootstrap_draws_lapses_too():

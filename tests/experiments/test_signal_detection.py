@@ -92,19 +92,6 @@ def test_roc_of_the_images_of_hanley_and_mcneil():
     assert roc(*unused).d_a.value == pytest.approx(found.d_a.value, rel=1e-7)
 
 
-def test_the_area_is_the_part_of_pairs_that_are_ordered_rightly():
-    """And its error that of DeLong's placements, trial by trial."""
-    found = roc(SIGNAL, NOISE).area
-    signal, noise = np.repeat(np.arange(5), SIGNAL), np.repeat(np.arange(5), NOISE)
-    higher = (np.sign(signal[:, None] - noise) + 1) / 2
-    parts = higher.mean(1), higher.mean(0)
-    error = sum(part.var(ddof=1) / part.size for part in parts) ** 0.5
-    assert (found.value, found.error) == pytest.approx((higher.mean(), error), rel=1e-12)
-    turned = roc(NOISE, SIGNAL).area
-    assert (turned.value, turned.error) == pytest.approx((1 - found.value, found.error))
-    assert (turned.low, turned.high) == pytest.approx((1 - found.high, 1 - found.low))
-
-
 @pytest.mark.parametrize(("d", "b"), [(1.5, 1.0), (1.2, 0.6)])
 def test_d_a_of_equal_variances_is_d(d, b):
     """Exact proportions of a model give its parameters; each point alone gives d'."""
