@@ -84,3 +84,26 @@ def some(data, trials, made=None, by=observer, **options):
             answer = answer if by else dataclasses.replace(answer, simulated=False)
             session.put(answer, [nothing(None, None)])
     return session
+
+
+class Scripted:
+    """A front end that notes what it is asked, and answers from a list."""
+
+    def __init__(self, *answers, picks=()):
+        self.answers, self.picks, self.noted = list(answers), list(picks), []
+
+    def tell(self, text):
+        self.noted.append(text)
+
+    def rest(self, seconds):
+        self.noted.append(("rest", round(seconds)))
+
+    def ready(self, text):
+        self.noted.append(text)
+
+    def pick(self, names):
+        return self.picks.pop(0) if self.picks else None
+
+    def ask(self, trial, question, replays):
+        self.noted.append((question.name, replays))
+        return self.answers.pop(0)

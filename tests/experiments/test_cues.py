@@ -28,7 +28,7 @@ from stimlib.experiments import (
     spans,
 )
 from stimlib.experiments.papers.bounciness import PAIRS, analysis, bounciness, known
-from stimlib.experiments.papers.springpots import CUES, Explained, cues_text, explained
+from stimlib.experiments.papers.springpots import cues_text, explained
 from stimlib.motion.generators import sinusoid
 from stimlib.scenes import viscoelastic
 
@@ -109,17 +109,6 @@ def test_the_ratios_are_those_of_the_scene_rendered_anew(session):
         assert found.ratio[0.5, name][0] == pytest.approx(one.value / d)
     assert found.left_out == 0 and found.ratio[0.5, "phi"][0] == pytest.approx(1.0, abs=0.01)
     assert 2 * found.ratio[0.5, "W"][0] < found.ratio[0.5, "phi"][0], "what parts them is phase"
-
-
-def test_the_table_has_the_three_largest_of_each_reference():
-    ratio = {(a, name): (k / 10, 0.01, 2) for a in (0.0, 0.5) for k, name in enumerate(CUES)}
-    ratio |= {(0.5, "phi"): (9.0, np.nan, 1), (0.0, "b_fit"): (np.nan, np.nan, 0)}
-    lines = cues_text(Explained({0.0: 1.5, 0.5: 2.5}, ratio)).splitlines()
-    rows = {line.split("  ")[0]: line for line in lines}
-    assert rows["mean d'"].split()[2:] == ["1.500", "2.500"] and len(rows) == 17
-    assert rows["phi"].split() == ["phi", "0.400", "±0.010", "(2)", "9.000", "(1)*"]
-    assert rows["b_fit"].split() == ["b_fit", "-", "1.400", "±0.010", "(2)*"]
-    assert [rows[name].count("*") for name in ("k_fit", "k_I", "v_mean")] == [2, 1, 1]
 
 
 def test_what_has_no_cues_is_said(session):

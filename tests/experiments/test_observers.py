@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from experiments.some import TASK, experiment
 from laws import STRESS
 from refusals import refused
 from scipy.special import ndtr
@@ -14,6 +13,7 @@ from statsmodels.genmod.families import Binomial, links
 from statsmodels.genmod.generalized_linear_model import GLM
 
 import stimlib
+from experiments.some import TASK, experiment
 from stimlib.blocks import white_noise
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
@@ -107,7 +107,7 @@ def test_one_interval_and_ratings():
     assert [a.values["rough"] for a in rated] == [1, 2, 4, 7]  # the force has an rms of 2.12 N
     absent = listener(sigma=0.0, criterion=1.0, lapse=0.5)  # never attends
     for k in range(20):
-        # the last number drawn: one of the interval, one that decides on a lapse, and this
+        # the last of three: of the interval, of whether it is a lapse, and this
         rng = stream(k)
         coin = (rng.normal(), *rng.random(2))[-1]
         assert absent(hard, stream(k)).values["which"] == ("hard" if coin < 0.5 else "soft")

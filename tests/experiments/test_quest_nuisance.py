@@ -31,14 +31,8 @@ def expected(kind, nuisance, levels, outcomes):
     """Expected entropy of each level, by going through every combination of parameters,
     outcomes and levels, one at a time.
     """
-    rows = curves(kind)
-    grid = list(itertools.product(*rows.values()))
-    p = {level: np.array([probability(rows, v, level) for v in grid]) for level in ROWS["levels"]}
-    prior = np.ones(len(grid))
-    for level, outcome in zip(levels, outcomes, strict=True):
-        prior *= p[level] if outcome else 1 - p[level]
-    prior /= prior.sum()
-    kept = [k for k, name in enumerate(rows) if name not in nuisance]
+    grid, prior, p = posterior(kind, levels, outcomes)
+    kept = [k for k, name in enumerate(curves(kind)) if name not in nuisance]
     found = []
     for level in ROWS["levels"]:
         total = 0.0
@@ -66,6 +60,7 @@ def expected(kind, nuisance, levels, outcomes):
     ids=str,
 )
 def test_each_level_has_the_least_expected_entropy_of_the_marginal(kind, nuisance):
+    """And each estimate is the mean over all that was possible."""
     task, more = KINDS[kind]
     design = Quest(task, **ROWS, **more, nuisance=nuisance)
     rng, state = stream(4, kind, *nuisance), design.init(1)
@@ -75,6 +70,10 @@ def test_each_level_has_the_least_expected_entropy_of_the_marginal(kind, nuisanc
         assert entropies[ROWS["levels"].index(level)] == pytest.approx(entropies.min(), abs=1e-9)
         outcomes = [*state["outcomes"], int(rng.random() < 0.6)]
         state = state | {"levels": [*state["levels"], level], "outcomes": outcomes}
+    grid, weights, _ = posterior(kind, state["levels"], state["outcomes"])
+    found = design.estimate(state)
+    means = dict(zip(curves(kind), weights @ np.array(grid), strict=True))
+    assert {name: found[name].value for name in means} == pytest.approx(means, rel=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -128,3 +127,14 @@ def probability(rows, values, level):
         shape = 1 - math.exp(-((level / v["mean"]) ** v["slope"]))
     low = v.get("guess", v["lapse"])
     return min(max(low + (1 - low - v["lapse"]) * shape, 1e-10), 1 - 1e-10)
+
+
+def posterior(kind, levels, outcomes):
+    """Every combination of parameters, its probability, and that of 1 at each level."""
+    rows = curves(kind)
+    grid = list(itertools.product(*rows.values()))
+    p = {level: np.array([probability(rows, v, level) for v in grid]) for level in ROWS["levels"]}
+    weights = np.ones(len(grid))
+    for level, outcome in zip(levels, outcomes, strict=True):
+        weights *= p[level] if outcome else 1 - p[level]
+    return grid, weights / weights.sum(), p

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from experiments.some import QUESTION, TASK, experiment
+from experiments.some import QUESTION, TASK, Scripted, experiment
 from experiments.test_experiment_cli import Pty
 from refusals import refused
 
@@ -57,26 +57,16 @@ BEFORE: set[int | None] = set()
 ONE_STIMULUS = (Stimulus("spring"),)
 
 
-class Front:
+class Front(Scripted):
     """A front end that ends a stimulus, and answers, after some time; it notes what is
     displayed then.
     """
 
-    def __init__(self, made, *answers, seconds=0.15):
-        self.answers, self.seconds, self.noted, self.texts = list(answers), seconds, [], made.texts
-
-    def tell(self, text):
-        self.noted.append(text)
-
-    def rest(self, seconds):
-        raise AssertionError
+    seconds = 0.15
 
     def ready(self, text):
         self.noted.append((text, playing()))
         time.sleep(self.seconds * text.startswith("When"))
-
-    def pick(self, names):
-        return None
 
     def ask(self, trial, question, replays):
         self.noted.append((question.name, playing()))
@@ -142,7 +132,7 @@ def test_a_stimulus_lasts_until_all_questions_are_answered(tmp_path):
         timing=Timing(30.0, gap=0.0, before=0.0, ramp=0.01, until="answer"),
         replays=1,
     )
-    front = Front(made, "second", None, "first", "no")
+    front = Front("second", None, "first", "no")
     with Session(made, tmp_path, "P01") as session:
         run(session, front, "null")
     asked = [n for n in front.noted if n[0] in both.questions]
@@ -159,7 +149,7 @@ def test_a_stimulus_lasts_until_all_questions_are_answered(tmp_path):
 def test_an_answer_comes_in_the_last_interval_and_times_are_columns(tmp_path):
     timing = Timing(30.0, gap=0.05, before=0.0, ramp=0.01, until="answer")
     made = experiment(design=ONE, timing=timing)
-    front = Front(made, "second")
+    front = Front("second")
     with Session(made, tmp_path, "P01") as session:
         run(session, front, "null")
     last = "That was the last one. Thank you."
@@ -192,7 +182,7 @@ def test_answers_to_a_stimulus_that_was_missed_do_not_count(tmp_path):
         return {"missed": True} if missed.pop(0) else {}
 
     with Session(made, tmp_path, "P01") as session:
-        run(session, Front(made, "first", "second", seconds=0.0), show)
+        run(session, Front("first", "second"), show)
     (record,) = session.records
     assert record.answer.values == {"softer": "second"} and len(record.displayed) == 3
 
@@ -353,16 +343,16 @@ def test_a_hand_moves_while_a_key_is_awaited():
 
 
 class Leaves(Front):
-    """Who leaves at a question of being ready, or instead of an answer."""
+    """Who leaves before the trial, stimulus or session that is due at a step, or
+    instead of an answer.
+    """
 
-    def __init__(self, made, at, *answers):
-        super().__init__(made, *answers)
-        self.at = at
+    left = 9
 
     def ready(self, text):
         super().ready(text)
-        self.at -= 1
-        if not self.at:
+        self.left -= 1
+        if not self.left:
             raise KeyboardInterrupt
 
     def ask(self, trial, question, replays):
@@ -376,10 +366,12 @@ def test_an_interrupted_session_of_self_paced_intervals_is_resumed(tmp_path):
     the session are asked when they were not.
     """
     made = experiment(design=ONE, timing=DONE, after=AFTER)
+    early = Leaves()
+    early.left = 3  # in the second squeeze
     for front, resume, left in (
-        (Leaves(made, 3), False, 0),  # in the second squeeze
-        (Leaves(made, 9, "first", "soft", "leave"), True, 1),
-        (Leaves(made, 9, "soft", "none"), True, 2),
+        (early, False, 0),
+        (Leaves("first", "soft", "leave"), True, 1),
+        (Leaves("soft", "none"), True, 2),
     ):
         with suppress(KeyboardInterrupt), Session(made, tmp_path, "P01", resume=resume) as session:
             run(session, front, "null")
@@ -390,7 +382,7 @@ def test_an_interrupted_session_of_self_paced_intervals_is_resumed(tmp_path):
     assert names == ["trial-0001-3.stimlog", "trial-0001-4.stimlog"]
     assert (session.folder / "trial-0001-2.stimlog").exists(), "what was left is kept"
     assert columns(sessions("pair", tmp_path))["preferred"] == ["soft"]
-    front = Front(made)
+    front = Front()
     with Session(made, tmp_path, "P01", resume=True) as session:
         run(session, front, "null")
     assert front.noted == ["All trials of this session are done."]

@@ -20,6 +20,7 @@ from experiments.some import (
     SPRING,
     TASK,
     Own,
+    Scripted,
     experiment,
     nothing,
     observer,
@@ -750,29 +751,6 @@ def test_a_session_has_simulated_answers_or_those_of_a_participant(tmp_path):
 
 
 # Around the trials --------------------------------------------------------------------
-class Scripted:
-    """A front end that notes what it is asked, and answers from a list."""
-
-    def __init__(self, *answers, picks=()):
-        self.answers, self.picks, self.noted = list(answers), list(picks), []
-
-    def tell(self, text):
-        self.noted.append(text)
-
-    def rest(self, seconds):
-        self.noted.append(("rest", round(seconds)))
-
-    def ready(self, text):
-        self.noted.append(text)
-
-    def pick(self, names):
-        return self.picks.pop(0) if self.picks else None
-
-    def ask(self, trial, question, replays):
-        self.noted.append((question.name, replays))
-        return self.answers.pop(0)
-
-
 def test_rests_replays_familiarisation_and_feedback(tmp_path):
     shown = {"first": Stimulus("spring"), "second": Stimulus("spring", {"k": 3.0})}
     day = ConstantStimuli(((OneInterval("c", "softer", shown), "first"),))

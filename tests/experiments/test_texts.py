@@ -9,8 +9,7 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
-from experiments.some import QUESTION, TASK, experiment
-from experiments.test_session import Scripted
+from experiments.some import QUESTION, TASK, Scripted, experiment
 from refusals import refused
 
 import stimlib.experiments.texts
