@@ -17,72 +17,64 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from some import experiment, observer
 
-from stimlib.experiments.reader import read
-from stimlib.experiments.runner import Simulated, run
-from stimlib.experiments.session import Session
+from stimlib.experiments import Session, Simulated, read, run
 
 
-def play(data, told=None):
-    resume = (Path(data) / "pair" / "P01-s1" / "session.json").exists()
+def play(data, told):
+    resume = (data / "pair/P01-s1/session.json").exists()
     with Session(experiment(), data, "P01", resume=resume) as session:
-        if told is not None:
-            os.write(told, b"o")
-            put = session.put
+        os.write(told, b"o")
+        put = session.put
 
-            def kept(*args):
-                record = put(*args)
-                os.write(told, b".")
-                return record
+        def kept(*args):
+            record = put(*args)
+            os.write(told, b".")
+            return record
 
-            session.put = kept
+        session.put = kept
         run(session, Simulated(session, observer), lambda trial, folder: {"lost": 0})
 
 
-def child(data, told):
-    pid = os.fork()
-    if pid == 0:  # it has loaded everything already
+def plain(data):
+    return [(r.number, r.trial, r.answer.values) for r in read(data / "pair/P01-s1").records]
+
+
+def child(data, after, begun):
+    """Play in a child that is killed some time after it was made, or has begun.
+
+    Returns whether it was killed, and how many answers it kept.
+    """
+    listen, told = os.pipe()
+    if (pid := os.fork()) == 0:  # it has loaded everything already
         try:
             play(data, told)
-        except BaseException as e:
-            print(type(e).__name__, e, flush=True)
+            os._exit(0)
+        finally:
             os._exit(1)
-        os._exit(0)
-    return pid
-
-
-def plain(folder):
-    return [(r.number, r.trial, r.answer.values) for r in read(folder).records]
+    os.close(told)
+    said = os.read(listen, 1) if begun else b""  # else it may be killed while it reads
+    time.sleep(after)
+    os.kill(pid, signal.SIGKILL)
+    _, status = os.waitpid(pid, 0)
+    said += os.read(listen, 1 << 16)
+    os.close(listen)
+    assert os.WIFSIGNALED(status) or os.WEXITSTATUS(status) == 0
+    return os.WIFSIGNALED(status), said.count(b".")
 
 
 def main(folder, kills, rng):
-    began = time.monotonic()
-    play(folder / "whole")
-    length = time.monotonic() - began
-    whole = plain(folder / "whole/pair/P01-s1")
-    killed, runs = 0, 0
+    began, killed, runs = time.monotonic(), 0, 0
+    play(folder / "whole", os.open(os.devnull, os.O_WRONLY))
+    length, whole = time.monotonic() - began, plain(folder / "whole")
     while killed < kills:
-        data, kept, at = folder / f"run{runs}", 0, folder / f"run{runs}/pair/P01-s1"
+        data, kept, left = folder / f"run{runs}", 0, True
+        while left:
+            left, more = child(data, rng.random() * length * 0.3, rng.random() < 0.7)
+            saved = plain(data) if (data / "pair/P01-s1/session.json").exists() else []
+            assert kept + more <= len(saved) and saved == whole[: len(saved)], (kept, len(saved))
+            kept, killed = len(saved), killed + left
+        assert kept == len(whole)
         runs += 1
-        while True:
-            listen, told = os.pipe()
-            pid = child(data, told)
-            os.close(told)
-            # else it may be killed while it reads
-            said = os.read(listen, 1) if rng.random() < 0.7 else b""
-            time.sleep(rng.random() * length * 0.3)
-            os.kill(pid, signal.SIGKILL)
-            _, status = os.waitpid(pid, 0)
-            kept += (said + os.read(listen, 1 << 16)).count(b".")
-            os.close(listen)
-            if os.WIFEXITED(status):
-                assert os.WEXITSTATUS(status) == 0
-                break
-            killed += 1
-            if (at / "session.json").exists():
-                saved = plain(at)
-                assert kept <= len(saved) and saved == whole[: len(saved)], (kept, len(saved))
-                kept = len(saved)
-        assert plain(at) == whole
     print(f"{killed} kills in {runs} sessions of {len(whole)} trials")
 
 

@@ -5,13 +5,20 @@ observer.
 import dataclasses
 
 import stimlib
-from stimlib.experiments.designs import ConstantStimuli, Interleaved, Staircase
-from stimlib.experiments.experiment import Experiment, Timing
-from stimlib.experiments.questions import choice
-from stimlib.experiments.runner import Simulated, run
-from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import TwoInterval
-from stimlib.experiments.trial import Answer, Stimulus
+from stimlib.experiments import (
+    Answer,
+    ConstantStimuli,
+    Experiment,
+    Interleaved,
+    Session,
+    Simulated,
+    Staircase,
+    Stimulus,
+    Timing,
+    TwoInterval,
+    choice,
+    run,
+)
 
 SPRING = stimlib.Scene({"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
 TASK = TwoInterval("silent", "softer", Stimulus("spring"), Stimulus("spring"), "k", asks_less=True)
@@ -77,3 +84,26 @@ def some(data, trials, made=None, by=observer, **options):
             answer = answer if by else dataclasses.replace(answer, simulated=False)
             session.put(answer, [nothing(None, None)])
     return session
+
+
+class Scripted:
+    """A front end that notes what it is asked, and answers from a list."""
+
+    def __init__(self, *answers, picks=()):
+        self.answers, self.picks, self.noted = list(answers), list(picks), []
+
+    def tell(self, text):
+        self.noted.append(text)
+
+    def rest(self, seconds):
+        self.noted.append(("rest", round(seconds)))
+
+    def ready(self, text):
+        self.noted.append(text)
+
+    def pick(self, names):
+        return self.picks.pop(0) if self.picks else None
+
+    def ask(self, trial, question, replays):
+        self.noted.append((question.name, replays))
+        return self.answers.pop(0)

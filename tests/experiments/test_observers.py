@@ -6,20 +6,33 @@ import math
 
 import numpy as np
 import pytest
-from experiments.some import TASK, experiment
+from laws import STRESS
 from refusals import refused
+from scipy.special import ndtr
+from statsmodels.genmod.families import Binomial, links
+from statsmodels.genmod.generalized_linear_model import GLM
 
 import stimlib
+from experiments.some import TASK, experiment
 from stimlib.blocks import white_noise
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.compare import paired
-from stimlib.experiments.cue_distances import distances
-from stimlib.experiments.designs import ConstantStimuli, Sequential
-from stimlib.experiments.observers import Listener, Psychometric, power, simulate
-from stimlib.experiments.random_streams import stream
-from stimlib.experiments.signal_detection import wilson
-from stimlib.experiments.tasks import OneInterval, Rate, TwoInterval
-from stimlib.experiments.trial import Stimulus, Trial
+from stimlib.experiments import (
+    ConstantStimuli,
+    Listener,
+    OneInterval,
+    Psychometric,
+    Rate,
+    Sequential,
+    Stimulus,
+    Trial,
+    TwoInterval,
+    distances,
+    paired,
+    power,
+    simulate,
+    stream,
+    wilson,
+)
 from stimlib.motion.generators import sinusoid
 
 SPRING = stimlib.Scene({"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")})
@@ -35,13 +48,12 @@ def listener(measure="rms", sigma=0.1, **other):
 def test_an_observer_of_parameters_answers_as_often_as_its_curve():
     observer = Psychometric({"k": 100.0, "other": 1.0}, 20.0, lapse=0.05)
     trial = PAIR.trial(120.0, 1, 0)
-    assert observer.chance(trial) == pytest.approx(0.05 + 0.9 * 0.841344746068543)
+    assert observer.chance(trial) == pytest.approx(0.05 + 0.9 * ndtr(1.0))
     rng = np.random.default_rng(1)
     more = np.mean([trial.scores[observer(trial, rng).values["stiffer"]] for _ in range(4000)])
     assert more == pytest.approx(observer.chance(trial), abs=0.02)
-    assert Psychometric(100.0, 0.1, log=True).chance(trial) == pytest.approx(
-        0.5 * (1 + math.erf(math.log10(1.2) / 0.1 / math.sqrt(2)))
-    )
+    logs = Psychometric(100.0, 0.1, log=True)
+    assert logs.chance(trial) == pytest.approx(ndtr(math.log10(1.2) / 0.1))
 
 
 # Of samples ---------------------------------------------------------------------------
@@ -55,9 +67,14 @@ def test_an_observer_of_parameters_answers_as_often_as_its_curve():
     ],
 )
 def test_what_a_listener_feels_is_that_of_the_samples(measure, figure, value):
-    assert listener(measure, figure=figure).figure_of(
-        Stimulus("spring", {"k": 200.0})
-    ) == pytest.approx(value, rel=1e-3)
+    felt = listener(measure, figure=figure).figure_of(Stimulus("spring", {"k": 200.0}))
+    assert felt == pytest.approx(value, rel=1e-3)
+    scene = stimlib.Scene({"force": white_noise(3)})
+    hears = Listener({"noise": scene}, {}, 1000.0, 0.1, "rms", 0.1)
+    for seed in (5, 6, 5):  # the noise of its trial
+        y = stimlib.render(scene, {}, 1000.0, 0.1, seed=seed)["force"]
+        felt = hears.figure_of(Stimulus("noise", seed=seed))
+        assert felt == pytest.approx(np.sqrt(np.mean(np.square(y))), rel=1e-12)
 
 
 def test_a_listener_compares_what_it_feels():
@@ -82,78 +99,42 @@ def test_one_interval_and_ratings():
     task = OneInterval(
         "k", "which", {"hard": Stimulus("spring", {"k": 200.0}), "soft": Stimulus("spring")}
     )
-    told = listener(sigma=0.0, criterion=1.0)
-    assert [
-        told(task.trial(name, 1, 0), stream(1)).values["which"] for name in ("hard", "soft")
-    ] == ["hard", "soft"]
+    told, hard = listener(sigma=0.0, criterion=1.0), task.trial("hard", 1, 0)
+    assert told(hard, stream(1)).values["which"] == "hard" and told(hard, stream(1)).simulated
+    assert told(task.trial("soft", 1, 0), stream(1)).values["which"] == "soft"
     show = Rate("k", ("rough",), Stimulus("spring", {"k": 300.0})).trial(None, 1, 0)
     rated = [listener(sigma=0.0, gain=g)(show, stream(1)) for g in (-1, 1, 2, 9)]
     assert [a.values["rough"] for a in rated] == [1, 2, 4, 7]  # the force has an rms of 2.12 N
-    assert {a.simulated for a in [*rated, told(task.trial("hard", 1, 0), stream(1))]} == {True}
-
-    def coin(k):
-        """The last number that an observer draws, after that of the interval and the
-        one that decides on a lapse.
-        """
-        rng = stream(k)
-        return (rng.normal(), *rng.random(2))[-1]
-
     absent = listener(sigma=0.0, criterion=1.0, lapse=0.5)  # never attends
     for k in range(20):
-        assert absent(task.trial("hard", 1, 0), stream(k)).values["which"] == (
-            "hard" if coin(k) < 0.5 else "soft"
-        )
+        # the last of three: of the interval, of whether it is a lapse, and this
+        rng = stream(k)
+        coin = (rng.normal(), *rng.random(2))[-1]
+        assert absent(hard, stream(k)).values["which"] == ("hard" if coin < 0.5 else "soft")
         # each of 1 to 7 as often
-        assert absent(show, stream(k)).values["rough"] == 1 + int(7 * coin(k))
-
-
-def test_a_listener_hears_the_noise_of_its_trial():
-    scene = stimlib.Scene({"force": white_noise(3)})
-    hears = Listener({"noise": scene}, {}, 1000.0, 0.1, "rms", 0.1)
-    felt = [hears.figure_of(Stimulus("noise", seed=seed)) for seed in (5, 6, 5)]
-    y = [stimlib.render(scene, {}, 1000.0, 0.1, seed=seed)["force"] for seed in (5, 6, 5)]
-    assert (
-        felt == pytest.approx(np.sqrt(np.mean(np.square(y), axis=1)), rel=1e-12)
-        and felt[0] != felt[1]
-    )
+        assert absent(show, stream(k)).values["rough"] == 1 + int(7 * coin)
 
 
 # Whole experiments --------------------------------------------------------------------
 def test_a_participant_more_changes_no_other():
-    two, three = (simulate(experiment(), Psychometric(2.34, 0.3), n) for n in (2, 3))
-    assert set(two) == {
-        "participant",
-        "number",
-        "condition",
-        "track",
-        "level",
-        "chance",
-        "outcome",
-        "correct",
-        "seconds",
-        "simulated",
-        "softer",
-    }
-    assert {name: column[: len(two["level"])] for name, column in three.items()} == two
-    first = [v for v, who in zip(two["level"], two["participant"], strict=True) if who == "P01"]
-    assert two["number"][: len(first)] == list(range(1, len(first) + 1)) and len(first) < len(
-        two["level"]
-    )
-    assert (
-        simulate(experiment(), Psychometric(2.34, 0.3), ["P03"])["level"]
-        == three["level"][len(two["level"]) :]
-    )
-    assert simulate(experiment(), Psychometric(2.34, 0.3), 2, seed=1) != two
+    two, three, third = (simulate(experiment(), FELT, n) for n in (2, 3, ["P03"]))
+    names = "participant number condition track level chance outcome correct seconds simulated"
+    assert set(two) == {*names.split(), "softer"}
+    n, first = len(two["level"]), two["participant"].count("P01")
+    assert {name: column[:n] for name, column in three.items()} == two
+    assert two["number"][:first] == list(range(1, first + 1)) and first < n
+    assert third["level"] == three["level"][n:]
+    assert simulate(experiment(), FELT, 2, seed=1) != two
+    practice, real = ConstantStimuli(((TASK, 2.5),), training=True), ConstantStimuli(((TASK, 4.0),))
+    made = experiment(design=Sequential({"first": practice, "then": real}))
+    found = simulate(made, FELT, 1)
+    assert (found["level"], found["number"]) == ([4.0], [2]), "without training"
+    if STRESS:
+        of = Listener(made.scenes, made.motion, made.fs, made.timing.interval, "rms", 0.3)
+        assert simulate(made, of, 3, workers=1) == simulate(made, of, 3, workers=2)
 
 
-@pytest.mark.stress
-def test_workers_change_nothing():
-    rendered = [simulate(experiment(), listener_of(experiment()), 3, workers=w) for w in (1, 2)]
-    assert rendered[0] == rendered[1]
-
-
-def listener_of(e):
-    return Listener(e.scenes, e.motion, e.fs, e.timing.interval, "rms", 0.3)
+FELT = Psychometric(2.34, 0.3)
 
 
 def test_power_bias_and_length():
@@ -166,28 +147,23 @@ def test_power_bias_and_length():
         means = [level[who == p][-8:].mean() for p in dict.fromkeys(columns["participant"])]
         return float(np.mean(means)), paired(means, np.full(len(means), 2.0)).p
 
-    def run(pse):
-        return power(
+    found, nothing = (
+        power(
             experiment(),
-            lambda rng: Psychometric(pse, 0.2),
+            lambda rng, pse=pse: Psychometric(pse, 0.2),
             analyse,
             3,
             truth=pse,
-            experiments=8,
+            experiments=8 if STRESS else 4,
             progress=False,
         )
-
-    found, nothing = run(2.6), run(2.0)
-    assert (
-        found.found > 0.7 > 0.4 > nothing.found
-        and found.interval[0] < found.found <= found.interval[1]
+        for pse in (2.6, 2.0)
     )
-    assert (
-        abs(found.bias) < 0.15
-        and found.bias == pytest.approx(found.estimate - 2.6)
-        and found.spread < 0.3
-    )
-    assert found.failed == 0 and 16 < found.trials[0] <= found.trials[1] < 200
+    assert found.found > 0.7 > 0.4 > nothing.found
+    assert found.interval[0] < found.found <= found.interval[1]
+    assert abs(found.bias) < 0.15 and found.bias == pytest.approx(found.estimate - 2.6)
+    assert found.failed == 0 and found.spread < 0.3
+    assert 16 < found.trials[0] <= found.trials[1] < 200
 
 
 def test_power_counts_all_experiments_and_everybody_is_somebody_else():
@@ -196,33 +172,17 @@ def test_power_counts_all_experiments_and_everybody_is_somebody_else():
     def anybody(rng):
         def one(trial, rng):
             draws.append(rng.random())
-            return Psychometric(2.0, 1.0)(trial, rng)
+            return FELT(trial, rng)
 
         people.append(rng.random())
         return one
 
     short = experiment(design=ConstantStimuli(((TASK, 4.0),)), sessions=2)
-    found = power(
-        short,
-        anybody,
-        lambda columns: next(told),
-        2,
-        truth=1.5,
-        experiments=4,
-        alpha=0.2,
-        progress=False,
-    )
+    how = {"truth": 1.5, "experiments": 4, "alpha": 0.2, "progress": False}
+    found = power(short, anybody, lambda columns: next(told), 2, **how)
     assert (found.found, found.interval) == (0.5, (wilson(2, 4).low, wilson(2, 4).high))
     assert (found.estimate, found.bias, found.spread, found.failed) == (2.0, 0.5, 1.0, 1)
     assert (len(set(people)), len(set(draws)), found.trials) == (8, 16, (2.0, 2))
-
-
-def test_training_is_left_out():
-    practice, real = ConstantStimuli(((TASK, 2.5),), training=True), ConstantStimuli(((TASK, 4.0),))
-    found = simulate(
-        experiment(design=Sequential({"first": practice, "then": real})), Psychometric(2.0, 1.0), 1
-    )
-    assert (found["level"], found["number"]) == ([4.0], [2])
 
 
 # What they went by --------------------------------------------------------------------
@@ -230,35 +190,25 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
     """Answers by phase alone: its distance is that of a probit by statsmodels; work,
     which follows it loosely, has less.
     """
-    from statsmodels.genmod.families import Binomial, links
-    from statsmodels.genmod.generalized_linear_model import GLM
-
     rng = np.random.default_rng(2)
     phase = np.repeat([0.0, 1.0], 100) + 0.3 * rng.normal(size=200)
     work, force = phase + rng.normal(size=200), rng.normal(size=200)
     said = (phase - 0.5 + 0.6 * rng.normal(size=200) > 0).astype(float)
     found = distances({"force": force, "work": work, "phase": -phase}, said, d=1.5)
     assert [v.cue for v in found] == ["phase", "work", "force"]
-    z = GLM(said, np.column_stack([np.ones(200), -phase]), family=Binomial(links.Probit())).fit(
-        tol=1e-14
-    )
-    z_of = z.params[0] - z.params[1] * phase
-    assert found[0].value == pytest.approx(z_of[z_of > 0].mean() - z_of[z_of <= 0].mean(), rel=1e-8)
-    assert (
-        found[0].slope == pytest.approx(z.params[1], rel=1e-8)
-        and found[0].slope < 0 < found[1].slope
-    )
+    x = np.column_stack([np.ones(200), -phase])
+    a, b = GLM(said, x, family=Binomial(links.Probit())).fit(tol=1e-14).params
+    z = a - b * phase
+    assert found[0].value == pytest.approx(z[z > 0].mean() - z[z <= 0].mean(), rel=1e-8)
+    assert found[0].slope == pytest.approx(b, rel=1e-8) and found[0].slope < 0 < found[1].slope
     assert found[0].ratio == pytest.approx(found[0].value / 1.5)
+    # all that z is known by are trials that hardly differ
     nearly = np.r_[np.zeros(100), 1 + 1e-6 * np.arange(100)]
     (far,) = distances({"cue": nearly}, np.r_[np.zeros(102), 1.0, 0.0, np.ones(96)])
-    assert far.problem == "separated" and np.isnan(far.value), (
-        "all that z is known by are trials that hardly differ"
-    )
     parted = distances({"cue": said, "none": np.ones(200), "phase": phase}, said)
-    assert [(v.cue, v.problem) for v in parted[1:]] == [
-        ("cue", "separated"),
-        ("none", "few"),
-    ] and np.isnan(parted[1].value)
+    problems = [(v.cue, v.problem) for v in (far, *parted[1:])]
+    assert problems == [("cue", "separated"), ("cue", "separated"), ("none", "few")]
+    assert np.isnan([far.value, parted[1].value]).all()
 
 
 # What cannot be used ------------------------------------------------------------------
@@ -307,6 +257,9 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
             lambda t: power(experiment(), lambda rng: None, lambda found: None, 1, experiments=0),
             "experiments",
         ),
+        # as a sequence, "P01" would be three people: P, 0 and 1
+        (lambda t: simulate(experiment(), FELT, "P01"), "participants = 'P01' must be"),
+        (lambda t: simulate(experiment(), FELT, 2.0), "participants = 2.0 must be"),
         (lambda t: distances({}, [0, 1]), "one cue"),
         (lambda t: distances({"a": [1, 2]}, [0, 2]), "0 and 1"),
         (lambda t: distances({"a": [1, 2, 3]}, [0, 1]), r"\(3,\)"),
@@ -315,23 +268,3 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
 )
 def test_what_cannot_be_used_is_said(call, said):
     refused((BadValue, UnknownName), said, call, PAIR.trial(120.0, 1, 0))
-
-
-def test_one_code_is_no_row_of_letters():
-    """As a sequence, "P01" would be three people: P, 0 and 1."""
-    refused(
-        BadValue,
-        "simulate: participants = 'P01' must be a whole number or a list",
-        simulate,
-        experiment(),
-        Psychometric(2.0, 0.5),
-        "P01",
-    )
-    refused(
-        BadValue,
-        "simulate: participants = 2.0 must be",
-        simulate,
-        experiment(),
-        Psychometric(2.0, 0.5),
-        2.0,
-    )

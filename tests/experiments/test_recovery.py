@@ -43,7 +43,7 @@ def test_a_truth_inside_is_one_between_the_ends_of_the_interval(bench, task):
     tracks = list(bench.DESIGNS[of].values())[1]()
     data = {
         k: bench.session(tracks, bench.person(of, kind, np.random.default_rng(k)), k)
-        for k in range(12)
+        for k in range(4)
     }
     model = bench.Model(of.link, of.guess)
     fits = psychometrics(data, log=True, **model._asdict()).values()

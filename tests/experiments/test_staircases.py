@@ -2,6 +2,7 @@
 
 import json
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,12 +10,13 @@ from refusals import refused
 from scipy.special import ndtr
 
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments.designs import Interleaved, Staircase
-from stimlib.experiments.fits import psychometric
-from stimlib.experiments.observers import Psychometric
-from stimlib.experiments.random_streams import stream
-from stimlib.experiments.tasks import TwoInterval
-from stimlib.experiments.trial import Answer, Stimulus, Trial, observed, outcome
+from stimlib.experiments import (
+    Answer,
+    Staircase,
+    Stimulus,
+    Trial,
+    TwoInterval,
+)
 
 
 class Quick:
@@ -41,24 +43,15 @@ def after(stairs, state, more):
 def asked(stairs, outcomes):
     """The levels of one track, and its outcomes, until it ends or these do."""
     state, table = stairs.init(1), {"level": [], "outcome": []}
-    for more in outcomes:
-        if (trial := stairs.next(state)) is None:
+    said = outcomes if callable(outcomes) else partial(next, iter(outcomes), None)
+    while (trial := stairs.next(state)) is not None:
+        more = said(trial.level) if callable(outcomes) else said()
+        if more is None:
             break
         table["level"].append(trial.level)
         table["outcome"].append(float(more))
         state = after(stairs, state, more)
     return table, state
-
-
-def simulated(stairs, rng, observer=ndtr):
-    """As `asked`, without trials, whose checks would take most of the time."""
-    state, table = stairs.init(1), {"level": [], "outcome": []}
-    while len(state["reversals"]) < (stairs.reversals or 10**6) and state["n"] < stairs.max_trials:
-        more = bool(rng.random() < observer(state["level"]))
-        table["level"].append(state["level"])
-        table["outcome"].append(float(more))
-        state = stairs._after(state, more)
-    return table
 
 
 # PsychoPy -----------------------------------------------------------------------------
@@ -94,38 +87,6 @@ def test_levels_and_reversals_are_those_of_psychopy(kind):
     table, state = asked(stairs, ANSWERS)
     assert table["level"] == pytest.approx([float(v) for v in levels.split()], abs=1e-6)
     assert state["reversals"] == pytest.approx([float(v) for v in reversals.split()], abs=1e-6)
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_any_staircase_is_psychopys():
-    """2000 such were, with the class of PsychoPy 2026.2.5."""
-    psychopy = pytest.importorskip("psychopy.data")
-    rng = np.random.default_rng(7)
-    for k in range(90):
-        kind, n = ("db", "log", "lin")[k % 3], int(rng.integers(1, 5))
-        steps = tuple((rng.uniform(0.05, 1.0, n) * {"db": 12, "log": 0.5, "lin": 2}[kind]).tolist())
-        bounds = (-5.0, 6.0) if kind == "lin" else (0.2, 50.0)
-        up, down, reversals = int(rng.integers(1, 4)), int(rng.integers(1, 5)), 12
-        theirs = psychopy.StairHandler(
-            4.0,
-            nReversals=reversals,
-            stepSizes=list(steps),
-            nUp=up,
-            nDown=down,
-            stepType=kind,
-            minVal=bounds[0],
-            maxVal=bounds[1],
-            autoLog=False,
-        )
-        answers, levels = (rng.random(80) < rng.uniform(0.3, 0.9)).tolist(), []
-        for more, level in zip(answers, theirs, strict=False):
-            levels.append(level)
-            theirs.addResponse(int(more))
-        table, state = asked(
-            Staircase(PAIR, 4.0, bounds, steps, reversals, up, down, 1000, 1000, kind), answers
-        )
-        assert table["level"] == pytest.approx(levels, abs=1e-12)
-        assert state["reversals"] == pytest.approx(theirs.reversalIntensities, abs=1e-12)
 
 
 # Targets ------------------------------------------------------------------------------
@@ -184,17 +145,6 @@ def test_a_staircase_settles_at_its_target(rule):
     assert turns == pytest.approx(at_reversals, abs=0.001)
 
 
-def test_a_weighted_transformed_staircase_settles_at_its_target():
-    """Runs of two and a ratio of steps that is no whole number: by 30000 trials."""
-    stairs = Staircase(
-        PAIR, **WIDE, steps=(0.1,), down=2, target=0.85, reversals=None, max_trials=30000
-    )
-    first, second = (asked(stairs, [False, True, False])[0]["level"][k] for k in (0, 1))
-    assert second - first == pytest.approx(0.1 * 0.85**2 / (1 - 0.85**2))
-    ones = simulated(stairs, np.random.default_rng(3))["outcome"]
-    assert np.mean(ones[1000:]) == pytest.approx(0.85, abs=0.005)
-
-
 def test_steps_through_0_and_a_schedule():
     stairs = Staircase(PAIR, 1.0, (-3.0, 3.0), (2.0, 1.0, 0.5), 4, step_type="lin")
     levels = asked(stairs, [True, True, False, True, True, False, True])[0]["level"]
@@ -205,66 +155,31 @@ def test_steps_through_0_and_a_schedule():
     assert asked(geometric, 2 * [False])[0]["level"] == pytest.approx([1.0, 10**0.3])
 
 
-@pytest.mark.parametrize("more", [False, True])
-def test_a_staircase_by_trials_ends_for_whoever_is_always_wrong(more):
-    by_trials = Staircase(PAIR, **WIDE, steps=(0.5,), reversals=None, max_trials=50, stuck=99)
-    assert len(asked(by_trials, 99 * [more])[0]["level"]) == 50
-    assert len(asked(by_trials, 99 * [True, False])[0]["level"]) == 50
-    stuck = Staircase(PAIR, **WIDE, steps=(0.5,), reversals=None)
-    assert len(asked(stuck, 99 * [more])[0]["level"]) == 12 + 20
-
-
-def test_weighted_staircases_are_interleaved():
-    tracks = {
-        str(p): Staircase(PAIR, **WIDE, steps=(0.5, 0.25), target=p, reversals=30)
-        for p in (0.25, 0.75)
-    }
-    tables = {name: {"level": [], "outcome": []} for name in tracks}
-    observer = Psychometric(0.0, 1.0)
-    for trial, answer in observed(Interleaved(tracks), 1, observer, stream(1, "observer")):
-        tables[trial.track]["level"].append(trial.level)
-        tables[trial.track]["outcome"].append(outcome(trial, answer))
-    low, high = (tracks[name].estimate(tables[name])["level"] for name in tracks)
-    assert -1.5 < low < -0.3 and 0.3 < high < 1.5
-    refused(BadValue, "trial . has the level", tracks["0.25"].estimate, tables["0.75"])
-
-
 # The estimate -------------------------------------------------------------------------
 @pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(("reversals", "used"), [(9, 6), (10, 8)])
 @pytest.mark.parametrize("kind", ["db", "log", "lin"])
-def test_the_mean_of_the_last_reversals(kind):
-    start, steps = (4.0, (0.4, 0.2, 0.1)) if kind == "log" else (4.0, (2.0, 1.0, 0.5))
-    stairs = Staircase(PAIR, start, (0.5, 9.0), steps, 9, down=2, step_type=kind, stuck=99)
-    table, state = asked(stairs, ANSWERS)
+def test_the_mean_of_the_last_reversals(kind, reversals, used):
+    """In pairs, after the step became the last one: an odd one out is the first."""
+    steps = (0.4, 0.2, 0.1) if kind == "log" else (2.0, 1.0, 0.5)
+    stairs = Staircase(PAIR, 4.0, (0.5, 9.0), steps, reversals, down=2, step_type=kind, stuck=99)
+    table, state = asked(stairs, ANSWERS * 2)
     turns = np.array(state["reversals"])
-    assert len(turns) == 9 and json.loads(json.dumps(state)) == state
+    assert len(turns) == reversals and json.loads(json.dumps(state)) == state
     z = {"db": 20 * np.log10(turns), "log": np.log10(turns), "lin": turns}[kind]
-    found = stairs.estimate(table)
-    assert found["reversals"] == 6  # after the step became the last one: 7, of which 6 are pairs
     back = {"db": lambda v: 10 ** (v / 20), "log": lambda v: 10**v, "lin": lambda v: v}[kind]
-    assert found["level"] == pytest.approx(back(z[-6:].mean()), rel=1e-12)
-    pairs = z[-6:].reshape(3, 2).mean(1)
+    found, two = stairs.estimate(table), stairs.estimate(table, 2)
+    assert found["reversals"] == used and stairs.estimate(table, 20)["reversals"] == 2 * (
+        reversals // 2
+    )
+    assert found["level"] == pytest.approx(back(z[-used:].mean()), rel=1e-12)
+    pairs = z[-used:].reshape(-1, 2).mean(1)
     off = pairs - pairs.mean()
     rho = max(0.0, (off[1:] * off[:-1]).sum() / (off**2).sum())
-    plain = pairs.std(ddof=1) / math.sqrt(3)
-    assert found["error"] == pytest.approx(plain * math.sqrt((1 + rho) / (1 - rho)), rel=1e-9)
-    assert stairs.estimate(table, 2)["level"] == pytest.approx(back(z[-2:].mean()), rel=1e-12)
-    assert math.isnan(stairs.estimate(table, 2)["error"])
-    assert stairs.estimate(table, 20)["reversals"] == 8
-
-
-@pytest.mark.parametrize("reversals", [9, 10, 11, 12])
-def test_reversals_are_used_in_pairs_from_the_last_step_on(reversals):
-    """Of random answers, whose turns differ: an odd one out is the first."""
-    stairs = Staircase(PAIR, 0.0, (-99.0, 99.0), (4.0, 2.0, 1.0), reversals, step_type="lin")
-    answers = (np.random.default_rng(reversals).random(80) < 0.5).tolist()
-    table, state = asked(stairs, answers)
-    turns = np.array(state["reversals"])
-    used = turns[2:] if reversals % 2 == 0 else turns[3:]
-    found = stairs.estimate(table)
-    assert len(turns) == reversals and found["reversals"] == used.size
-    assert found["level"] == pytest.approx(used.mean()) != pytest.approx(turns[:-1].mean())
-    assert used.mean() != pytest.approx(turns[-used.size - 1 : -1].mean())
+    error = pairs.std(ddof=1) / math.sqrt(used / 2) * math.sqrt((1 + rho) / (1 - rho))
+    assert found["error"] == pytest.approx(error, rel=1e-9)
+    assert two["level"] == pytest.approx(back(z[-2:].mean()), rel=1e-12)
+    assert math.isnan(two["error"])
 
 
 @pytest.mark.filterwarnings("error")
@@ -278,23 +193,16 @@ def test_an_estimate_of_few_reversals_is_none():
     assert steady == {"level": -0.25, "error": 0.0, "reversals": 16, "problem": ""}
 
 
+@pytest.mark.stress
 @pytest.mark.parametrize("words", [{}, {"down": 2}, {"down": 3}, {"target": 0.75}], ids=str)
 def test_the_error_of_the_estimate_is_the_true_one(words):
     """As if pairs of reversals were independent it would be 0.5 to 0.7 of it."""
     stairs = Staircase(PAIR, **WIDE, steps=(1.0, 0.5, 0.25), reversals=42, **words)
-    rng = np.random.default_rng(5)
-    found = [stairs.estimate(simulated(stairs, rng)) for _ in range(200)]
+    rng, found = np.random.default_rng(5), []
+    for _ in range(200):
+        found.append(stairs.estimate(asked(stairs, lambda x: rng.random() < ndtr(x))[0]))
     spread = np.std([f["level"] for f in found])
     assert np.sqrt(np.mean([f["error"] ** 2 for f in found])) / spread == pytest.approx(1, abs=0.15)
-
-
-def test_the_estimate_agrees_with_the_fit():
-    rng = np.random.default_rng(8)
-    stairs = Staircase(PAIR, **WIDE, steps=(1.0, 0.25), reversals=200)
-    table = simulated(stairs, rng, lambda x: ndtr((x - 1.0) / 0.8))
-    found, fit = stairs.estimate(table), psychometric(table["level"], table["outcome"])
-    assert found["level"] == pytest.approx(1.0, abs=3 * found["error"])
-    assert found["level"] == pytest.approx(fit.pse, abs=found["error"])
 
 
 # Errors -------------------------------------------------------------------------------
@@ -324,10 +232,6 @@ def test_the_estimate_agrees_with_the_fit():
 def test_a_staircase_that_makes_no_sense(wrong, why):
     usual = {"task": PAIR, "start": 5.0, "bounds": (-5.0, 5.0), "step_type": "lin", "steps": (1.0,)}
     refused(BadValue, why, Staircase, **usual | wrong)
-
-
-def test_a_target_above_chance_is_taken():
-    assert Staircase(FELT, 0.5, (0.1, 9.0), target=0.75).target == 0.75
 
 
 @pytest.mark.parametrize(
