@@ -19,7 +19,7 @@ from stimlib.errors import BadValue
 from stimlib.scenes.bumps import bumps
 
 FS = 8000.0
-WAVES = ("square", "sine", "sawtooth", "half_sine")
+WAVES, ONE = ("square", "sine", "sawtooth", "half_sine"), np.arange(3)
 
 
 def ridge(waveform, duty, nodes=200):
@@ -36,7 +36,7 @@ def ridge(waveform, duty, nodes=200):
 
 
 @pytest.mark.parametrize("waveform", WAVES)
-@pytest.mark.parametrize("duty", [1e-4, 0.01, 0.2, 0.318, 0.5, 2 / 3, 0.8, 1.0])
+@pytest.mark.parametrize("duty", [1e-4, 0.2, 2 / 3, 1.0])
 def test_envelopes(waveform, duty):
     w, weight, e = ridge(waveform, duty)
     n = np.arange(-60, 61)
@@ -86,8 +86,10 @@ def test_sampled_is_plain_at_high_rates_and_square_edges_cost_a_sixth_of_a_sampl
     )
 
 
-@pytest.mark.parametrize("rectify", ["half", "full", None])
-@pytest.mark.parametrize("waveform", WAVES)
+@pytest.mark.parametrize(
+    ("waveform", "rectify"),
+    [("square", "half"), ("sine", "full"), ("sawtooth", None), ("half_sine", "half")],
+)
 def test_lines_of_a_rendered_scene(waveform, rectify):
     """Constant speed; every line up to 1 kHz, size and phase."""
     n, speed = 80_000, 0.1  # 10 s: lines on multiples of 0.1 Hz
@@ -116,30 +118,27 @@ def test_lines_of_a_rendered_scene(waveform, rectify):
     assert np.sum(abs(seen[:10_000][others]) ** 2) <= 3e-6 * np.sum(abs(seen[:10_000]) ** 2)
 
 
-def test_errors():
-    one = np.arange(3)
-    for duty in (0.0, -1.0, 1.1):
-        for call in (
-            lambda d: envelope_series("sine", d, one),
-            lambda d: envelope_mean_square("sine", d),
-            lambda d: rms("square", d),
-        ):
-            refused(BadValue, "duty", call, duty)
-    for call in (
-        lambda: envelope_series("triangle", 0.5, one),
-        lambda: envelope_mean_square("triangle", 0.5),
-    ):
-        refused(BadValue, "choose one of", call)
-    for call in (lambda: carrier_series("both", one), lambda: rms("sine", 0.5, 1.0, "both")):
-        refused(BadValue, "half", call)
-    for name in ("rate", "freq", "top"):
-        refused(
-            BadValue,
-            name,
-            line_spectrum,
-            "sine",
-            0.5,
-            1.0,
-            **{"rate": 1.0, "freq": 100.0, "top": 500.0} | {name: 0.0},
-        )
-    refused(BadValue, "rate", sampled_rms, "sine", 0.5, 1.0, 0.0, 158.0, 8000.0)
+@pytest.mark.parametrize(
+    ("says", "call"),
+    [
+        *(
+            ("duty", call)
+            for duty in (0.0, -1.0, 1.1)
+            for call in (
+                lambda d=duty: envelope_series("sine", d, ONE),
+                lambda d=duty: envelope_mean_square("sine", d),
+                lambda d=duty: rms("square", d),
+            )
+        ),
+        ("choose one of", lambda: envelope_series("triangle", 0.5, ONE)),
+        ("choose one of", lambda: envelope_mean_square("triangle", 0.5)),
+        ("half", lambda: carrier_series("both", ONE)),
+        ("half", lambda: rms("sine", 0.5, 1.0, "both")),
+        ("rate", lambda: line_spectrum("sine", 0.5, 1.0, 0.0, 100.0, 500.0)),
+        ("freq", lambda: line_spectrum("sine", 0.5, 1.0, 1.0, 0.0, 500.0)),
+        ("top", lambda: line_spectrum("sine", 0.5, 1.0, 1.0, 100.0, 0.0)),
+        ("rate", lambda: sampled_rms("sine", 0.5, 1.0, 0.0, 158.0, 8000.0)),
+    ],
+)
+def test_errors(says, call):
+    refused(BadValue, says, call)

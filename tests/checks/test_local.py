@@ -8,6 +8,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from contract import TABLE, Lagging, ours
+from laws import mostly
+from refusals import refused
 from stress import compositions, mutants
 
 import stimlib
@@ -219,7 +221,7 @@ UNSEEN = {
 }
 
 
-@pytest.mark.parametrize("name", LATER)
+@pytest.mark.parametrize("name", mostly(LATER[::3], LATER))
 def test_stretches_of_a_long_run_are_held_also_where_parameters_move(name, monkeypatch):
     """And the samples of one of them 1 part in 1000 larger are refused."""
     entry, n, spoiled = next(e for e in TABLE if e.name == name), 50_000, []
@@ -246,7 +248,7 @@ def test_stretches_of_a_long_run_are_held_also_where_parameters_move(name, monke
     assert all(spoiled) and (spoiled or name in UNSEEN)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_an_exact_sum_of_turns_is_that_of_whole_numbers(seed):
     """Of two remainders; the double nearest to a frequency is a fraction, and so is its
     part of the rate.
@@ -309,14 +311,14 @@ def test_pink_noise_that_starts_from_another_state_is_refused():
     (pink,) = (h.block for h in found if type(h.block).__name__ == "PinkNoise")
     row = part.rows[id(pink)]
     decay = pink.design(FS)[0].p.max() ** np.arange(row.size)
-    for size, refused in ((0.0, False), (0.1, True)):
+    for size, seen in ((0.0, False), (0.1, True)):
         changed = part._replace(
             rows={**part.rows, id(pink): row + size * np.abs(row).max() * decay}
         )
-        assert (local._one(pink, run, [changed]).error > 1) is refused
+        assert (local._one(pink, run, [changed]).error > 1) is seen
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", mostly(range(3), range(8)))
 def test_random_compositions_are_not_refused(seed):
     """The short form of ``tests/stress/compositions.py``."""
     found = compositions.refused(seed)
@@ -369,7 +371,7 @@ def test_each_block_is_held_behind_its_safety_stage_where_no_input_reaches_it():
         assert not [h for h in local.held(run) if not h.error <= 1]
 
 
-@pytest.mark.parametrize("seed", [2, 5, 8])
+@pytest.mark.parametrize("seed", mostly([5], [2, 5, 8]))
 def test_what_no_input_reaches_passes_behind_its_safety_stage(seed):
     """What is before the guards begins before sample 0, and what is behind does not."""
     safe = guarded(drawn(seed))
@@ -379,7 +381,12 @@ def test_what_no_input_reaches_passes_behind_its_safety_stage(seed):
     assert not stimlib.verify(safe, {}, rendering).passed
 
 
-@pytest.mark.parametrize("cls", ["Delay", "Filter", "MaxwellArms", "Carrier", "OnceWithin", "Svf"])
+@pytest.mark.parametrize(
+    "cls",
+    mostly(
+        ["Delay", "Carrier"], ["Delay", "Filter", "MaxwellArms", "Carrier", "OnceWithin", "Svf"]
+    ),
+)
 def test_a_wrong_step_or_design_is_refused(cls):
     """The short form of ``tests/stress/mutants.py``: in compositions that no scene
     is.
@@ -476,85 +483,14 @@ def test_the_worst_block_of_a_class_counts(monkeypatch):
     assert not check.passed and check.measured == 7.0
 
 
-SQUARE = """
-from dataclasses import dataclass
-from stimlib import Block
-
-@dataclass(frozen=True, eq=False)
-class Doubled(Block):
-    x: Block
-
-    def law(self, fs, rows, seen):
-        return FACTOR * rows[0]
-
-    @staticmethod
-    def step(p, s, x):
-        return 2.0 * x, s
-"""
-
-
-@pytest.mark.parametrize(("factor", "passes"), [(2.0, True), (2.0 + 1e-12, False)])
-def test_a_block_of_ones_own_states_its_law(tmp_path, monkeypatch, factor, passes):
-    import importlib
-
-    name = f"doubled_{factor}".lower().replace(".", "_")
-    (tmp_path / f"{name}.py").write_text(f"FACTOR = {factor!r}\n{SQUARE}")
-    monkeypatch.syspath_prepend(tmp_path)
-    importlib.invalidate_caches()
-    own = importlib.import_module(name).Doubled
-    scene, x = Scene({"y": 3.0 * own(Input("x"))}), {"x": np.linspace(-1, 1, 100)}
-    report = stimlib.verify(scene, x, stimlib.render(scene, x, fs=1000))
-    assert report.passed == passes
-    assert [c.name for c in report.checks if not c.passed] == (
-        [] if passes else [f"{name}.Doubled"]
-    )
-    assert not [text for text in report.evidence.skipped if "nothing but its own step" in text]
-
-
 class Twice(Block, abstract=True):
     @staticmethod
     def step(p, s, x):
         return 2.0 * x, s
 
 
-@pytest.mark.parametrize(
-    ("law", "says"),
-    [
-        (
-            lambda self, rows: 2 * rows[0],
-            "Own.law raises TypeError: .* takes 2 positional arguments but 4 were given",
-        ),
-        (lambda self, fs, rows, y: 1 / 0, "Own.law raises ZeroDivisionError"),
-        (
-            lambda self, fs, rows, y: np.multiply(y, 0, out=y),
-            "Own.law raises ValueError: .*read-only",
-        ),
-        (
-            lambda self, fs, rows, y: np.multiply(rows[0], 0, out=rows[0]),
-            "Own.law raises ValueError: .*read-only",
-        ),
-        (
-            lambda self, fs, rows, y: (3 * rows[0], -1.0),
-            "Own.law returned a tolerance that is not 0 or above",
-        ),
-        (
-            lambda self, fs, rows, y: (3 * rows[0], np.nan),
-            "Own.law returned a tolerance that is not 0 or above",
-        ),
-        (
-            lambda self, fs, rows, y: (2 * rows[0], np.ones(3)),
-            r"Own.law returned a tolerance of the shape \(3,\)",
-        ),
-        (
-            lambda self, fs, rows, y: (2 * rows[0], 0.1, 3),
-            "Own.law returned 3 things; return a row, or a row and a tolerance",
-        ),
-    ],
-)
-def test_a_law_that_proves_nothing_is_refused(law, says):
-    """An exception was "not checked"; the output set to 0 by its law, and a tolerance
-    below 0, passed.
-    """
+def own(law):
+    """The report of a scene with a block that states this law."""
 
     @dataclass(frozen=True, eq=False)
     class Own(Twice):
@@ -562,9 +498,35 @@ def test_a_law_that_proves_nothing_is_refused(law, says):
 
     Own.law = law
     scene, x = Scene({"y": Own(Input("x"))}), {"x": np.linspace(-1, 1, 100)}
-    rendering = stimlib.render(scene, x, fs=1000)
-    with pytest.raises(BadValue, match=says):
-        stimlib.verify(scene, x, rendering)
+    return stimlib.verify(scene, x, stimlib.render(scene, x, fs=1000))
+
+
+@pytest.mark.parametrize(("factor", "passes"), [(2.0, True), (2.0 + 1e-12, False)])
+def test_a_block_of_ones_own_states_its_law(factor, passes):
+    report = own(lambda self, fs, rows, y: factor * rows[0])
+    bad = [c.name for c in report.checks if not c.passed]
+    assert [name.rpartition(".")[2] for name in bad] == ([] if passes else ["Own"])
+    assert not [text for text in report.evidence.skipped if "nothing but its own step" in text]
+
+
+@pytest.mark.parametrize(
+    ("law", "says"),
+    [
+        (lambda self, rows: 2 * rows[0], "raises TypeError: .* 4 were given"),
+        (lambda self, fs, rows, y: 1 / 0, "raises ZeroDivisionError"),
+        (lambda self, fs, rows, y: np.multiply(y, 0, out=y), "ValueError: .*read-only"),
+        (lambda self, fs, rows, y: rows[0].fill(0.0), "ValueError: .*read-only"),
+        (lambda self, fs, rows, y: (3 * rows[0], -1.0), "tolerance that is not 0 or above"),
+        (lambda self, fs, rows, y: (3 * rows[0], np.nan), "tolerance that is not 0 or above"),
+        (lambda self, fs, rows, y: (2 * rows[0], np.ones(3)), r"of the shape \(3,\)"),
+        (lambda self, fs, rows, y: (2 * rows[0], 0.1, 3), "returned 3 things"),
+    ],
+)
+def test_a_law_that_proves_nothing_is_refused(law, says):
+    """An exception was "not checked"; the output set to 0 by its law, and a tolerance
+    below 0, passed.
+    """
+    refused(BadValue, f"Own.law .*{says}", own, law)
 
 
 def test_what_is_composed_by_hand_is_held_without_a_name(monkeypatch):

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from laws import assert_same, played
+from laws import assert_same, mostly, played
+from refusals import refused
 
 import stimlib
 from stimlib.analysis.am import rms, sampled_rms
@@ -79,14 +80,15 @@ def stroke(s, speed, phases=8):
     carrier phases.
     """
     x = speed * np.arange(round(0.1 / speed * FS) + 1) / FS
-    squares = []
-    for k in range(phases):
-        y = stimlib.compile(bumps(*s, phase=2 * np.pi * k / phases), FS).process(x[None])[0, 1:]
-        squares.append(np.mean(y * y))
-    return np.sqrt(np.mean(squares)) / 50
+    turned = (bumps(*s, phase=2 * np.pi * k / phases) for k in range(phases))
+    y = np.array([stimlib.compile(scene, FS).process(x[None])[0, 1:] for scene in turned])
+    return np.sqrt(np.mean(y * y)) / 50
 
 
-@pytest.mark.parametrize("s", bumps_set(), ids=lambda s: "-".join(map(str, s)))
+ALL = bumps_set()
+
+
+@pytest.mark.parametrize("s", mostly(ALL[::9], ALL), ids=lambda s: "-".join(map(str, s)))
 def test_rms_of_all_81(s):
     assert stroke(s, 0.02) == pytest.approx(rms(s.waveform, s.duty, s.amplitude), rel=1e-3)
     fast = sampled_rms(s.waveform, s.duty, s.amplitude, 0.1 * s.bumps / 0.1, 158.0, FS)
@@ -98,19 +100,15 @@ def test_bumps_stay_at_their_places():
     finger came there.
     """
     scene = bumps("sine", 6, rectify=None, freq=0.0, phase=np.pi / 2, gain=1.0, amplitude=1.0)
-    proc = stimlib.compile(scene, FS)
-    t = np.arange(8000) / FS
-    there = 0.05 * (1 - np.cos(2 * np.pi * t))
-    slow = proc.process(there[None])[0]
-    proc.reset()
-    fast = proc.process(np.ascontiguousarray(there[None, ::7]))[0]
+    there = 0.05 * (1 - np.cos(2 * np.pi * np.arange(8000) / FS))
+    slow, fast = (
+        stimlib.compile(scene, FS).process(np.ascontiguousarray(there[None, ::step]))[0]
+        for step in (1, 7)
+    )
     middle = (there[1:] + there[:-1]) / 2
     order = np.argsort(middle)
-    np.testing.assert_allclose(
-        fast[1:],
-        np.interp((there[7::7] + there[:-7:7]) / 2, middle[order], slow[1:][order]),
-        atol=0.015,
-    )
+    felt = np.interp((there[7::7] + there[:-7:7]) / 2, middle[order], slow[1:][order])
+    np.testing.assert_allclose(fast[1:], felt, atol=0.015)
 
 
 def test_contact():
@@ -130,18 +128,17 @@ def test_contact():
 
 
 def test_a_missing_contact_column_is_an_error():
-    with pytest.raises(UnknownName, match="contact is missing"):
-        stimlib.render(bumps(contact=True), {"x": np.zeros(100)}, FS)
+    motion = {"x": np.zeros(100)}
+    refused(UnknownName, "contact is missing", stimlib.render, bumps(contact=True), motion, FS)
 
 
 def test_amplitude_zero_is_silent_and_comes_back_in_phase():
-    x = 0.05 * np.arange(6000) / FS
+    x = 0.05 * np.arange(6000)[None] / FS
     proc, other = (stimlib.compile(bumps("sawtooth", amplitude=a), FS) for a in (0.0, 4.0))
-    assert not proc.process(np.ascontiguousarray(x[None, :3000])).any()
-    whole = other.process(x[None])[0]
+    assert not proc.process(np.ascontiguousarray(x[:, :3000])).any()
     proc.set("A", 4.0, ramp=0)
-    y = proc.process(np.ascontiguousarray(x[None, 3000:]))[0]
-    assert_same(y[1:], whole[3001:])  # its first sample starts a movement
+    y = proc.process(np.ascontiguousarray(x[:, 3000:]))[0]
+    assert_same(y[1:], other.process(x)[0, 3001:])  # its first sample starts a movement
 
 
 def test_equalised():
@@ -184,7 +181,7 @@ def test_limits_without_a_profile(headroom):
 @pytest.mark.parametrize(
     ("kw", "match"),
     [
-        ({"bumps": 0}, "bumps = 0 must be above 0"),
+        ({"bumps": 0}, "bumps = 0"),
         ({"bumps": -2}, "bumps"),
         ({"length": 0.0}, "length"),
         ({"gain": -50.0}, "gain"),
@@ -201,8 +198,7 @@ def test_limits_without_a_profile(headroom):
     ],
 )
 def test_bad_input(kw, match):
-    with pytest.raises(BadValue, match=match):
-        stimlib.compile(bumps(**kw), FS)
+    refused(BadValue, match, lambda: stimlib.compile(bumps(**kw), FS))
 
 
 def test_a_stimulus_is_a_scene():
