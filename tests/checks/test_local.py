@@ -1,9 +1,7 @@
 """Laws of single blocks: right in every composition, and blind to no change."""
 
 import dataclasses as dc
-import types
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -248,32 +246,6 @@ def test_stretches_of_a_long_run_are_held_also_where_parameters_move(name, monke
     assert all(spoiled) and (spoiled or name in UNSEEN)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_an_exact_sum_of_turns_is_that_of_whole_numbers(seed):
-    """Of two remainders; the double nearest to a frequency is a fraction, and so is its
-    part of the rate.
-    """
-    rng = np.random.default_rng(seed)
-    fs = float(rng.choice([8000.0, 44100.0, 1000.1, 192e3]))
-    freq = np.r_[
-        0.0,
-        -1.0,
-        np.nan,
-        np.inf,
-        fs / 2,
-        5e-324,
-        fs / 3,
-        rng.uniform(0, fs / 2, 200),
-        10 ** rng.uniform(-30, 3, 100),
-    ]
-    whole = [
-        Fraction(min(max(float(np.nan_to_num(f)), 0.0), fs / 2)) / Fraction(fs) * 2**64
-        + Fraction(1, 2)
-        for f in freq
-    ]
-    assert rows.turning(freq, fs).tolist() == [int(v) for v in whole]
-
-
 @pytest.mark.parametrize("jitter", [0.0, 0.2])
 def test_a_pulse_before_whose_period_a_stretch_begins_is_held_where_its_jitter_is_a_number(jitter):
     """And of another jitter from the next period on: the samples that nothing is said
@@ -460,27 +432,6 @@ def test_a_parameter_may_move_in_a_segment_and_as_it_begins(at, ramp):
 def watched(scene, x):
     params = {name: p.value for name, p in scene.params.items()}
     return local.held(local.Run(scene, FS, 3, x, N, params, [], [(0, N)]))
-
-
-def test_the_worst_block_of_a_class_counts(monkeypatch):
-    one = Input("x")
-    found = [local.Held(one, "", 5, 0.1), local.Held(one, "", 5, 7.0), local.Held(one, "", 5, 0.2)]
-    monkeypatch.setattr(local, "held", lambda *of: found)
-    proc = types.SimpleNamespace(inputs=())
-    e = types.SimpleNamespace(
-        scene=None,
-        fs=FS,
-        seed=0,
-        proc=proc,
-        x=np.zeros((0, 5)),
-        frames=5,
-        params={},
-        changes=[],
-        skipped=[],
-        numbers=[],
-    )
-    (check,) = local.blocks_held(e)
-    assert not check.passed and check.measured == 7.0
 
 
 class Twice(Block, abstract=True):

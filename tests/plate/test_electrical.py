@@ -14,7 +14,8 @@ from stimlib.plate import Patch, Plate, amplifier_load
 from stimlib.scenes import bumps
 
 FS, C = 48000, 40e-9
-T = np.arange(FS) / FS
+T, W = np.arange(FS) / FS, 2 * np.pi * 158
+V = 300 * np.sin(W * T)
 
 
 def test_the_capacitance_is_that_of_a_plate_capacitor():
@@ -25,27 +26,20 @@ def test_the_capacitance_is_that_of_a_plate_capacitor():
     assert Patch.duraact(0.05, 0.05, turned=True).capacitance() == patch.capacitance()
 
 
-def test_a_sinusoid_draws_w_c_v():
-    load, w = amplifier_load(300 * np.sin(2 * np.pi * 158 * T), C, FS), 2 * np.pi * 158
-    assert load.current == pytest.approx(w * C * 300, rel=1e-4)
-    assert load.rms_current == pytest.approx(w * C * 300 / 2**0.5, rel=1e-4)
-    assert load.slew == pytest.approx(w * 300, rel=1e-4)
-    assert load.power == pytest.approx(w * C * 300**2 / 2, rel=1e-4)
-
-
-def test_a_half_wave_draws_the_same_peak_and_less_on_average():
-    wave = np.maximum(300 * np.sin(2 * np.pi * 158 * T), 0)
-    load = amplifier_load(wave, C, FS)
-    assert load.current == pytest.approx(2 * np.pi * 158 * C * 300, rel=1e-3)
-    assert load.rms_current == pytest.approx(2 * np.pi * 158 * C * 300 / 2, rel=5e-3)
-
-
-def test_a_jump_draws_its_charge_in_one_sample():
-    row = np.r_[np.zeros(5), np.full(5, -200.0)]
-    load = amplifier_load(row, C, 1000)
-    assert load.current == pytest.approx(C * 200 * 1000) and load.slew == pytest.approx(2e5)
-    assert load.rms_current == pytest.approx(C * 200 * 1000 / 3)  # one of nine differences
-    assert load.power == pytest.approx(C * 200**2 / 2 * 1000)  # its energy, in one sample
+@pytest.mark.parametrize(
+    ("row", "fs", "current", "rms", "slew", "power", "rel"),
+    [  # w C V, w V and w C V^2/2; the same peak and less on average; a charge in one sample of ten
+        (V, FS, W * C * 300, W * C * 300 / 2**0.5, W * 300, W * C * 300**2 / 2, 1e-4),
+        (np.maximum(V, 0), FS, W * C * 300, W * C * 150, W * 300, W * C * 300**2 / 2, 5e-3),
+        (np.r_[np.zeros(5), np.full(5, -200.0)], 1000, 8e-3, 8e-3 / 3, 2e5, 0.8, 1e-6),
+    ],
+    ids=["sinusoid", "half wave", "jump"],
+)
+def test_a_sinusoid_draws_w_c_v(row, fs, current, rms, slew, power, rel):
+    load = amplifier_load(row, C, fs)
+    assert (load.current, load.slew) == pytest.approx((current, slew), rel=min(rel, 1e-3))
+    assert load.rms_current == pytest.approx(rms, rel=rel)
+    assert load.power == pytest.approx(power, rel=rel)
 
 
 def test_a_rendering_is_its_samples():

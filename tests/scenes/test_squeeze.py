@@ -6,27 +6,23 @@ import dataclasses
 
 import numpy as np
 import pytest
-from laws import assert_same, mostly, played
+from laws import assert_same, mostly
 from refusals import refused, warned
+from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 from scipy.special import lambertw
 
 import stimlib
 from stimlib import Scene, blocks as b
+from stimlib.blocks.contact import PLACEHOLDER_GAMMA
 from stimlib.blocks.filters import Differentiator
 from stimlib.blocks.impedance import Loading
 from stimlib.blocks.noise import PinkNoise
 from stimlib.checks import laws
 from stimlib.checks.scenes import scene_law
-from stimlib.experiments import (
-    Experiment,
-    Stimulus,
-    Timing,
-    Trial,
-    choice,
-)
+from stimlib.experiments import Experiment, Stimulus, Timing, Trial, choice
 from stimlib.experiments.presentation import program
-from stimlib.motion import minimum_jerk
+from stimlib.motion.generators import minimum_jerk, ramp_and_hold
 from stimlib.run import Safety
 from stimlib.run.driver import samples
 from stimlib.run.processor import Change
@@ -198,26 +194,6 @@ def test_units_and_latencies():
         assert (f"force{i}", f"x{3 - i}") not in proc.latency
 
 
-def test_off_contact_is_silent_and_re_contact_starts_anew():
-    t = np.arange(8000) / 8000
-    x = np.where(t < 0.5, 0.05 * t, 0.03 + 0.01 * (t - 0.5))  # jumps where it is lifted
-    touch = ((t < 0.45) | (t > 0.55)).astype(float)
-    y = (
-        played(
-            squeeze(contact=True).outputs,
-            {"x1": x, "x2": np.zeros(8000), "contact": touch},
-            fs=8000.0,
-        )[0]
-        - 2000 * x * touch
-    )
-    assert not y[touch == 0].any()
-    early, late = y[(t > 0.1) & (t < 0.44)], y[t > 0.6]
-    assert np.abs(late).max() < 0.5 * np.abs(early).max() and np.std(late) == pytest.approx(
-        np.std(early) / 5, rel=0.2
-    )
-    assert np.abs(y[(t > 0.55) & (t < 0.6)]).max() <= 1.2 * np.abs(late).max()
-
-
 # Other impedances, contact, travel, and the time in which the gate closes -------------
 MEMORY = 0.05
 OTHERS = {
@@ -254,8 +230,9 @@ def test_another_impedance_takes_the_place_of_the_spring(name):
 
 
 def test_another_impedance_of_the_noise_gives_it_a_memory():
-    scene = squeeze(fingers=1, Z_n=remembered)
-    motion = {"x1": lambda t: 0.1 * np.minimum(t, 0.2)}
+    """And none needs k where both are others."""
+    assert list(squeeze(fingers=1, Z_c=OTHERS["maxwell"], Z_n=remembered).params) == ["A", "level"]
+    scene, motion = squeeze(fingers=1, Z_n=remembered), {"x1": lambda t: 0.1 * np.minimum(t, 0.2)}
     y = stimlib.render(scene, motion, 8000, 0.4)
     spring = stimlib.render(squeeze(fingers=1), motion, 8000, 0.4)
     F, f = (r["force1"] - 2000 * motion["x1"](y.t) for r in (y, spring))
@@ -264,17 +241,8 @@ def test_another_impedance_of_the_noise_gives_it_a_memory():
     assert moving.sum() > 1000
     np.testing.assert_allclose(F[moving] / f[moving], want[moving], rtol=0.02)
     report = stimlib.verify(scene, motion, y)
-    assert report.passed
-    law = next(c for c in report.checks if c.name == "force1: vibration law")
-    assert law.text == "A Z_n(v) tau dp/dt, relative"
-
-
-def test_both_impedances_need_no_k_and_are_kept_in_the_file():
-    scene = squeeze(fingers=1, Z_c=OTHERS["maxwell"], Z_n=remembered)
-    assert list(scene.params) == ["A", "level"]
-    again = Scene.from_dict(scene.to_dict())
-    y = stimlib.render(again, {"x1": press()["x1"]}, 8000, 0.5)
-    assert again.hash == scene.hash and stimlib.verify(again, {"x1": press()["x1"]}, y).passed
+    (law,) = [c for c in report.checks if c.name == "force1: vibration law"]
+    assert report.passed and law.text == "A Z_n(v) tau dp/dt, relative"
 
 
 @pytest.mark.parametrize("wrong", [1.001, -1.0])
@@ -404,3 +372,34 @@ def test_the_gate_closes_when_the_estimate_has_fallen_to_its_threshold(fs, speed
     closed = (-1 - lambertw(-off / (np.e * speed), -1).real) / (2 * np.pi * 100)
     assert (sounding + 1) / fs - stop == pytest.approx(closed, abs=2.5 / fs)
     assert closed == pytest.approx(ms / 1000, abs=0.15e-3)
+
+
+# Forces that the motors can bear, and the current they take -------------------------
+FS = 8000
+
+
+def test_current_is_force_over_motor_constant_and_geometry():
+    hand = minimum_jerk(depth=0.03)
+    y = stimlib.render(squeeze(fingers=1, motor_constant=9.0), {"x1": hand}, FS, 1.0)
+    gamma = PchipInterpolator(*PLACEHOLDER_GAMMA)(hand(y.t))
+    np.testing.assert_allclose(y["current1"], y["force1"] / (9.0 * gamma), rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("words", "n"), [({"motor_constant": 9.0}, 8000), ({"limits": True}, 4000)]
+)
+def test_outputs_added_change_no_bit_of_the_force(words, n):
+    plain, other = (
+        stimlib.render(squeeze(fingers=1, **more), {"x1": minimum_jerk()}, FS, n / FS)["force1"]
+        for more in ({}, words)
+    )
+    np.testing.assert_array_equal(plain, other)
+
+
+def test_limits_hold_peak_and_static_force():
+    hard = ramp_and_hold(0.06, 0.3)  # 120 N held
+    free = stimlib.render(squeeze(fingers=1), {"x1": hard}, FS, 30.0)["force1"]
+    held = stimlib.render(squeeze(fingers=1, limits=True), {"x1": hard}, FS, 30.0)["force1"]
+    assert free.max() == pytest.approx(120.0, abs=0.5)
+    assert np.abs(held).max() <= 100.0
+    assert held[-1] < 37.0 and np.abs(np.diff(held[FS:])).max() < 0.05  # falls without a click
