@@ -276,6 +276,12 @@ CORRECT = {
         {"seconds": 0.01},
         "PulseTrain",
     ),
+    "an answer later than is waited for": (
+        lambda: Scene({"y": b.delay(Input("x"), 2_200_000)}),
+        {"x": np.linspace(0.0, 1.0, 500)},
+        {},
+        "never settles",
+    ),
     "a hand in steps of 0.1 mm over teeth of 0.3 mm": (
         s.friction,
         {"x": lambda t: 1e-4 * np.round(100 * np.sin(5 * t))},

@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from correct import OwnHighPass
 
 import stimlib
 from stimlib.analysis import spectra
@@ -125,30 +124,6 @@ def test_the_rounding_of_many_taps_is_within_their_limit(taps, fs):
     transfer = partial(verification._response, type(b).transfer, b.design(fs)[0], fs)
     assert law.tol / 100 < law.error(transfer, fs) < law.tol / 2
     assert responses.sum_of(taps + 1e-8 * (np.arange(5000) == 7)).error(transfer, fs) > law.tol
-
-
-@pytest.mark.parametrize(("size", "good"), [(INSIDE, True), (OUTSIDE, False)])
-def test_a_users_block_is_held_against_the_law_that_it_states(size, good):
-    @dc.dataclass(frozen=True, eq=False)
-    class Own(stimlib.Block):
-        x: stimlib.Block
-        tau: float
-        design, step, transfer = (
-            OwnHighPass.design,
-            staticmethod(OwnHighPass.step),
-            staticmethod(OwnHighPass.transfer),
-        )
-
-        def laws(self, fs):
-            p, _ = self.design(fs)
-
-            def off(f, fs):
-                return OwnHighPass.transfer(p, np.exp(2j * np.pi * f / fs)) / (1 - size * 1e-6)
-
-            return (responses.Law(responses.whole_band(50), off, 1e-6, "its own"),)
-
-    e = gathered(stimlib.Scene({"y": Own(stimlib.Input("x"), 0.05)}), {"x": np.ones(100)}, None)
-    assert passed(verification.linear_blocks(e), e, "Own: physical law") == good
 
 
 def _again(e):

@@ -14,7 +14,6 @@ import stimlib
 from stimlib import BadValue, Block, Input, Param, Scene, blocks as b, constant
 from stimlib.checks import local, rows
 from stimlib.core.graph import reach, signals
-from stimlib.motion.generators import sinusoid
 from stimlib.run.processor import Change
 from stimlib.run.safety import GAIN, Safety, protect
 
@@ -306,20 +305,6 @@ def noise(drive, key, unit):
     return y * constant(0.02 if unit == "m" else 1.0, unit)
 
 
-def of_the_table():
-    """Scenes of all blocks of the table, in groups that share no name and no noise."""
-    outputs, taken = {}, set()
-    for k, e in enumerate(e for e in entries() if e.name not in ("squeeze", "bumps")):
-        y = e.make(*(noise(d, 1000 + 10 * k + j, e.unit) for j, d in enumerate(e.drive)))
-        own = {v.noise_key or v.name for v in reach([y]) if v.noise_key or isinstance(v, Param)}
-        if own & taken:
-            yield Scene(outputs)
-            outputs, taken = {}, set()
-        outputs[e.name] = y
-        taken |= own
-    yield Scene(outputs)
-
-
 def drawn(seed):
     """A drawn composition, with a noise in place of each input."""
     scene, drives, _ = compositions.drawn(np.random.default_rng([seed, 41]))
@@ -335,12 +320,6 @@ def drawn(seed):
 
 def guarded(scene):
     return protect(scene, Safety(dict.fromkeys(scene.outputs, 2.0)))
-
-
-def test_each_block_is_held_behind_its_safety_stage_where_no_input_reaches_it():
-    for safe in map(guarded, of_the_table()):
-        run = local.Run(safe, FS, 3, {}, 64, {n: 1.0 for n in safe.params}, [], [(0, 64)])
-        assert not [h for h in local.held(run) if not h.error <= 1]
 
 
 @pytest.mark.parametrize("seed", mostly([5], [2, 5, 8]))
@@ -478,23 +457,3 @@ def test_a_law_that_proves_nothing_is_refused(law, says):
     below 0, passed.
     """
     refused(BadValue, f"Own.law .*{says}", own, law)
-
-
-def test_what_is_composed_by_hand_is_held_without_a_name(monkeypatch):
-    """The paper's bumps, written without their factory, behind a force of another
-    block; the bump 1e-3 too shallow.
-    """
-    x, y = Input("x", "m"), Input("y", "m")
-    bumps = b.bump(x / constant(0.01, "m"), "sine", 0.5) * b.carrier(158.0, rectify="half")
-    scene = Scene({"force": b.springpot(y, 300.0, 0.5), "voltage": 50.0 * Param("A", 1.0) * bumps})
-    motion = {"x": sinusoid(0.05, 0.5), "y": sinusoid(0.01, 1.0)}
-    rendering = stimlib.render(scene, motion, fs=8000, seconds=0.5)
-    report = stimlib.verify(scene, motion, rendering)
-    assert report.passed
-    names = {c.name for c in report.checks if c.group == "f"}
-    assert names == {"inputs and parameters", "arithmetic", "SineBump", "Carrier", "Springpot"}
-    honest = rows.laws.bump_envelope
-    monkeypatch.setattr(rows.laws, "bump_envelope", lambda *of: honest(*of) * [[0.999], [1.0]])
-    assert [c.name for c in stimlib.verify(scene, motion, rendering).checks if not c.passed] == [
-        "SineBump"
-    ]

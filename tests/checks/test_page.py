@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
-from test_scene import Doubled
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
@@ -70,7 +69,7 @@ def test_one_check_that_failed_fails_the_page_and_its_row(bumped, text_of):
 
 
 @dc.dataclass(frozen=True, eq=False)
-class Bare(stimlib.Block):
+class Doubled(stimlib.Block):
     """Without a law."""
 
     x: stimlib.Block
@@ -215,7 +214,7 @@ def lawless(make):
             "the laws of its 2 blocks, each by itself; no law of the whole scene is known",
         ),
         (
-            lambda _: lawless(Bare),
+            lambda _: lawless(Doubled),
             "the laws of its 1 blocks, each by itself (1 more have none);"
             " no law of the whole scene is known",
         ),
@@ -304,21 +303,6 @@ def test_motion_that_is_an_array_is_told_as_such_and_hashed_by_samples(squeezed,
 # Pictures -----------------------------------------------------------------------------
 
 
-def test_the_law_is_drawn_where_it_is_best_seen(bumped, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(figures, "close_by", lambda *a: None)
-    monkeypatch.setattr(
-        figures, "over_time", lambda fig, rows, fs, start=0: drawn.append((rows, start))
-    )
-    e = dc.replace(bumped.evidence, closeup=slice(100, 300))
-    list(figures.figures(e))
-    (whole, _), (rows, start) = drawn
-    assert (
-        start == 100 and {r.y.size for r in rows} == {200} and {r.y.size for r in whole} == {1600}
-    )
-    assert [r.name for r in rows][-2:] == list(e.curves) == ["envelope", "carrier"]
-
-
 def test_the_band_of_a_noise_holds_as_many_false_alarms_as_are_told(squeezed):
     """Two-sided, one in a million for all bands and the trend together; the measured
     power lies in it.
@@ -382,12 +366,14 @@ def blocks_on_the_page(report, folder):
 
 def test_the_page_names_each_block_those_that_nothing_holds_first(tmp_path):
     x = Input("x", "m")
-    scene = Scene({"y": 2.0 * b.velocity(x, 100.0), "z": Bare(x)})
+    scene = Scene({"y": 2.0 * b.velocity(x, 100.0), "z": Doubled(x)})
     r = rendered(scene, {"x": np.linspace(0, 0.01, 500)}, 1000)
     part = blocks_on_the_page(r, tmp_path)
-    assert part.index("Bare") < part.index("Velocity") and "no law of its output" in part
+    assert part.index("Doubled") < part.index("Velocity") and "no law of its output" in part
     found = r.to_dict()["blocks"]
-    assert found[0]["class"].endswith("Bare") and found[0]["why"] and found[0]["smallest"] is None
+    assert (
+        found[0]["class"].endswith("Doubled") and found[0]["why"] and found[0]["smallest"] is None
+    )
     velocity = next(b for b in found if b["class"] == "Velocity")
     assert velocity["samples"] == 500 and velocity["error"] <= 1 and 0 < velocity["smallest"] < 1e-6
 

@@ -106,6 +106,20 @@ def test_a_file_alone_tells_its_scene_and_motion(tmp_path):
         refused(BadValue, "path of a file alone", stimlib.verify, *wrong)
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("log of P01.stimlog", "verify the log instead"),
+        ("array of 800 samples", "cannot be made again .*give the motion"),
+    ],
+)
+def test_motion_that_no_text_makes_again_is_asked_for(tmp_path, text, says):
+    path = write(tmp_path / "a.wav", stimlib.scenes.wall(), {"x": sinusoid(0.002, 5.0)}, 0.1)
+    told = json.loads((tmp_path / "a.wav.json").read_text()) | {"motion": {"x": text}}
+    (tmp_path / "a.wav.json").write_text(json.dumps(told))
+    refused(BadValue, says, stimlib.verify, path)
+
+
 def test_a_file_that_began_in_the_middle_is_refused(tmp_path):
     scene = stimlib.scenes.squeeze()
     proc = stimlib.compile(scene, 8000)
