@@ -439,6 +439,12 @@ def test_a_block_of_ones_own_states_its_law(factor, passes):
     assert not [text for text in report.evidence.skipped if "nothing but its own step" in text]
 
 
+def test_a_law_that_says_nothing_of_these_numbers_is_no_law():
+    report = own(lambda self, fs, rows, y: None)
+    (held,) = (h for h in report.evidence.held if type(h.block).__name__ == "Own")
+    assert report.passed and held.why.startswith("no law") and not held.samples
+
+
 @pytest.mark.parametrize(
     ("law", "says"),
     [

@@ -273,6 +273,19 @@ def test_a_session_is_held_in_stretches(short, tmp_path, wrong):
     assert [s.at for s in report.evidence.stretches()] == [0, 5000, 10000]
 
 
+HALF, NEAR, NAN = (
+    evidence.Check("d", "law", measured, limit, "")
+    for measured, limit in ((0.5, 1.0), (0.09, 0.1), (np.nan, 1.0))
+)
+
+
+@pytest.mark.parametrize(("first", "later", "kept"), [(HALF, NEAR, NEAR), (NEAR, NAN, NAN)])
+def test_of_all_stretches_the_result_nearest_to_its_limit_is_kept(first, later, kept):
+    for found, new in (([first], [later]), ([later], [first])):
+        scenes._worst(found, new)
+        assert found == [kept]
+
+
 def test_a_motion_that_ends_is_held_up_to_there(short, tmp_path):
     """What is not finite in the last stretch: the law is held before it, and nowhere
     after.

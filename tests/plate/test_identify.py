@@ -48,7 +48,7 @@ def test_what_is_measured_is_found_within_what_is_said():
     assert np.ptp(r.freq_interval) == pytest.approx(2 * 1.97 * r.freq_sd, rel=0.01)
     # four half widths on each side, two numbers each; two of pole, ten of one point
     lines = 2 * 4 * F0 / (2 * Q) * u.size / FS
-    assert r.dof == pytest.approx(2 * lines - 12, abs=4)
+    assert r.dof == pytest.approx(2 * lines - 12, abs=2)
 
 
 def test_many_points_give_a_shape_and_a_better_frequency():

@@ -170,6 +170,7 @@ def test_the_swap_gives_back_the_depth_of_modulation_at_its_price():
     np.testing.assert_allclose(half_sine([0.1, 0.7], 0.4), [np.sin(np.pi / 4), 0], rtol=1e-15)
     half = envelope_behind(158.0, 10.0, 20.0, 4, lambda u: 0.5 * half_sine(u))
     np.testing.assert_allclose(half[:4], after[:4])
+    assert best_gain(158.0, 10.0, 45.0, 1e6) == pytest.approx(20.0)  # all that a swap may have
     gain = best_gain(158.0, 10.0, 45.0, 1.8)
     assert envelope_behind(158.0, 10.0, 45.0, gain).drive == pytest.approx(1.8, rel=1e-6)
 
