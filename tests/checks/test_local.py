@@ -463,3 +463,9 @@ def test_a_law_that_proves_nothing_is_refused(law, says):
     below 0, passed.
     """
     refused(BadValue, f"Own.law .*{says}", own, law)
+
+
+def test_a_law_of_stimlibs_own_that_raises_is_not_for_the_user_to_correct(monkeypatch):
+    monkeypatch.setitem(rows.LAWS, "Abs", lambda *of: 1 / 0)
+    scene = Scene({"y": abs(Input("x"))})
+    refused(ZeroDivisionError, None, watched, scene, {"x": np.ones(N)})
