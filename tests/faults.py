@@ -18,7 +18,7 @@ import numpy as np
 
 import stimlib
 from stimlib import Input, Scene, StimlibError, blocks as b, constant
-from stimlib.blocks.contact import StaticLimit
+from stimlib.blocks.contact import Button, Detents, StaticLimit, StickSlip, Wall
 from stimlib.blocks.events import Integrate
 from stimlib.blocks.filters import (
     CascadeState,
@@ -47,8 +47,10 @@ from stimlib.blocks.noise import (
 )
 from stimlib.blocks.oscillators import Carrier
 from stimlib.blocks.resonance import Resonator, section
-from stimlib.blocks.surfaces import LinearBump, SineBump
+from stimlib.blocks.sources import Ring
+from stimlib.blocks.surfaces import Grating, LinearBump, SineBump, SpatialNoise
 from stimlib.blocks.tables import Lut
+from stimlib.blocks.texture import Texture
 from stimlib.blocks.viscoelastic import (
     KelvinChain,
     MaxwellArms,
@@ -59,7 +61,18 @@ from stimlib.blocks.viscoelastic import (
 from stimlib.core.maths import copy, modes as modes_sum, pairs, where
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
-from stimlib.scenes import bumps, squeeze, viscoelastic
+from stimlib.scenes import (
+    bumps,
+    click,
+    detents,
+    friction,
+    grating,
+    impact,
+    squeeze,
+    texture,
+    viscoelastic,
+    wall,
+)
 from stimlib.targets.numba import engine as target
 
 U = np.uint64
@@ -210,14 +223,16 @@ N = constant(1.0, "N/m")
 PROFILE = [0.0, 0.03, 0.05, 0.07, 0.1], [1.0, 1.6, 1.84, 1.6, 1.0]
 
 
-def times(name, factor):
-    return lambda p: p._replace(**{name: getattr(p, name) * factor})
+def times(name, factor, more=0.0):
+    return lambda p: p._replace(**{name: getattr(p, name) * factor + more})
 
 
 def scene_of(block):
     return Scene({"y": block})
 
 
+STROKE = {"x": sinusoid(0.03, 1.0), "force": sinusoid(0.8, 3.0, mean=1.0)}
+# name: (class, change of its design or fields of the block instead, scene, motion)
 DESIGNS = {
     "pole of the velocity 1 % off": (Velocity, times("g", 1.01), squeeze(), MOTION),
     "lag 1 % off": (FirstOrder, times("now", 1.01), scene_of(b.first_order(X, 0.01)), WAVE),
@@ -316,20 +331,54 @@ DESIGNS = {
         bumps(displacement=(np.linspace(0, 0.1, 9), 1 + np.sin(np.linspace(0, 3.0, 9)))),
         {"x": constant_speed(0.05, 0.1)},
     ),
-    "delay of one sample more": (Delay, None, scene_of(b.delay(X, 5)), WAVE),
+    "delay of one sample more": (Delay, {"samples": 6}, scene_of(b.delay(X, 5)), WAVE),
+    "order of a springpot 1e-6 off": (
+        Springpot,
+        {"order": 0.5 + 1e-6},
+        viscoelastic(0.5),
+        {"y": WAVE["x"]},
+    ),
+    "drop of a button 1e-3 off": (
+        Button,
+        times("drop", 1.001),
+        click(),
+        {"x": sinusoid(1.3e-3, 3.0, 1e-3)},
+    ),
+    "detents 1e-3 off": (Detents, times("per", 1.001), detents(), {"angle": sinusoid(1.0, 2.0)}),
+    "slips 1e-3 off": (StickSlip, times("left", 1.001), friction(), {"x": sinusoid(0.02, 2.0)}),
+    "wall 1e-3 off": (Wall, times("fs", 1.001), wall(), {"x": sinusoid(2e-3, 5.0)}),
+    "ring 1e-3 off": (Ring, times("per", 1.001), impact(), {"x": sinusoid(5e-3, 3.0)}),
+    **{
+        f"{owner.__name__}'s {name} 1e-6 off": (
+            owner,
+            times(name, 1 + 1e-6, 1e-9),
+            grating(),
+            {"x": sinusoid(0.05, 1.0)},
+        )
+        for owner, name in (
+            (Grating, "per"),
+            (Grating, "start"),
+            (SpatialNoise, "at"),
+            (SpatialNoise, "own"),
+        )
+    },
+    **{
+        f"texture's {name} 1e-3 off": (Texture, times(name, 1.001), texture(), STROKE)
+        for name in ("gain", "lsf", "per_force", "rows")
+    },
 }
 
 
 def design_fault(owner, change, scene, motion):
+    def other(self, fs):
+        return honest(dc.replace(self, **change), fs)
+
+    honest = owner.design
+    replacement = other if isinstance(change, dict) else scaled(honest, change)
+
     def run(folder):
-        honest = owner.design
-        replacement = (
-            scaled(honest, change)
-            if change
-            else lambda self, fs: honest(dc.replace(self, samples=self.samples + 1), fs)
-        )
         with patch.object(owner, "design", replacement):
-            return failed(scene, motion, seconds=3.0)
+            return failed(scene, motion, seconds=1.5)
 
     return run
 
@@ -376,7 +425,22 @@ def hundred_samples(self, fs):
     return HONEST_SHORT(dc.replace(self, seconds=100 / fs), fs)
 
 
-HONEST_SHORT = ShortMemory.design
+HONEST_SHORT, HONEST_TAPS, HONEST_LAG = ShortMemory.design, Taps.design, FirstOrder.design
+
+
+def at_the_sample(self, fs):
+    """The spring's position at the sample, half a sample before that of its damper."""
+    return HONEST_TAPS(dc.replace(self, taps=np.array([1.0, 0.0])), fs)
+
+
+def rounded_leak(self, fs):
+    """A lag by exp(-1/(tau fs)), whose gain at 0 Hz is 1e-7 off for 1e6 s."""
+    a = 1 / (self.tau * fs)
+    now = a / 2 - a * a / 6 + a**3 / 24
+    p, s = HONEST_LAG(self, fs)
+    return type(p)(np.exp(-a), now, -np.expm1(-a) - now), s
+
+
 OLD = {
     "short memory in samples": (
         ShortMemory, {"design": hundred_samples}, b.springpot(X, 3.0, 0.4, "gl-short-memory"),
@@ -386,6 +450,12 @@ OLD = {
     ),
     "a resonator that warps": (Resonator, {"design": warped}, b.resonator(X, 700.0, 20.0)),
     "a notch that warps": (Resonator, {"design": warped}, b.notch(X, 700.0, 5.0)),
+    "a spring half a sample early": (
+        Taps, {"design": at_the_sample}, b.kelvin_voigt(X, 300.0, 10.0),
+    ),
+    "a lag whose leak is rounded": (
+        FirstOrder, {"design": rounded_leak}, b.first_order(X, 1e6),
+    ),
     "a damper that lags": (Springpot, LATE, b.kelvin_voigt(X, 300.0, 2.0)),
 }  # fmt: skip
 

@@ -92,24 +92,11 @@ def test_kelvin_voigt():
     assert (c.k_S, c.k_L, c.b_L) == pytest.approx((k, w * b, b), rel=1e-9)
 
 
-def test_a_spring_loses_nothing():
-    y, _ = movement(2 * np.pi, 4000, 1000.0)
-    c = cues(y, 300 * y, 1000.0)
-    assert (
-        c.k_S == pytest.approx(300, rel=1e-12) and abs(c.phi) < 1e-12 and abs(c.loss_factor) < 1e-12
-    )
-
-
 def test_no_force_is_no_error():
     y, _ = movement(2 * np.pi, 4000, 1000.0)
     c = cues(y, np.zeros(4000), 1000.0)
     assert c.k_S == c.k_L == c.b_L == c.W == c.k_fit == c.b_fit == 0.0
-    assert (
-        math.isnan(c.loss_factor)
-        and math.isnan(c.f_max)
-        and math.isnan(c.f_mean)
-        and math.isnan(c.k_I)
-    )
+    assert np.isnan([c.loss_factor, c.f_max, c.f_mean, c.k_I]).all()
 
 
 def test_other_components_hardly_leak():
@@ -127,38 +114,19 @@ def test_other_components_hardly_leak():
     assert c.frequency == pytest.approx(1.0, rel=1e-4)
 
 
-def test_time_and_place_do_not_matter():
-    """Shifted, scaled and resampled records have the cues that follow."""
-    w = 2 * np.pi * 1.7
-    one = cues(movement(w, 3000, 1000.0)[0], springpot(w, 3000, 1000.0, 50.0, 0.5), 1000.0)
-    two = cues(
-        3 * movement(w, 24_000, 8000.0, 2.0, 0.5)[0],
-        3 * springpot(w, 24_000, 8000.0, 50.0, 0.5, 2.0),
-        8000.0,
-    )
-    for name in ("frequency", "k_S", "k_L", "loss_factor", "eta_as_printed", "b_L", "phi"):
-        assert getattr(one, name) == pytest.approx(getattr(two, name), rel=1e-8)
-
-
 # Time domain --------------------------------------------------------------------------
-@pytest.mark.parametrize("alpha", [0.0, 0.25, 0.5, 1.0])
+@pytest.mark.parametrize("alpha", [0.0, 0.25, 1.0])
 def test_work_over_whole_periods(alpha):
     """W = A^2 |k| ((pi/2 + phi) sin phi + cos phi) per period: the area of the positive
     part of f v.
     """
-    fs, n, chi = 8000.0, 24_000, 80.0
-    w = 2 * np.pi
-    y, v = movement(w, n, fs, 0.3)
-    f = springpot(w, n, fs, chi, alpha, 0.3)
-    phi, size = alpha * np.pi / 2, chi * w**alpha
+    fs, w, phi, size = 8000.0, 2 * np.pi, alpha * np.pi / 2, 80.0 * (2 * np.pi) ** alpha
     wanted = 3 * A**2 * size * ((np.pi / 2 + phi) * np.sin(phi) + np.cos(phi))
-    # the record ends one sample short of three periods
-    assert cues(y, f, fs).W == pytest.approx(wanted, rel=1e-3)
-    assert cues(y, f, fs, v=v).W == pytest.approx(wanted, rel=1e-3)
-    y, v = movement(w, n + 1, fs, 0.3)
-    assert cues(y, springpot(w, n + 1, fs, chi, alpha, 0.3), fs, v=v).W == pytest.approx(
-        wanted, rel=1e-6
-    )
+    for n, rel in ((24_000, 1e-3), (24_001, 1e-6)):  # one sample short of three periods, and whole
+        y, v = movement(w, n, fs, 0.3)
+        f = springpot(w, n, fs, 80.0, alpha, 0.3)
+        assert cues(y, f, fs, v=v).W == pytest.approx(wanted, rel=rel)
+        assert cues(y, f, fs).W == pytest.approx(wanted, rel=1e-3)
 
 
 def test_slopes_over_whole_periods_are_storage_and_loss():

@@ -7,31 +7,27 @@ from functools import partial
 
 import numpy as np
 import pytest
-from contract import TABLE
-from correct import OwnHighPass
 
 import stimlib
 from stimlib.analysis import spectra
 from stimlib.blocks.noise import PinkNoise
-from stimlib.checks import evidence, laws, noise, power, scenes, sidecar, verification
+from stimlib.checks import evidence, laws, noise, scenes, sidecar, verification
 from stimlib.checks.evidence import Check
 from stimlib.checks.page import GROUPS
 from stimlib.checks.report import Report
 from stimlib.design import responses
 from stimlib.files import audio as file
-from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
+from stimlib.motion.generators import minimum_jerk
 from stimlib.motion.recorded import recording
 from stimlib.run.driver import samples
 from stimlib.run.processor import Change
-from stimlib.scenes import bumps, squeeze, viscoelastic
+from stimlib.scenes import squeeze
 
 INSIDE, OUTSIDE = 0.97, 1.03  # of the limit
 
 
 def gathered(scene, motion, seconds=1.0):
-    return evidence.gather(
-        scene, motion, stimlib.render(scene, motion, 8000, seconds, seed=3, on_fault="ignore")
-    )
+    return evidence.gather(scene, motion, stimlib.render(scene, motion, 8000, seconds, seed=3))
 
 
 @pytest.fixture(scope="module")
@@ -94,17 +90,6 @@ class TestLinearBlocks:
             == good
         )
 
-    @pytest.mark.parametrize(
-        "law",
-        [pytest.param(law, id=f"{e.name}-{k}") for e in TABLE for k, law in enumerate(e.laws)],
-    )
-    def test_every_law_of_the_table(self, law, size, good):
-        f = law.f(8000.0)
-        off = law._replace(
-            of=lambda H, f, fs: law.law(f, fs) + size * law.tol * law.size(law.law(f, fs))
-        )
-        assert (off.error(lambda f: f, 8000.0) <= law.tol) == good and f.size >= 40
-
 
 def test_tolerances_are_those_that_blocks_promise():
     fs = 8000.0
@@ -126,52 +111,19 @@ def test_tolerances_are_those_that_blocks_promise():
 
 
 @pytest.mark.parametrize(
-    "taps",
-    [np.random.default_rng(5).normal(size=5000), np.r_[np.zeros(4999), 1.0]],
+    ("taps", "fs"),
+    [
+        (np.random.default_rng(5).normal(size=5000), 7919.3),
+        (np.r_[np.zeros(4999), 1.0], 44100.0),
+    ],
     ids=["random", "last"],
 )
-@pytest.mark.parametrize("fs", [8000.0, 44100.0, 7919.3])
 def test_the_rounding_of_many_taps_is_within_their_limit(taps, fs):
     law = responses.sum_of(taps)
     b = stimlib.blocks.fir(stimlib.Input("x"), taps)
     transfer = partial(verification._response, type(b).transfer, b.design(fs)[0], fs)
     assert law.tol / 100 < law.error(transfer, fs) < law.tol / 2
     assert responses.sum_of(taps + 1e-8 * (np.arange(5000) == 7)).error(transfer, fs) > law.tol
-
-
-@pytest.mark.parametrize(("size", "good"), [(INSIDE, True), (OUTSIDE, False)])
-def test_a_users_block_is_held_against_the_law_that_it_states(size, good):
-    @dc.dataclass(frozen=True, eq=False)
-    class Own(stimlib.Block):
-        x: stimlib.Block
-        tau: float
-        design, step, transfer = (
-            OwnHighPass.design,
-            staticmethod(OwnHighPass.step),
-            staticmethod(OwnHighPass.transfer),
-        )
-
-        def laws(self, fs):
-            p, _ = self.design(fs)
-
-            def off(f, fs):
-                return OwnHighPass.transfer(p, np.exp(2j * np.pi * f / fs)) / (1 - size * 1e-6)
-
-            return (responses.Law(responses.whole_band(50), off, 1e-6, "its own"),)
-
-    e = gathered(stimlib.Scene({"y": Own(stimlib.Input("x"), 0.05)}), {"x": np.ones(100)}, None)
-    assert passed(verification.linear_blocks(e), e, "Own: physical law") == good
-
-
-@pytest.mark.parametrize("which", ["shown", "y"])
-def test_one_bit_is_one_too_many(squeezed, which):
-    assert Report(
-        verification.same_samples(fresh(squeezed, proc=_again(squeezed))), squeezed
-    ).passed
-    y = getattr(squeezed, which).copy()
-    y[1, 4321] = np.nextafter(y[1, 4321], 1e9)
-    e = fresh(squeezed, proc=_again(squeezed), **{which: y})
-    assert not Report(verification.same_samples(e), e).passed
 
 
 def _again(e):
@@ -206,17 +158,6 @@ class TestNoise:
         monkeypatch.setattr(spectra, "correlation", lambda *a: (0.0, share / size))
         assert passed(noise.noise(fresh(squeezed)), squeezed, "independence") == good
 
-    def test_spectrum_of_a_louder_noise(self, squeezed, size, good):
-        """From below to above the level error that would be seen: here by a factor, as
-        the recording is short.
-        """
-        t = squeezed.taps[0]
-        f, _, _ = spectra.whitened(t.stream, 8000, t.model, t.f_low, t.f_high)
-        smallest = power.of_spectrum(f, squeezed.share)[0][1]
-        e = fresh(squeezed)
-        e.taps[0] = dc.replace(t, stream=t.stream * 10 ** ((0.2 if good else 2.5) * smallest / 20))
-        assert passed(noise.noise(e), e, "force1: spectrum") == good
-
 
 @pytest.mark.parametrize("n", [2000, 8000])
 def test_every_band_and_every_trend_counts_as_a_test(squeezed, n):
@@ -233,14 +174,14 @@ def test_every_band_and_every_trend_counts_as_a_test(squeezed, n):
 
 def crossing(e, name, run, fault, about):
     """The measure of a check is proportional to the size of a fault: just inside its
-    limit and just outside.
+    limit and just outside; the size at the limit.
     """
     c = next(c for c in run(fault(about)) if name in c.name)
     unit = about * c.limit / c.measured
     assert 0.5 < c.measured / c.limit < 1e6
-    assert passed(run(fault(INSIDE * unit)), e, name) and not passed(
-        run(fault(OUTSIDE * unit)), e, name
-    )
+    for size, good in ((INSIDE, True), (OUTSIDE, False)):
+        assert passed(run(fault(size * unit)), e, name) == good
+    return unit
 
 
 def shifted(e, field, how, row=0):
@@ -250,51 +191,24 @@ def shifted(e, field, how, row=0):
 
 
 class TestSqueeze:
-    def test_mean_part(self, monkeypatch, squeezed):
-        honest = laws.squeeze_finger
-
-        def fault(size):
-            def finger(*a):
-                f = honest(*a)
-                top = np.abs(f.force).max() * size
-                return f._replace(mean=f.mean + top, force=f.force + top)
-
-            monkeypatch.setattr(laws, "squeeze_finger", finger)
-            return fresh(squeezed)
-
-        for size, good in ((0.9e-14, True), (1.2e-14, False)):
-            assert passed(scenes.scene_law(fault(size)), squeezed, "force1: mean part") == good
-
-    def test_mean_part_while_k_is_on_a_ramp(self, monkeypatch):
-        """Each of the ramp's steps may round, by half a unit of the last place or
-        so.
-        """
-        e = gathered(squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)})
-        e.changes = [Change(100, "k", 2345.0, 0.5)]
-        e.y = samples(_again(e), e.x, e.x.shape[1], e.changes)
-        assert passed(scenes.scene_law(fresh(e)), e, "force1: mean part")
-        honest = laws.squeeze_finger
-        for size, good in ((0.9, True), (1.1, False)):
-
-            def finger(*a, size=size):
-                f = honest(*a)
-                top = np.abs(f.force).max() * size * (1e-14 + 4000 * 2.0**-52)
-                return f._replace(mean=f.mean + top, force=f.force + top)
-
-            monkeypatch.setattr(laws, "squeeze_finger", finger)
-            assert passed(scenes.scene_law(fresh(e)), e, "force1: mean part") == good
-
-    def test_vibration_law(self, squeezed):
+    @pytest.mark.parametrize("steps", [0, 4000])
+    @pytest.mark.parametrize(("size", "good"), [(0.9, True), (1.2, False)])
+    def test_mean_part(self, monkeypatch, squeezed, steps, size, good):
+        """Each step of a ramp of k may round, by half a unit of its last place."""
         e = fresh(squeezed)
-        scenes.scene_law(e)
-        top = np.abs(e.fingers["force1"].force - e.fingers["force1"].mean).max()
-        crossing(
-            e,
-            "force1: vibration law",
-            scenes.scene_law,
-            lambda s: shifted(squeezed, "y", lambda e: s * top),
-            1.5e-9,
-        )
+        if steps:
+            e.changes = [Change(100, "k", 2345.0, steps / 8000)]
+            e.y = samples(_again(e), e.x, e.x.shape[1], e.changes)
+        assert passed(scenes.scene_law(fresh(e)), e, "force1: mean part")
+        honest, tol = laws.squeeze_finger, 1e-14 + steps * 2.0**-52
+
+        def finger(*a):
+            f = honest(*a)
+            top = np.abs(f.force).max() * size * tol
+            return f._replace(mean=f.mean + top, force=f.force + top)
+
+        monkeypatch.setattr(laws, "squeeze_finger", finger)
+        assert passed(scenes.scene_law(fresh(e)), e, "force1: mean part") == good
 
     def test_slope(self, squeezed):
         first = next(c for c in scenes.scene_law(fresh(squeezed)) if "force1: slope" in c.name)
@@ -322,74 +236,6 @@ class TestSqueeze:
         assert any("force1: slope" in c.name for c in found) != told
         assert any("force1: the position hardly changes" in text for text in e.skipped) == told
 
-    def test_finite(self, squeezed):
-        y = squeezed.shown.copy()
-        y[0, 7] = np.nan
-        assert passed(verification.limits_kept(fresh(squeezed)), squeezed, "finite")
-        assert not passed(verification.limits_kept(fresh(squeezed, shown=y)), squeezed, "finite")
-
-    def test_no_fault(self):
-        scene = stimlib.Scene({"y": 1.0 / stimlib.Input("x")})
-        for x, good in ((1.0, True), (0.0, False)):
-            e = gathered(scene, {"x": np.full(100, x)}, None)
-            verification.same_samples(e)
-            assert passed(verification.limits_kept(e), e, "no fault") == good
-
-
-def test_springpots(squeezed):
-    e = gathered(viscoelastic(0.5), {"y": sinusoid(0.01, 3.0)}, 0.5)
-    crossing(e, "full sum", scenes.scene_law, lambda s: shifted(e, "y", lambda e: s * e.y[0]), 1e-9)
-
-
-def test_springpots_off_contact():
-    e = gathered(
-        viscoelastic(0.5, contact=True),
-        {"y": sinusoid(0.01, 3.0), "contact": lambda t: 1.0 * (t < 0.2)},
-        0.5,
-    )
-    assert passed(scenes.scene_law(fresh(e)), e, "none off contact")
-    off = shifted(e, "y", lambda e: 5e-324 * (np.arange(e.x.shape[1]) == 3000))
-    assert not passed(scenes.scene_law(off), e, "none off contact")
-
-
-def test_bumps():
-    e = gathered(bumps("sine", 18), {"x": constant_speed(0.1, 0.1)}, 0.8)
-    crossing(
-        e, "envelope times carrier", scenes.scene_law, lambda s: shifted(e, "y", lambda e: s), 3e-4
-    )
-    c = next(c for c in scenes.scene_law(fresh(e)) if "line spectrum" in c.name)
-    assert 0.005 < c.limit < 0.02
-    for size, good in ((0.3, True), (3.0, False)):
-        assert (
-            passed(
-                scenes.scene_law(shifted(e, "y", lambda e, s=size: e.y[0] * s * c.limit)),
-                e,
-                "line spectrum",
-            )
-            == good
-        )
-
-
-def test_motor_limits():
-    e = gathered(squeeze(fingers=1, limits=True), {"x1": ramp_and_hold(0.06, 0.3)}, 5.0)
-    for top, good in ((100.0, True), (np.nextafter(100.0, 200.0), False)):
-        assert (
-            passed(scenes.motor_limits(fresh(e, y=np.full((1, 800), top))), e, "peak limit") == good
-        )
-    for top, good in ((37.0, True), (37.0 * (1 + 1e-6), False)):
-        assert (
-            passed(
-                scenes.motor_limits(fresh(e, y=np.full((1, 8000 * 400), top))), e, "static limit"
-            )
-            == good
-        )
-    share = -np.expm1(-1 / (e.scene.outputs["force1"].tau * 8000))
-    # of what rounding may do to the recursion
-    for size, good in ((INSIDE, True), (OUTSIDE, False)):
-        once = np.zeros((1, 800))
-        once[0, 7] = np.sqrt(37.0**2 * (1 + size * 1e-12) / share)
-        assert passed(scenes.motor_limits(fresh(e, y=once)), e, "static limit") == good
-
 
 @pytest.mark.parametrize(("size", "settled"), [(INSIDE, True), (OUTSIDE, False)])
 def test_an_impulse_response_has_settled_at_1e_15_of_its_peak(size, settled):
@@ -401,45 +247,28 @@ def test_an_impulse_response_has_settled_at_1e_15_of_its_peak(size, settled):
     assert any("never settles" in text for text in e.skipped) != settled
 
 
-class TestStorage:
-    def test_rounding(self, stored):
-        wobble = np.where(np.arange(8000) % 2, 1.0, -1.0)
-        crossing(
-            stored,
-            "stored finely",
-            sidecar.storage,
-            lambda s: shifted(stored, "shown", lambda e: s * wobble),
-            1e-2,
-        )
+WOBBLE = np.where(np.arange(8000) % 2, 1.0, -1.0)
 
-    def test_rounding_of_what_never_moves(self, stored):
-        wobble = np.where(np.arange(8000) % 2, 1.0, -1.0)
 
-        def fault(size):
-            y = np.full((1, 8000), 10.0)
-            return fresh(stored, y=y, shown=y + 10.0 * size * wobble)
-
-        for size, good in ((INSIDE, True), (OUTSIDE, False)):
-            assert passed(sidecar.storage(fault(size * 1e-5)), stored, "stored finely") == good
-
-    def test_clipping(self, stored):
-        def fault(size):
-            y = stored.y.copy()
-            y[0, 100] = 65.0  # one sample is clipped
-            return fresh(stored, y=y, shown=y + size)
-
-        crossing(stored, "clipped", sidecar.storage, fault, 10.0)
-
-    @pytest.mark.parametrize("clips", [1, None])
-    def test_count(self, stored, clips):
-        told = stored.sidecar | {
-            "channels": [c | {"clips": clips} for c in stored.sidecar["channels"]]
-        }
-        assert passed(verification.limits_kept(fresh(stored)), stored, "clip count")
-        if clips:
-            assert not passed(
-                verification.limits_kept(fresh(stored, sidecar=told)), stored, "clip count"
-            )
+@pytest.mark.parametrize(
+    ("name", "y", "off", "about", "limit"),
+    [
+        ("stored finely", lambda y: y, WOBBLE, 1e-2, None),
+        ("stored finely", lambda y: np.full((1, 8000), 10.0), WOBBLE, 1e-4, 1e-4),  # never moves
+        ("clipped", lambda y: np.where(np.arange(8000) == 100, 65.0, y), 1.0, 10.0, None),
+    ],
+    ids=["rounding", "rounding of what never moves", "clipping"],
+)
+def test_storage(stored, name, y, off, about, limit):
+    right = y(stored.y)
+    unit = crossing(
+        stored,
+        name,
+        sidecar.storage,
+        lambda size: fresh(stored, y=right, shown=right + size * off),
+        about,
+    )
+    assert limit is None or unit == pytest.approx(limit)
 
 
 @pytest.mark.parametrize(("periods", "silences"), [(2.4, 0), (2.6, 1), (3.4, 1)])

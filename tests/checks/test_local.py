@@ -1,20 +1,19 @@
 """Laws of single blocks: right in every composition, and blind to no change."""
 
 import dataclasses as dc
-import types
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 import pytest
 from contract import TABLE, Lagging, ours
+from laws import mostly
+from refusals import refused
 from stress import compositions, mutants
 
 import stimlib
 from stimlib import BadValue, Block, Input, Param, Scene, blocks as b, constant
 from stimlib.checks import local, rows
 from stimlib.core.graph import reach, signals
-from stimlib.motion.generators import sinusoid
 from stimlib.run.processor import Change
 from stimlib.run.safety import GAIN, Safety, protect
 
@@ -219,7 +218,7 @@ UNSEEN = {
 }
 
 
-@pytest.mark.parametrize("name", LATER)
+@pytest.mark.parametrize("name", mostly(LATER[::3], LATER))
 def test_stretches_of_a_long_run_are_held_also_where_parameters_move(name, monkeypatch):
     """And the samples of one of them 1 part in 1000 larger are refused."""
     entry, n, spoiled = next(e for e in TABLE if e.name == name), 50_000, []
@@ -244,32 +243,6 @@ def test_stretches_of_a_long_run_are_held_also_where_parameters_move(name, monke
     monkeypatch.setattr(local, "_one", watch)
     assert not [h for h in local.held(run) if not h.error <= 1]
     assert all(spoiled) and (spoiled or name in UNSEEN)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_an_exact_sum_of_turns_is_that_of_whole_numbers(seed):
-    """Of two remainders; the double nearest to a frequency is a fraction, and so is its
-    part of the rate.
-    """
-    rng = np.random.default_rng(seed)
-    fs = float(rng.choice([8000.0, 44100.0, 1000.1, 192e3]))
-    freq = np.r_[
-        0.0,
-        -1.0,
-        np.nan,
-        np.inf,
-        fs / 2,
-        5e-324,
-        fs / 3,
-        rng.uniform(0, fs / 2, 200),
-        10 ** rng.uniform(-30, 3, 100),
-    ]
-    whole = [
-        Fraction(min(max(float(np.nan_to_num(f)), 0.0), fs / 2)) / Fraction(fs) * 2**64
-        + Fraction(1, 2)
-        for f in freq
-    ]
-    assert rows.turning(freq, fs).tolist() == [int(v) for v in whole]
 
 
 @pytest.mark.parametrize("jitter", [0.0, 0.2])
@@ -309,14 +282,14 @@ def test_pink_noise_that_starts_from_another_state_is_refused():
     (pink,) = (h.block for h in found if type(h.block).__name__ == "PinkNoise")
     row = part.rows[id(pink)]
     decay = pink.design(FS)[0].p.max() ** np.arange(row.size)
-    for size, refused in ((0.0, False), (0.1, True)):
+    for size, seen in ((0.0, False), (0.1, True)):
         changed = part._replace(
             rows={**part.rows, id(pink): row + size * np.abs(row).max() * decay}
         )
-        assert (local._one(pink, run, [changed]).error > 1) is refused
+        assert (local._one(pink, run, [changed]).error > 1) is seen
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", mostly(range(3), range(8)))
 def test_random_compositions_are_not_refused(seed):
     """The short form of ``tests/stress/compositions.py``."""
     found = compositions.refused(seed)
@@ -330,20 +303,6 @@ def noise(drive, key, unit):
         w = b.where(w > 2.0, w, 0.0)
     y = abs(w) + 1e-3 if drive.__name__ == "positive" else b.tanh(w)
     return y * constant(0.02 if unit == "m" else 1.0, unit)
-
-
-def of_the_table():
-    """Scenes of all blocks of the table, in groups that share no name and no noise."""
-    outputs, taken = {}, set()
-    for k, e in enumerate(e for e in entries() if e.name not in ("squeeze", "bumps")):
-        y = e.make(*(noise(d, 1000 + 10 * k + j, e.unit) for j, d in enumerate(e.drive)))
-        own = {v.noise_key or v.name for v in reach([y]) if v.noise_key or isinstance(v, Param)}
-        if own & taken:
-            yield Scene(outputs)
-            outputs, taken = {}, set()
-        outputs[e.name] = y
-        taken |= own
-    yield Scene(outputs)
 
 
 def drawn(seed):
@@ -363,13 +322,7 @@ def guarded(scene):
     return protect(scene, Safety(dict.fromkeys(scene.outputs, 2.0)))
 
 
-def test_each_block_is_held_behind_its_safety_stage_where_no_input_reaches_it():
-    for safe in map(guarded, of_the_table()):
-        run = local.Run(safe, FS, 3, {}, 64, {n: 1.0 for n in safe.params}, [], [(0, 64)])
-        assert not [h for h in local.held(run) if not h.error <= 1]
-
-
-@pytest.mark.parametrize("seed", [2, 5, 8])
+@pytest.mark.parametrize("seed", mostly([5], [2, 5, 8]))
 def test_what_no_input_reaches_passes_behind_its_safety_stage(seed):
     """What is before the guards begins before sample 0, and what is behind does not."""
     safe = guarded(drawn(seed))
@@ -379,7 +332,12 @@ def test_what_no_input_reaches_passes_behind_its_safety_stage(seed):
     assert not stimlib.verify(safe, {}, rendering).passed
 
 
-@pytest.mark.parametrize("cls", ["Delay", "Filter", "MaxwellArms", "Carrier", "OnceWithin", "Svf"])
+@pytest.mark.parametrize(
+    "cls",
+    mostly(
+        ["Delay", "Carrier"], ["Delay", "Filter", "MaxwellArms", "Carrier", "OnceWithin", "Svf"]
+    ),
+)
 def test_a_wrong_step_or_design_is_refused(cls):
     """The short form of ``tests/stress/mutants.py``: in compositions that no scene
     is.
@@ -455,106 +413,14 @@ def watched(scene, x):
     return local.held(local.Run(scene, FS, 3, x, N, params, [], [(0, N)]))
 
 
-def test_the_worst_block_of_a_class_counts(monkeypatch):
-    one = Input("x")
-    found = [local.Held(one, "", 5, 0.1), local.Held(one, "", 5, 7.0), local.Held(one, "", 5, 0.2)]
-    monkeypatch.setattr(local, "held", lambda *of: found)
-    proc = types.SimpleNamespace(inputs=())
-    e = types.SimpleNamespace(
-        scene=None,
-        fs=FS,
-        seed=0,
-        proc=proc,
-        x=np.zeros((0, 5)),
-        frames=5,
-        params={},
-        changes=[],
-        skipped=[],
-        numbers=[],
-    )
-    (check,) = local.blocks_held(e)
-    assert not check.passed and check.measured == 7.0
-
-
-SQUARE = """
-from dataclasses import dataclass
-from stimlib import Block
-
-@dataclass(frozen=True, eq=False)
-class Doubled(Block):
-    x: Block
-
-    def law(self, fs, rows, seen):
-        return FACTOR * rows[0]
-
-    @staticmethod
-    def step(p, s, x):
-        return 2.0 * x, s
-"""
-
-
-@pytest.mark.parametrize(("factor", "passes"), [(2.0, True), (2.0 + 1e-12, False)])
-def test_a_block_of_ones_own_states_its_law(tmp_path, monkeypatch, factor, passes):
-    import importlib
-
-    name = f"doubled_{factor}".lower().replace(".", "_")
-    (tmp_path / f"{name}.py").write_text(f"FACTOR = {factor!r}\n{SQUARE}")
-    monkeypatch.syspath_prepend(tmp_path)
-    importlib.invalidate_caches()
-    own = importlib.import_module(name).Doubled
-    scene, x = Scene({"y": 3.0 * own(Input("x"))}), {"x": np.linspace(-1, 1, 100)}
-    report = stimlib.verify(scene, x, stimlib.render(scene, x, fs=1000))
-    assert report.passed == passes
-    assert [c.name for c in report.checks if not c.passed] == (
-        [] if passes else [f"{name}.Doubled"]
-    )
-    assert not [text for text in report.evidence.skipped if "nothing but its own step" in text]
-
-
 class Twice(Block, abstract=True):
     @staticmethod
     def step(p, s, x):
         return 2.0 * x, s
 
 
-@pytest.mark.parametrize(
-    ("law", "says"),
-    [
-        (
-            lambda self, rows: 2 * rows[0],
-            "Own.law raises TypeError: .* takes 2 positional arguments but 4 were given",
-        ),
-        (lambda self, fs, rows, y: 1 / 0, "Own.law raises ZeroDivisionError"),
-        (
-            lambda self, fs, rows, y: np.multiply(y, 0, out=y),
-            "Own.law raises ValueError: .*read-only",
-        ),
-        (
-            lambda self, fs, rows, y: np.multiply(rows[0], 0, out=rows[0]),
-            "Own.law raises ValueError: .*read-only",
-        ),
-        (
-            lambda self, fs, rows, y: (3 * rows[0], -1.0),
-            "Own.law returned a tolerance that is not 0 or above",
-        ),
-        (
-            lambda self, fs, rows, y: (3 * rows[0], np.nan),
-            "Own.law returned a tolerance that is not 0 or above",
-        ),
-        (
-            lambda self, fs, rows, y: (2 * rows[0], np.ones(3)),
-            r"Own.law returned a tolerance of the shape \(3,\)",
-        ),
-        (
-            lambda self, fs, rows, y: (2 * rows[0], 0.1, 3),
-            "Own.law returned 3 things; return a row, or a row and a tolerance",
-        ),
-    ],
-)
-def test_a_law_that_proves_nothing_is_refused(law, says):
-    """An exception was "not checked"; the output set to 0 by its law, and a tolerance
-    below 0, passed.
-    """
+def own(law):
+    """The report of a scene with a block that states this law."""
 
     @dataclass(frozen=True, eq=False)
     class Own(Twice):
@@ -562,26 +428,44 @@ def test_a_law_that_proves_nothing_is_refused(law, says):
 
     Own.law = law
     scene, x = Scene({"y": Own(Input("x"))}), {"x": np.linspace(-1, 1, 100)}
-    rendering = stimlib.render(scene, x, fs=1000)
-    with pytest.raises(BadValue, match=says):
-        stimlib.verify(scene, x, rendering)
+    return stimlib.verify(scene, x, stimlib.render(scene, x, fs=1000))
 
 
-def test_what_is_composed_by_hand_is_held_without_a_name(monkeypatch):
-    """The paper's bumps, written without their factory, behind a force of another
-    block; the bump 1e-3 too shallow.
+@pytest.mark.parametrize(("factor", "passes"), [(2.0, True), (2.0 + 1e-12, False)])
+def test_a_block_of_ones_own_states_its_law(factor, passes):
+    report = own(lambda self, fs, rows, y: factor * rows[0])
+    bad = [c.name for c in report.checks if not c.passed]
+    assert [name.rpartition(".")[2] for name in bad] == ([] if passes else ["Own"])
+    assert not [text for text in report.evidence.skipped if "nothing but its own step" in text]
+
+
+def test_a_law_that_says_nothing_of_these_numbers_is_no_law():
+    report = own(lambda self, fs, rows, y: None)
+    (held,) = (h for h in report.evidence.held if type(h.block).__name__ == "Own")
+    assert report.passed and held.why.startswith("no law") and not held.samples
+
+
+@pytest.mark.parametrize(
+    ("law", "says"),
+    [
+        (lambda self, rows: 2 * rows[0], "raises TypeError: .* 4 were given"),
+        (lambda self, fs, rows, y: 1 / 0, "raises ZeroDivisionError"),
+        (lambda self, fs, rows, y: np.multiply(y, 0, out=y), "ValueError: .*read-only"),
+        (lambda self, fs, rows, y: rows[0].fill(0.0), "ValueError: .*read-only"),
+        (lambda self, fs, rows, y: (3 * rows[0], -1.0), "tolerance that is not 0 or above"),
+        (lambda self, fs, rows, y: (3 * rows[0], np.nan), "tolerance that is not 0 or above"),
+        (lambda self, fs, rows, y: (2 * rows[0], np.ones(3)), r"of the shape \(3,\)"),
+        (lambda self, fs, rows, y: (2 * rows[0], 0.1, 3), "returned 3 things"),
+    ],
+)
+def test_a_law_that_proves_nothing_is_refused(law, says):
+    """An exception was "not checked"; the output set to 0 by its law, and a tolerance
+    below 0, passed.
     """
-    x, y = Input("x", "m"), Input("y", "m")
-    bumps = b.bump(x / constant(0.01, "m"), "sine", 0.5) * b.carrier(158.0, rectify="half")
-    scene = Scene({"force": b.springpot(y, 300.0, 0.5), "voltage": 50.0 * Param("A", 1.0) * bumps})
-    motion = {"x": sinusoid(0.05, 0.5), "y": sinusoid(0.01, 1.0)}
-    rendering = stimlib.render(scene, motion, fs=8000, seconds=0.5)
-    report = stimlib.verify(scene, motion, rendering)
-    assert report.passed
-    names = {c.name for c in report.checks if c.group == "f"}
-    assert names == {"inputs and parameters", "arithmetic", "SineBump", "Carrier", "Springpot"}
-    honest = rows.laws.bump_envelope
-    monkeypatch.setattr(rows.laws, "bump_envelope", lambda *of: honest(*of) * [[0.999], [1.0]])
-    assert [c.name for c in stimlib.verify(scene, motion, rendering).checks if not c.passed] == [
-        "SineBump"
-    ]
+    refused(BadValue, f"Own.law .*{says}", own, law)
+
+
+def test_a_law_of_stimlibs_own_that_raises_is_not_for_the_user_to_correct(monkeypatch):
+    monkeypatch.setitem(rows.LAWS, "Abs", lambda *of: 1 / 0)
+    scene = Scene({"y": abs(Input("x"))})
+    refused(ZeroDivisionError, None, watched, scene, {"x": np.ones(N)})

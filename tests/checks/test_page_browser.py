@@ -52,10 +52,6 @@ def sheets(page) -> int:
     return len(re.findall(rb"/Type\s*/Page\b(?!s)", pdf))
 
 
-def printed(page) -> None:
-    page.call("Emulation.setEmulatedMedia", media="print")
-
-
 @pytest.mark.parametrize(
     ("noises", "most"), [(8, 4), pytest.param(42, 6, marks=pytest.mark.stress)]
 )
@@ -75,20 +71,6 @@ def test_many_blocks_fit_a_phone_and_few_sheets(browser, tmp_path, noises, most)
     assert page.js(f"{name}.getBoundingClientRect().width") > 120, "a name is no column of letters"
     assert page.js("document.documentElement.scrollWidth") == 390, "unfolded, too"
     assert sheets(page) <= most
-    page.close()
-
-
-def test_what_is_read_on_paper_is_not_folded_away(browser, tmp_path):
-    """The whole scene and the program that loads it; failed marks keep their colour."""
-    _, url = written(tmp_path, stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk()})
-    page = browser.page(url, 760, 1000)
-    printed(page)
-    for css in (".scene", "pre", "svg", "h1"):
-        page.js(f"window.e = document.querySelector('{css}')")
-        high, whole = page.js("[e.getBoundingClientRect().height, e.scrollHeight]")
-        assert high > 0 and whole <= high + 1, css
-    assert page.js("getComputedStyle(document.querySelector('.scene')).maxHeight") == "none"
-    assert "avoid" in page.js("getComputedStyle(document.querySelector('h2')).breakAfter")
     page.close()
 
 

@@ -3,16 +3,16 @@ combinations, in trials and of one's own.
 """
 
 import dataclasses
-import inspect
 import itertools
 import json
 import sys
-from contextlib import suppress
+from functools import reduce
 
 import numpy as np
 import pytest
-from laws import STRESS
+from laws import STRESS, mostly
 from refusals import refused
+from typer.testing import CliRunner
 
 import stimlib
 from stimlib import (
@@ -27,27 +27,20 @@ from stimlib import (
     constant,
 )
 from stimlib.checks import scenes
-from stimlib.checks.evidence import Check, Evidence, asked, at_first, gather, ramped
+from stimlib.checks.evidence import Check, asked, at_first, gather, ramped
 from stimlib.checks.scenes import scene_law
 from stimlib.checks.session import verify_log
+from stimlib.cli import app
 from stimlib.core.parts import OWN, Part, Span, parts_of, plain
 from stimlib.devices.null import NullSink
 from stimlib.experiments.experiment import Experiment, Timing
-from stimlib.experiments.papers.bounciness import bounciness
-from stimlib.experiments.papers.firmness import firmness
-from stimlib.experiments.papers.nodule_sizes import nodule_sizes
-from stimlib.experiments.papers.roughness import roughness
-from stimlib.experiments.papers.ugrip import ugrip
-from stimlib.experiments.presentation import present, program
+from stimlib.experiments.presentation import program
 from stimlib.experiments.questions import choice
-from stimlib.experiments.runner import Simulated, run
-from stimlib.experiments.session import Session
 from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
 from stimlib.motion.generators import sinusoid
 from stimlib.motion.text import parse_motion
-from stimlib.run.driver import samples
 from stimlib.run.processor import Change
 from stimlib.run.safety import Safety
 from stimlib.scenes import ROWS, SHIPPED
@@ -68,24 +61,6 @@ def again(scene):
     return Scene.from_dict(json.loads(json.dumps(scene.to_dict(), allow_nan=False)))
 
 
-def test_a_scene_keeps_what_it_was_asked_for_whatever_becomes_of_its_data():
-    scene = SHIPPED["wall"]()
-    before = scene.hash
-    scene.to_dict()["law"][0]["given"]["k"] = 7.0
-    assert scene.parts[0].given["k"] == 1000.0 and scene.hash == before
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_a_scene_keeps_what_it_was_asked_for(name):
-    kept = again(SCENES[name])
-    assert (
-        kept.hash == SCENES[name].hash
-        and [p.law for p in kept.parts] == [name]
-        and kept.parts[0].given
-    )
-    assert verified(kept, hands(name)).passed
-
-
 LIFTS = {"contact": lambda t: 1.0 * (np.sin(90 * t) > -0.3)}
 PUSHED = {"x1": lambda t: 0.06 * np.minimum(10 * t, 1.0) ** 2}
 SQUEEZED = {"fingers": 1, "motor_constant": 10.0}
@@ -95,6 +70,7 @@ LIMITS = [
     ("squeeze", {"fingers": 1}, PUSHED, "force1", 2e-14, "mean part is k x"),
     ("squeeze", {"fingers": 1}, PUSHED, "force1", 1e-11, "vibration law"),
     ("squeeze", SQUEEZED, PUSHED, "current1", 2e-8, "I = F/(n B Gamma)"),
+    ("squeeze", {"fingers": 1, "limits": True}, PUSHED, "force1", 1e-11, "vibration law"),
     ("viscoelastic", {}, {"y": lambda t: 0.02 * t}, "force", 2e-14, "springpot of these numbers"),
     ("viscoelastic", {}, {"y": lambda t: 0.02 * t}, "force", 3e-9, "full sum over the history"),
     ("bumps", {}, None, "voltage", 2e-6, "envelope times carrier"),
@@ -148,17 +124,15 @@ def test_an_output_that_is_off_by_little_more_than_its_tolerance_is_refused(
     assert any(n.startswith(output) and says in n for n in bad), bad
 
 
-@pytest.mark.parametrize("name", ["viscoelastic", "bumps"])
+@pytest.mark.parametrize("name", ["viscoelastic", "bumps", "grating"])
 def test_the_least_output_off_contact_is_refused(name):
     scene, motion = SHIPPED[name](contact=True), hands(name) | LIFTS
     e = gather(scene, motion, stimlib.render(scene, motion, FS, 0.3))
-    a = asked(e, scene.parts[0])
-    ((output, row),) = a.y.items()
-    row = np.where(a.contact == 0, 1e-300, row)
-    bad = [
-        c.name for c in scenes.SCENES[name](dataclasses.replace(a, y={output: row})) if not c.passed
-    ]
-    assert bad == [f"{output}: none off contact"]
+    ((output, row),) = asked(e, scene.parts[0]).y.items()
+    for least, bad in ((0.0, []), (1e-300, [f"{output}: none off contact"])):
+        a = asked(e, scene.parts[0])
+        off = dataclasses.replace(a, y={output: np.where(a.contact == 0, least, row)})
+        assert [c.name for c in scenes.SCENES[name](off) if not c.passed] == bad
 
 
 # Combinations -------------------------------------------------------------------------
@@ -192,10 +166,17 @@ SUMS = {  # what is made of two signals of one unit, and the same with a wrong n
 FORCES = ["wall", "squeeze", "viscoelastic", "impact", "grating"]
 
 
-@pytest.mark.parametrize("names", [*itertools.pairwise(FORCES)], ids="-".join)
-@pytest.mark.parametrize("kind", SUMS)
-def test_a_sum_keeps_the_laws_of_its_terms(names, kind):
+@pytest.mark.parametrize(
+    "case",
+    mostly(
+        [*zip(SUMS, itertools.pairwise(FORCES), strict=False)],
+        itertools.product(SUMS, itertools.pairwise(FORCES)),
+    ),
+    ids=str,
+)
+def test_a_sum_keeps_the_laws_of_its_terms(case):
     """Their sum is the law of the output; renamed, kept and combined again it stays."""
+    kind, names = case
     both, motion = combined(names)
     rest = dict(both.outputs)
     signals = [rest.pop(next(n for n in rest if n.startswith(f"{name}_force"))) for name in names]
@@ -434,17 +415,6 @@ def test_an_output_of_which_a_law_of_ones_own_says_nothing_is_listed():
     assert f"extra: {__name__}.doubled returns nothing for it" in report.evidence.skipped
 
 
-def within(x, p, fs, *, tol):
-    """The input, to a stated tolerance."""
-    return {"y": (x["x"], tol)}
-
-
-def test_a_law_of_ones_own_holds_to_the_tolerance_that_it_states():
-    for tol, passes in ((0.01, True), (0.0075, False)):
-        scene = Scene({"y": Input("x") + 0.009}, law=within, given={"tol": tol})
-        assert verified(scene, {"x": sinusoid(1.0, 3.0)}).passed is passes
-
-
 def test_what_was_given_by_the_name_of_a_parameter_is_where_it_begins():
     motion = {"x": sinusoid(0.02, 3.0)}
     for k, bad in ((200.0, []), (200.5, ["parameters: as they were asked for"])):
@@ -473,34 +443,14 @@ def forget(patch):
     patch.delitem(sys.modules, __name__)
 
 
-def test_a_law_that_is_not_imported_is_said(monkeypatch):
-    kept = again(lone())
-    forget(monkeypatch)
-    report = verified(kept, {"x": sinusoid(0.02, 3.0)})
-    assert any(
-        f"the law '{__name__}.slope' is not known here: import its module first" in s
-        for s in report.evidence.skipped
-    )
-
-
 def test_a_law_is_known_once_its_module_is_imported(monkeypatch):
     kept, wrong, motion = again(lone()), again(lone(1.0001)), {"x": sinusoid(0.02, 3.0)}
     monkeypatch.delitem(OWN, f"{__name__}.slope")  # imported, and no scene made
     assert f"force: {__name__}.slope" in {c.name for c in verified(kept, motion).checks}
     assert not verified(wrong, motion).passed
-
-
-@pytest.mark.parametrize("law", ["wal", "Wall", "os.path.join", "my.slope", ""])
-def test_a_law_that_has_no_such_name_is_refused_where_the_scene_is_made(law):
-    """It was made, and its law was one of the lines of what was not checked."""
-    refused(
-        BadValue,
-        "is not known; give one of .*wall.*, or the function itself",
-        Scene,
-        {"y": 1 * Input("x")},
-        law,
-        {},
-    )
+    forget(monkeypatch)
+    (said,) = (s for s in verified(kept, motion).evidence.skipped if "is not known here" in s)
+    assert f"the law '{__name__}.slope'" in said and "import its module" in said
 
 
 def test_a_report_says_first_that_a_law_is_not_known_here(tmp_path):
@@ -528,18 +478,13 @@ def test_a_report_says_first_that_a_law_is_not_known_here(tmp_path):
     )
 
 
-def test_the_command_does_not_succeed_where_a_law_is_not_known(tmp_path):
-    from typer.testing import CliRunner
-
-    from stimlib.cli import app
-
-    for law, status in (("wal", 1), ("wall", 0)):
-        right = SCENES["wall"]
-        scene = Scene(right.outputs, [dataclasses.replace(right.parts[0], law=law)])
-        stimlib.render(scene, {"x": sinusoid(0.02, 3.0)}, FS, 0.1).save(
-            tmp_path / "a.wav", full_scale=100.0
-        )
-        assert CliRunner().invoke(app, ["verify", str(tmp_path / "a.wav")]).exit_code == status
+@pytest.mark.parametrize(("law", "status"), [("wal", 1), ("wall", 0)])
+def test_the_command_does_not_succeed_where_a_law_is_not_known(tmp_path, law, status):
+    right = SCENES["wall"]
+    scene = Scene(right.outputs, [dataclasses.replace(right.parts[0], law=law)])
+    made = stimlib.render(scene, {"x": sinusoid(0.02, 3.0)}, FS, 0.1)
+    made.save(tmp_path / "a.wav", full_scale=100.0)
+    assert CliRunner().invoke(app, ["verify", str(tmp_path / "a.wav")]).exit_code == status
 
 
 @pytest.mark.parametrize(
@@ -555,32 +500,20 @@ def test_files_and_logs_are_proven_with_and_without_the_module_of_the_law(tmp_pa
     """Written where the law is known and verified where it is not, and the other way
     round.
     """
-    motion, kept = {"x": sinusoid(0.02, 3.0)}, again(lone())
-
-    def write():
-        stimlib.render(kept, motion, FS, 0.1).save(tmp_path / "a.wav", full_scale=10.0)
-        sink = NullSink(kept, 10.0, clocked=False, motion=motion, log=tmp_path / "log")
-        with sink:
-            sink.open(FS)
-            sink.start(seconds=0.1)
-            sink.wait()
-
-    def check():
-        log = read_log(tmp_path / "log")
-        return (
-            stimlib.verify(tmp_path / "a.wav").passed,
-            replay(log).matches,
-            verify_log(log).passed,
-        )
-
+    motion, kept, path = {"x": sinusoid(0.02, 3.0)}, again(lone()), tmp_path / "a.wav"
     with pytest.MonkeyPatch.context() as patch:
         if not written:
             forget(patch)
-        write()
+        stimlib.render(kept, motion, FS, 0.1).save(path, full_scale=10.0)
+        with NullSink(kept, 10.0, clocked=False, motion=motion, log=tmp_path / "log") as sink:
+            sink.open(FS)
+            sink.start(seconds=0.1)
+            sink.wait()
     with pytest.MonkeyPatch.context() as patch:
         if written:
             forget(patch)
-        assert check() == (True, True, True)
+        log = read_log(tmp_path / "log")
+        assert stimlib.verify(path).passed and replay(log).matches and verify_log(log).passed
 
 
 def test_a_law_sees_a_parameter_as_it_was_ramped():
@@ -609,81 +542,36 @@ def test_a_law_sees_a_parameter_as_it_was_ramped():
     assert at_first(stimlib.compile(scene, FS, "python"), [Change(1, "p", 3.0, 0.0)]) == {"p": 1.0}
 
 
-def wrong_shape(x, p, fs):
-    return {"y": x["x"][1:]}
+MISTAKES = {  # what a law returns of x, and what is said of it
+    "shape": (lambda x, p: x[1:], r"y has the shape \(1199,\)"),
+    "parameter": (lambda x, p: p["k"], "failing raises KeyError: 'k'"),
+    "arithmetic": (lambda x, p: x / (1 // 0), "failing raises ZeroDivisionError"),
+    "spelling": (lambda x, p: rows, "failing raises NameError"),  # noqa: F821
+    "written into": (lambda x, p: x.fill(2.0), "failing raises ValueError: .*read-only"),
+    "infinite": (lambda x, p: np.full(x.size, np.inf), "not finite"),
+    "tolerance without end": (lambda x, p: (x, np.inf), "the tolerance inf"),
+    "tolerance below 0": (lambda x, p: (x, -1e-9), "the tolerance -1e-09"),
+    "tolerances for other samples": (lambda x, p: (x, np.full(7, 1e-9)), "the tolerance"),
+    "tolerances here and there": (
+        lambda x, p: (x, np.where(x > 0, 1e-9, np.nan)),
+        "the tolerance",
+    ),
+    "tolerance that is no number": (lambda x, p: (x, True), "the tolerance True"),
+    "three things": (lambda x, p: (x, 1e-9, 0.0), "a tuple of 3"),
+    "complex": (lambda x, p: x + 0j, "complex values"),
+}
 
 
-def no_output(x, p, fs):
-    return {"z": x["x"]}
+def failing(x, p, fs, *, mistake):
+    return {"y": MISTAKES[mistake][0](x["x"], p)}
 
 
-def raises(x, p, fs):
-    return {"y": p["k"]}
-
-
-def divides(x, p, fs):
-    return {"y": x["x"] / (1 // 0)}
-
-
-def misspelt(x, p, fs):
-    return {"y": rows}  # noqa: F821
-
-
-def unwise(x, p, fs):
-    x["x"] *= 2.0
-    return {"y": x["x"]}
-
-
-def loose(x, p, fs):
-    return {"y": (x["x"], np.inf)}
-
-
-def negative(x, p, fs):
-    return {"y": (x["x"], -1e-9)}
-
-
-def by_sample(x, p, fs):
-    return {"y": (x["x"], np.full(7, 1e-9))}
-
-
-def here_and_there(x, p, fs):
-    return {"y": (x["x"], np.where(x["x"] > 0, 1e-9, np.nan))}
-
-
-def truth(x, p, fs):
-    return {"y": (x["x"], True)}
-
-
-def three(x, p, fs):
-    return {"y": (x["x"], 1e-9, 0.0)}
-
-
-def turned(x, p, fs):
-    return {"y": x["x"] + 0j}
-
-
-@pytest.mark.parametrize(
-    ("law", "says"),
-    [
-        (wrong_shape, r"y has the shape \(1199,\)"),
-        (no_output, "the outputs z; return"),
-        (raises, "KeyError: 'k'"),
-        (divides, "the law .*divides raises ZeroDivisionError"),
-        (misspelt, "the law .*misspelt raises NameError"),
-        (unwise, "the law .*unwise raises ValueError: .*read-only"),
-        (loose, "y has the tolerance inf; return one finite number"),
-        (negative, "y has the tolerance -1e-09; return one finite number"),
-        (by_sample, "y has the tolerance .*; return one finite number"),
-        (here_and_there, "y has the tolerance .*; return one finite number"),
-        (truth, "y has the tolerance True; return one finite number"),
-        (three, "y is a tuple of 3; return a row, or a row and its tolerance"),
-        (turned, "y has complex values; return real ones"),
-    ],
-)
-def test_a_law_that_fails_says_where(law, says):
-    refused(
-        BadValue, says, verified, Scene({"y": 1 * Input("x")}, law=law), {"x": sinusoid(0.02, 3.0)}
-    )
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_law_that_fails_says_where(mistake):
+    scene = Scene({"y": 1 * Input("x")}, law=failing, given={"mistake": mistake})
+    refused(BadValue, MISTAKES[mistake][1], verified, scene, {"x": sinusoid(0.02, 3.0)})
+    other = Scene({"z": 1 * Input("x")}, law=doubled)
+    refused(BadValue, "the outputs y", verified, other, {"x": sinusoid(0.02, 3.0)})
 
 
 def bound(factor):
@@ -701,8 +589,17 @@ def bound(factor):
         ({"law": lambda x, p, fs: {}}, "write it with def"),
         ({"law": bound(2.0)}, "bound.<locals>.law.* uses values of the function around it.*given="),
         ({"law": {}.get}, "of an object"),
-        ({"law": slope, "given": [0.01]}, "given = .* must be a dict"),
-        ({"given": {"at": 0.01}}, "given without a law"),
+        ({"law": slope, "given": [0.01]}, "must be a dict"),
+        ({"law": slope, "given": 3}, "must be a dict"),
+        ({"given": {"at": 0.01}}, "without a law"),
+        *(
+            ({"law": law, "given": {}}, "is not known; give one of .*wall")
+            for law in ("wal", "Wall", "os.path.join", "my.slope", "")
+        ),
+        (
+            {"law": slope, "given": {"at": reduce(lambda inner, _: [inner], range(3000), [])}},
+            "deep",
+        ),
         ({"law": 3}, "law = 3 must be"),
         ({"law": slope, "given": {"at": object()}}, "cannot be kept in a scene file"),
         ({"law": slope, "given": {"at": Span}}, "cannot be kept in a scene file"),
@@ -725,6 +622,11 @@ def test_a_law_that_no_file_could_keep_is_refused(words, says):
         (lambda p: p.update(span=[0, 1, -1, None]), "span"),
         (lambda p: p.update(span=[0, 1, 0, -1]), "span"),
         (lambda p: p.update(span=[0, 1, 0, 2**64]), "span"),
+        (lambda p: p.update(span=[0, 1e308, 0, None]), "span"),
+        (
+            lambda p: p.update(given={"at": reduce(lambda inner, _: [inner], range(3000), [])}),
+            "nested too deeply",
+        ),
         (lambda p: p.update(more=1), "no field 'more'"),
         (lambda p: p.pop("name"), "name"),
         *(
@@ -740,35 +642,25 @@ def test_a_scene_file_with_a_wrong_law_is_refused(change, says):
 
 
 def test_what_was_asked_for_is_kept_as_it_is():
+    """In whatever order it is given; with any seed of an interval; and where an older
+    file has none.
+    """
     assert parts_of("wall", None)[0].given is None and parts_of("wall", {})[0].given == {}
     assert plain({"seed": 2**64 - 1, 1: (np.float32(0.5), True)}) == {
         "seed": 2**64 - 1,
         "1": [0.5, True],
     }
-
-
-def test_a_scene_is_the_same_in_whatever_order_it_was_asked_for():
-    outputs = {"y": 1.0 * Input("x")}
-    assert (
-        Scene(outputs, "wall", {"at": 0.0, "k": 1.0}).hash
-        == Scene(outputs, "wall", {"k": 1.0, "at": 0.0}).hash
-    )
-
-
-def test_a_scene_of_an_older_file_keeps_the_laws_that_it_is_combined_with():
-    old = Scene(SCENES["wall"].outputs, "wall")
-    both = again(Scene.combine(a=old, b=SCENES["wall"]))
+    outputs, given = SCENES["wall"].outputs, {"at": 0.0, "k": 1.0}
+    other = dict(reversed(given.items()))
+    assert Scene(outputs, "wall", given).hash == Scene(outputs, "wall", other).hash
+    for seed in (None, 0, 2**64 - 1):
+        shown = dataclasses.replace(SCENES["wall"].parts[0], span=Span(0.5, 1.0, 0.1, seed))
+        assert again(Scene(outputs, [shown])).parts == (shown,)
+    both = again(Scene.combine(a=Scene(outputs, "wall"), b=SCENES["wall"]))
     assert [(p.name, p.law, p.given is None) for p in both.parts] == [
         ("a", "wall", True),
         ("b", "wall", False),
     ]
-
-
-def test_an_interval_with_any_seed_comes_back_from_a_file():
-    (part,) = SCENES["wall"].parts
-    for seed in (None, 0, 2**64 - 1):
-        shown = dataclasses.replace(part, span=Span(0.5, 1.0, 0.1, seed))
-        assert again(Scene(SCENES["wall"].outputs, [shown])).parts == (shown,)
 
 
 def test_a_scene_of_an_older_file_is_read_and_its_law_is_said_to_lack_what_was_asked_for():
@@ -782,8 +674,6 @@ def test_a_scene_of_an_older_file_is_read_and_its_law_is_said_to_lack_what_was_a
 
 
 # Trials -------------------------------------------------------------------------------
-def NEXT(participant, session):  # nothing here asks what comes next
-    raise NotImplementedError
 
 
 ASKED = choice("more", "?", "first", "second")
@@ -794,7 +684,7 @@ def trial_of(scene, ramp=0.02, **words):
         "pair",
         "1",
         {"s": scene},
-        NEXT,
+        print,
         (ASKED,),
         fs=FS,
         safety=Safety(1000.0),
@@ -808,36 +698,22 @@ def trial_of(scene, ramp=0.02, **words):
     return e, Trial("a", pair, ("more",)), *program(e, Trial("a", pair, ("more",)))
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [*SCENES, "of one's own"])
 def test_the_law_of_a_scene_holds_in_each_interval_of_a_trial(name):
-    _, _, scene, params = trial_of(SCENES[name])
-    report = verified(scene, hands(name), 0.55, params=params, seed=3)
+    _, _, scene, params = trial_of(SCENES.get(name) or lone())
+    motion = hands(name) if name in SCENES else {"x": sinusoid(0.02, 3.0)}
+    report = verified(scene, motion, 0.55, params=params, seed=3)
     assert report.passed, str(report)
     held = [c.name for c in report.checks if c.group == "d"]
     assert any("from 0.032" in n for n in held) and any("from 0.282" in n for n in held)
 
 
-def test_a_law_of_ones_own_holds_in_each_interval_of_a_trial():
-    _, _, scene, params = trial_of(lone())
-    report = verified(scene, {"x": sinusoid(0.02, 3.0)}, 0.55, params=params, seed=3)
-    held = [c for c in report.checks if c.group == "d"]
-    assert report.passed and len(held) == 2 and all(c.measured <= c.limit for c in held)
-
-
-@pytest.mark.parametrize("mode", ["vibration", "multipoint", "mouse", "frames"])
+@pytest.mark.parametrize("mode", mostly(["frames"], ["vibration", "multipoint", "mouse", "frames"]))
 def test_the_law_of_a_soft_surface_holds_in_a_long_trial_with_steep_ramps(mode):
     """The window's time is rounded, which a steep ramp makes larger."""
     words = {"mouse": {"device": "mouse"}, "frames": {"frames": True}}.get(mode, {"mode": mode})
-    e = Experiment(
-        "pair",
-        "1",
-        {"s": stimlib.scenes.soft_surface(**words)},
-        NEXT,
-        (ASKED,),
-        fs=500,
-        safety=Safety(1000.0),
-        timing=Timing(12.0, 0.1, 0.0, 0.002),
-    )
+    e, *_ = trial_of(stimlib.scenes.soft_surface(**words))
+    e = dataclasses.replace(e, fs=500, timing=Timing(12.0, 0.1, 0.0, 0.002))
     scene, params = program(e, Trial("a", (Stimulus("s"), Stimulus("s")), ("more",)))
     moves = {n: m for n, m in hands("soft_surface").items() if n in scene.inputs}
     report = verified(scene, moves, 24.2, 500, params=params)
@@ -879,162 +755,40 @@ def test_a_law_sees_its_own_interval_alone():
     e.changes.append(Change(1200, "k_2", 500.0, 0.01))
     first, second = (asked(e, part) for part in scene.parts)
     assert (first.at, second.at) == (slice(128, 928), slice(1128, 1928))
-    row = ramped(1000.0, [Change(1200, "k_2", 500.0, 0.01)], fs, 2200)
-    np.testing.assert_array_equal(second.live("k"), row[1128:1928])
-    assert (
-        not np.ptp(first.live("k"))
-        and second.live("k")[71] > second.live("k")[72] > second.live("k")[-1] == 500.0
-    )
+    row = ramped(1000.0, [Change(1200, "k_2", 500.0, 0.01)], fs, 2200)[1128:1928]
+    np.testing.assert_array_equal(second.live("k"), row)
+    assert not np.ptp(first.live("k")) and row[71] > row[72] > row[-1] == 500.0
     np.testing.assert_array_equal(second.x["x"], e.x[0, 1128:1928])
     t = np.minimum(np.arange(800), 800 - np.arange(800)) / fs
     window = np.where(t < 0.02, (1 - np.cos(np.pi * t / 0.02)) / 2, 1.0)
     np.testing.assert_allclose(second.window, window, rtol=0, atol=1e-15)
-    one = np.zeros(800)
+    off = -2.0 * np.eye(800)
     for n in (1, 40, 400, 799):
-        one[:] = 0.0
-        one[n] = -2.0
-        assert second.far(one) == pytest.approx(2 * window[n])
-    one[0], one[799] = np.nan, 0.0
-    assert second.far(one) == 0.0
-    one[1] = np.nan
-    assert np.isnan(second.far(one)) and not Check("d", "", second.far(one), 1.0, "").passed
+        assert second.far(off[n]) == pytest.approx(2 * window[n])
+    nowhere, somewhere = (np.where(np.arange(800) == n, np.nan, 0.0) for n in (0, 1))
+    assert second.far(nowhere) == 0.0 and np.isnan(second.far(somewhere))
+    assert not Check("d", "", second.far(somewhere), 1.0, "").passed
 
 
 def test_an_output_is_held_to_its_tolerance_of_the_largest_value():
     e = verified(SCENES["wall"], hands("wall")).evidence
     a, want = asked(e, SCENES["wall"].parts[0]), np.sin(np.arange(1200.0)) * 4
+    at_7 = (np.arange(1200) == 7) * np.abs(want).max()
     for off, least, passes in (
         (0.9e-6, 1e-300, True),
         (1.1e-6, 1e-300, False),
         (1.1e-6, 5.0, True),
         (-1.1e-6, 1e-300, False),
     ):
-        row = want.copy()
-        row[7] += off * np.abs(want).max()
-        seen = dataclasses.replace(a, y={"force": row})
+        seen = dataclasses.replace(a, y={"force": want + off * at_7})
         assert seen.near("force", want, 1e-6, "", least).passed is passes
-    off = np.arange(1200) > 600
-    for n, passes in ((600, True), (601, False)):
-        row = np.zeros(1200)
-        row[n] = 1e-300
-        assert dataclasses.replace(a, y={"force": row}).silent("force", off).passed is passes
     assert a.begins({"k": 1000.0}).passed and not a.begins({"k": np.nextafter(1000.0, 0)}).passed
 
 
-def test_a_session_with_a_wrong_carrier_is_refused(tmp_path, monkeypatch):
-    def session(folder):
-        e, trial, *_ = trial_of(stimlib.scenes.bumps())
-        e = dataclasses.replace(e, motion=hands("bumps"))
-        present(e, trial, "offline", folder)
-        return verify_log(read_log(folder))
-
-    assert session(tmp_path / "right").passed
-    of = inspect.unwrap(stimlib.scenes.bumps).__globals__
-    honest = of["carrier"]
-    monkeypatch.setitem(of, "carrier", lambda f, *a: honest(1.003 * f, *a))
-    bad = [c.name for c in session(tmp_path / "wrong").checks if not c.passed]
-    assert bad and all("voltage from" in n for n in bad), bad
-
-
-@pytest.mark.stress
-@pytest.mark.parametrize("make", [ugrip, bounciness, firmness, roughness, nodule_sizes])
-def test_sessions_of_the_papers_are_verified_trial_by_trial(make, tmp_path):
-    e, answers = make(), itertools.count()
-
-    def some(trial, rng):
-        if next(answers) == 4:
-            raise KeyboardInterrupt
-        return e.observer(trial, rng)
-
-    with suppress(KeyboardInterrupt), Session(e, tmp_path, "P01", 1, pilot=True) as session:
-        run(session, Simulated(session, some), "offline")
-    logs = sorted(tmp_path.rglob("*.stimlog"))
-    assert logs
-    for log in logs:
-        report = verify_log(read_log(log))
-        assert report.passed and any(
-            c.group == "d" and " from " in c.name for c in report.checks
-        ), str(report)
-
-
 # Correct renderings that a law refused ------------------------------------------------
-def test_a_finger_that_rests_on_an_edge_of_a_bump_passes():
-    """-0.1 x 6/0.1 is -6, and (-0.1 x 6)/0.1 is not: the law has the scene's
-    rounding.
-    """
-    x = np.full(400, -0.1)
-    for scene in (stimlib.scenes.bumps(), stimlib.scenes.touch_screen("square", rectify="half")):
-        assert verified(scene, {"x": x}, 0.1).passed
-
-
-@pytest.mark.parametrize("waveform", ["sine", "square"])
-@pytest.mark.parametrize("make", [stimlib.scenes.bumps, stimlib.scenes.touch_screen])
-def test_a_finger_that_trembles_by_a_rounding_over_an_edge_passes(make, waveform):
-    x = 1e-12 * np.cumsum(np.random.default_rng(1).standard_normal(2000))
-    report = verified(make(waveform, bumps=0.06, length=0.1, duty=0.06), {"x": x}, 0.5)
-    assert report.passed, str(report)
-
-
-@pytest.mark.parametrize("make", [stimlib.scenes.bumps, stimlib.scenes.touch_screen])
-@pytest.mark.parametrize("params", [{"duty": 2.0}, {"duty": -1.0}])
-def test_a_live_number_out_of_its_range_is_held_by_scene_and_law(make, params):
-    report = verified(make("half_sine"), {"x": sinusoid(0.05, 3.0, 0.05)}, 0.1, params=params)
-    assert report.passed, str(report)
-
-
-def test_a_plate_beyond_its_edge_and_a_texture_at_rest_pass():
-    assert verified(stimlib.scenes.touch_screen(), {"x": sinusoid(0.01, 3.0, 0.8)}).passed
-    for motion in (
-        {"x": np.zeros(2000), "force": np.zeros(2000)},
-        {"x": np.full(2000, 0.1), "force": np.ones(2000)},
-    ):
-        for seed in range(3):
-            report = verified(stimlib.scenes.texture(), motion, 0.5, seed=seed)
-            assert report.passed, str(report)
-
-
-def test_a_vibration_that_decays_within_a_sample_passes():
-    scene = stimlib.scenes.impact(decay=5e-4, freq=190.0, cutoff=50.0)
-    assert verified(scene, {"x": sinusoid(5e-3, 10.0)}, 0.5, fs=500).passed
-
-
-def test_a_mouse_that_jumps_over_pieces_of_the_map_passes_and_is_said():
-    x, y = 0.06 + 0.3 * np.random.default_rng(1).standard_normal((2, 2000))
-    report = verified(stimlib.scenes.soft_surface(device="mouse"), {"x": x, "y": y}, 0.5)
-    assert report.passed and "too long" in "; ".join(report.evidence.skipped), str(report)
-
-
-@pytest.mark.parametrize("name", ["squeeze", "viscoelastic"])
-def test_a_parameter_that_moves_slowly_passes(name):
-    scene, fs = stimlib.scenes.squeeze(A=0.0) if name == "squeeze" else SCENES[name], 48000
-    live = "k" if name == "squeeze" else "firmness"
-    rows = np.array([1e-3 * np.sin(np.arange(20000) / 5000)] * len(scene.inputs))
-    e = evidence_of(scene, rows, fs, [Change(0, live, 0.3 * scene.params[live].value, 0.4)])
-    bad = [(c.name, c.measured, c.limit) for c in scene_law(e) if not c.passed]
-    assert not bad, bad
-
-
-def evidence_of(scene, rows, fs, changes):
-    """What a verifier has of samples whose parameters changed."""
-    proc = stimlib.compile(scene, fs)
-    y = samples(stimlib.compile(scene, fs), rows, rows.shape[1], changes).copy()
-    e = Evidence(scene, proc, fs, 0, at_first(proc, changes), rows, y, y, "memory", None, {})
-    e.changes = changes
-    return e
 
 
 # Hostile ------------------------------------------------------------------------------
-def test_a_scene_file_that_is_nested_deeply_or_has_an_endless_span_is_refused():
-    deep = []
-    for _ in range(3000):
-        deep = [deep]
-    for change, says in (
-        ({"given": {"at": deep}}, "nested too deeply"),
-        ({"span": [0, 1e308, 0, None]}, "span"),
-    ):
-        data = SCENES["wall"].to_dict()
-        data["law"][0] |= change
-        refused(SceneFileError, says, Scene.from_dict, data)
 
 
 @pytest.mark.parametrize(
@@ -1057,71 +811,10 @@ def test_a_law_that_cannot_take_what_a_file_says_fails(name, change):
 def writes(x, p, fs, *, values):
     """Write into what was given."""
     values.append(1.0)
-    return {"y": p["k"] * x["x"]}
-
-
-def divides(x, p, fs):
-    return {"y": 1 / 0}
-
-
-def endless(x, p, fs):
-    return {"y": np.full(x["x"].size, np.inf)}
-
-
-def loose(x, p, fs):
-    return {"y": (0 * x["x"], np.inf)}
-
-
-def plain_scene(law, **given):
-    return Scene({"y": Param("k", 2.0) * Input("x")}, law=law, given=given)
+    return {"y": 2.0 * x["x"]}
 
 
 def test_a_law_that_writes_into_what_it_gets_changes_nothing():
-    scene = plain_scene(writes, values=[1.0])
-    was, motion = scene.hash, {"x": sinusoid(0.02, 3.0)}
-    report = verified(scene, motion)
-    assert report.passed and np.abs(report.evidence.x).max() > 0.01 and scene.hash == was
-
-
-@pytest.mark.parametrize(
-    ("law", "says"),
-    [
-        (divides, "ZeroDivisionError"),
-        (endless, "not finite; return finite ones"),
-        (loose, "the tolerance inf"),
-    ],
-)
-def test_a_law_that_fails_or_holds_nothing_is_an_error(law, says):
-    refused(BadValue, says, verified, plain_scene(law), {"x": sinusoid(0.02, 3.0)})
-
-
-def test_a_law_whose_values_no_file_keeps_is_refused():
-    k = 3.0
-
-    def around(x, p, fs):
-        return {"y": k * x["x"]}
-
-    class Law:
-        def held(self, x, p, fs):
-            return {"y": x["x"]}
-
-    for law in (around, Law().held):
-        refused(BadValue, "no file keeps", plain_scene, law)
-
-
-@pytest.mark.parametrize(
-    ("law", "given", "says"),
-    [
-        (slope, [1], "must be a dict"),
-        (slope, 3, "must be a dict"),
-        (None, {"a": 1}, "needs the law"),
-    ],
-)
-def test_what_is_given_is_a_table_for_a_law(law, given, says):
-    refused(BadValue, says, Scene, {"y": 1 * Input("x")}, law=law, given=given)
-
-
-def test_what_is_given_may_not_hold_itself():
-    values = []
-    values.append(values)
-    refused(BadValue, "nested too deeply", plain_scene, slope, at=values)
+    scene = Scene({"y": 2.0 * Input("x")}, law=writes, given={"values": [1.0]})
+    was, report = scene.hash, verified(scene, {"x": sinusoid(0.02, 3.0)})
+    assert report.passed and scene.hash == was

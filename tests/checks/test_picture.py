@@ -1,5 +1,5 @@
 """Pictures of a rendering: nothing hides anything, units do not share an axis, and a
-wrong rendering leaves the band.
+wrong rendering leaves the band; and copies of it to listen to.
 """
 
 import dataclasses as dc
@@ -7,9 +7,10 @@ import dataclasses as dc
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from refusals import refused
 
 import stimlib
-from stimlib.analysis.listening import CUTOFF
+from stimlib.analysis.listening import CUTOFF, listen, vibration
 from stimlib.analysis.overview import (
     Against,
     Signals,
@@ -20,6 +21,8 @@ from stimlib.analysis.overview import (
     picture,
     rows_of,
 )
+from stimlib.errors import BadValue, UnknownName
+from stimlib.files import audio
 from stimlib.motion.generators import constant_speed, minimum_jerk
 
 FS = 2000
@@ -37,32 +40,16 @@ def signals(motion):
     return Signals(SCENE, FS, r.motion, {n: r[n] for n in r.outputs})
 
 
-def labels(draw):
+@pytest.mark.parametrize(
+    ("motion", "inputs"),
+    [(SAME, ["x = z", "contact"]), (SAME | {"z": 0.02 * T}, ["x", "z", "contact"])],
+)
+def test_signals_share_a_panel_only_where_they_are_the_same(motion, inputs):
     fig = Figure()
-    draw(fig)
+    over_time(fig, rows_of(signals(motion)), FS)
     assert all(len(ax.lines) <= 2 for ax in fig.axes)
-    return [ax.get_ylabel() for ax in fig.axes if ax.axison]
-
-
-def test_signals_share_a_panel_only_where_they_are_the_same():
-    outputs = ["thumb", "index", "noise"]
-    assert labels(lambda fig: over_time(fig, rows_of(signals(SAME)), FS)) == [
-        "x = z",
-        "contact",
-        *outputs,
-    ]
-    other = SAME | {"z": 0.02 * T}
-    assert labels(lambda fig: over_time(fig, rows_of(signals(other)), FS)) == [
-        "x",
-        "z",
-        "contact",
-        *outputs,
-    ]
-
-
-def test_an_output_with_the_name_of_an_input_hides_it_not():
-    s = Signals(stimlib.Scene({"x": K * X}), FS, {"x": T}, {"x": 1000 * T})
-    assert [(row.name, row.unit) for row in rows_of(s)] == [("x", "m"), ("x", "N")]
+    shown = [ax.get_ylabel() for ax in fig.axes if ax.axison]
+    assert shown == [*inputs, "thumb", "index", "noise"]
 
 
 def test_every_finger_is_drawn_over_its_own_position():
@@ -98,17 +85,6 @@ def test_the_close_up_is_where_it_vibrates_most_and_each_way_has_its_curve():
         assert seen[way][part].all() and seen[way].sum() <= part.indices(FS)[1] - part.start + 40
 
 
-def test_curves_of_a_spectrum_are_what_the_legend_says():
-    f = np.geomspace(1, 1000, 200)
-    a, ax = (
-        Against("spectrum", "N", f, measured=2 / f, law=1 / f, low=0.5 / f, high=3 / f),
-        Figure().add_subplot(),
-    )
-    against(ax, a)
-    drawn = {line.get_label(): line.get_ydata() for line in ax.lines}
-    assert np.array_equal(drawn["law"], a.law) and np.array_equal(drawn["rendered"], a.measured)
-
-
 def test_no_text_of_a_panel_meets_another_panel():
     scene = stimlib.Scene({"force_of_the_thumb": -K * X})  # down to -500 mN
     fig = figure(
@@ -132,49 +108,30 @@ def test_no_text_of_a_panel_meets_another_panel():
             )
 
 
-def test_panels_without_a_position_fill_their_row():
-    fig = Figure(figsize=(12, 9), layout="constrained")
-    close_by(fig, signals(SAME), {})
-    fig.draw_without_rendering()
-    rows = [fig.axes[:3], fig.axes[3:6], fig.axes[6:]]
-    assert [len(row) for row in rows] == [3, 3, 2]  # the noise follows none
-    assert rows[2][0].get_position().width > 1.3 * rows[0][0].get_position().width
-
-
 def test_a_spectrum_is_drawn_down_to_twelve_decades_below_its_top():
-    fig = Figure()
-    close_by(
-        fig, Signals(stimlib.Scene({"y": 1.0 * X}), FS, {"x": T}, {"y": np.sin(40 * T) ** 3}), {}
-    )
+    """And the close-up is taken away from the ends, where this tone is largest."""
+    fig, tone = Figure(), np.exp(-3 * T) * np.cos(2 * np.pi * 160 * T)
+    close_by(fig, Signals(stimlib.Scene({"y": 1.0 * X}), FS, {"x": tone}, {"y": tone}), {})
     low, high = fig.axes[-1].get_ylim()
     y = fig.axes[-1].lines[0].get_ydata()
-    assert y.min() < low == pytest.approx(1e-12 * y.max()) and high > y.max()
-
-
-def test_the_legend_has_the_band_only_where_it_can_be_seen():
-    f = np.arange(1.0, 300.0)
-    law = 1e-6 / f
-    for width, seen in ((1e-6, False), (0.5, True)):
-        ax = Figure().subplots()
-        against(ax, Against("", "N", f, law, law, law * (1 - width), law * (1 + width)))
-        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["correct"] * seen + [
-            "rendered",
-            "law",
-        ]
-
-
-def test_the_close_up_is_taken_away_from_the_ends():
-    scene = stimlib.Scene({"y": 1.0 * X})
-    fig = Figure()
-    tone = np.exp(-3 * T) * np.cos(2 * np.pi * 160 * T)  # largest at its start
-    close_by(fig, Signals(scene, FS, {"x": tone}, {"y": tone}), {})
+    assert low == pytest.approx(1e-12 * y.max()) and high > y.max()
     assert 0.5 / CUTOFF <= fig.axes[0].lines[0].get_xdata()[0] < 0.5 / CUTOFF + 2 / 160
+
+
+@pytest.mark.parametrize(("width", "band"), [(1e-6, []), (0.5, ["correct"])])
+def test_the_legend_has_the_band_only_where_it_can_be_seen(width, band):
+    f, ax = np.arange(1.0, 300.0), Figure().subplots()
+    law = 1e-6 / f
+    against(ax, Against("", "N", f, 2 * law, law, law * (1 - width), law * (1 + width)))
+    shown = [text.get_text() for text in ax.get_legend().get_texts()]
+    drawn = {line.get_label(): line.get_ydata() for line in ax.lines}
+    assert shown == [*band, "rendered", "law"]
+    assert np.array_equal(drawn["law"], law) and np.array_equal(drawn["rendered"], 2 * law)
 
 
 def test_one_sample_and_a_scene_without_inputs_have_a_picture(tmp_path):
     noise = stimlib.Scene({"noise": stimlib.blocks.white_noise(1)})
-    for seconds in (1 / FS, 0.1):
-        picture(stimlib.render(noise, {}, FS, seconds, target="python"), tmp_path / "a.png")
+    picture(stimlib.render(noise, {}, FS, 1 / FS, target="python"), tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -195,33 +152,116 @@ def test_a_correct_rendering_lies_within_the_band_and_a_wrong_one_does_not(scene
     assert (b.measured > b.high).any()
 
 
-def test_the_law_of_bumps_is_shown_over_one_bump():
-    scene, motion = stimlib.scenes.bumps(bumps=6, length=0.1), {"x": constant_speed(0.1, 0.1)}
-    e = stimlib.verify(scene, motion, stimlib.render(scene, motion, FS, seconds=1.0)).evidence
-    assert np.ptp(e.x[0, e.closeup]) == pytest.approx(0.1 / 6, rel=0.01)
-    assert set(e.curves) == {"envelope", "carrier"}
-
-
 @pytest.mark.parametrize(
-    ("scene", "motion"),
+    ("y", "x"),
     [
-        (stimlib.scenes.bumps(amplitude=0), {"x": constant_speed(0.1, 0.1)}),
-        (
-            stimlib.Scene(
-                {"y": 1.0 / (stimlib.Input("x", "m") / stimlib.constant(1.0, "m") - 0.5)}
-            ),
-            {"x": np.linspace(0, 1, 401)},
-        ),
-        (stimlib.Scene({"y": 1e300 * stimlib.Input("x", "m")}), {"x": np.linspace(0, 1, 400)}),
+        (0.0 * X, np.linspace(0, 1, 400)),
+        (1.0 / (X / stimlib.constant(1.0, "m") - 0.5), np.linspace(0, 1, 401)),
+        (1e300 * X, np.linspace(0, 1, 400)),
     ],
     ids=["silent", "fault", "huge"],
 )
-def test_silence_a_fault_and_huge_numbers_have_a_page_and_a_picture(tmp_path, scene, motion):
-    r = stimlib.render(scene, motion, FS, 0.2, on_fault="ignore")
-    report = stimlib.verify(scene, motion, r)
+def test_silence_a_fault_and_huge_numbers_have_a_page_and_a_picture(tmp_path, y, x):
+    scene = stimlib.Scene({"y": y})
+    r = stimlib.render(scene, {"x": x}, FS, on_fault="ignore")
+    report = stimlib.verify(scene, {"x": x}, r)
     report.to_html(tmp_path / "a.html")
     picture(r, tmp_path / "a.png", report.spectra())
-    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG") and (
-        tmp_path / "a.png"
-    ).stat().st_size > 10_000
+    data = (tmp_path / "a.png").read_bytes()
+    assert data.startswith(b"\x89PNG") and len(data) > 10_000
     assert "</html>" in (tmp_path / "a.html").read_text()
+
+
+FS = 2000
+# Copies to listen to: the vibration alone, and loud enough ----------------------------
+LOUD = stimlib.Scene({"force": K * X, "still": 0 * X})
+TIME = np.arange(2 * FS) / FS
+TONE = 1e-5 * np.sin(2 * np.pi * 150 * TIME)
+
+
+@pytest.fixture
+def heard():
+    return stimlib.render(LOUD, {"x": 0.02 * TIME + TONE}, FS, target="python")
+
+
+def test_a_tone_on_a_ramp_becomes_the_tone_alone_at_half_scale(heard, tmp_path):
+    report = listen(heard, "force", tmp_path / "force-listen.wav")
+    y, sidecar = audio.read(report.path)
+    middle = slice(200, -200)
+    assert np.abs(y[0] - 1000 * TONE)[middle].max() < 1e-4  # of 0.01 N on 40 N
+    # -6 dBFS
+    assert np.abs(y).max() / sidecar["channels"][0]["full_scale"] == pytest.approx(0.5, rel=1e-6)
+    ramp = np.minimum(np.arange(1, TIME.size + 1) / (0.01 * FS), 1.0)  # or it would click
+    whole = vibration(heard["force"], FS)
+    np.testing.assert_allclose(y[0], ramp * ramp[::-1] * whole, rtol=0, atol=1e-6 * np.abs(y).max())
+
+
+def test_a_copy_is_not_verified_as_the_stimulus(heard, tmp_path):
+    listen(heard, "force", tmp_path / "a.wav")
+    refused(
+        BadValue,
+        "another scene",
+        stimlib.verify,
+        LOUD,
+        {"x": 0.02 * TIME + TONE},
+        tmp_path / "a.wav",
+    )
+
+
+@pytest.mark.parametrize(
+    ("error", "says", "name", "cutoff"),
+    [
+        (BadValue, "still has nothing above", "still", CUTOFF),
+        (UnknownName, "there is force, still", "x", CUTOFF),
+        (BadValue, "cutoff = .*below fs/2", "force", 0),
+        (BadValue, "cutoff = .*below fs/2", "force", FS / 2),
+        (BadValue, "cutoff = .*not finite", "force", float("nan")),
+    ],
+)
+def test_what_cannot_be_heard_is_refused_and_nothing_is_written(
+    heard, tmp_path, error, says, name, cutoff
+):
+    refused(error, says, listen, heard, name, tmp_path / "a.wav", cutoff)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("start", [0.0, 0.1, 0.15])  # also where the signal ends on the way
+def test_a_squeeze_without_vibration_leaves_less_than_a_hundredth_of_it(start):
+    scene = stimlib.scenes.squeeze(fingers=1)
+    motion = {"x1": lambda t: minimum_jerk()(t + start)}
+    force, still = (
+        stimlib.render(scene, motion, 8000, 1.0, params={"A": A}).y[0] for A in (3.4, 0.0)
+    )
+    true, left = np.abs(force - still).max(), np.abs(vibration(still, 8000)).max()
+    assert true > 0.1 and left < 0.01 * true
+
+
+@pytest.mark.parametrize(
+    ("y", "left"), [([1.0, 2.0, 3.0], [0, 0, 0]), ([0.0, 1.0, 0.0], [-1 / 3, 2 / 3, -1 / 3])]
+)
+def test_a_signal_of_a_few_samples_loses_its_straight_line(y, left):
+    np.testing.assert_allclose(vibration(y, 8000), left, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [100, 2000, 48000])
+def test_what_lies_beyond_the_ends_does_not_matter(n):
+    t = np.arange(n) / n
+    assert np.abs(vibration(3 + 40 * t - 7 * t**2 + t**3, n)).max() < 1e-10
+    if n > 1000:
+        tone, edge = np.cos(2 * np.pi * 4 * CUTOFF * t), round(n / CUTOFF / 4)
+        wrong = np.abs(vibration(40 * t + tone, n) - tone)
+        assert wrong.max() < 0.65 and wrong[edge:-edge].max() < 0.1
+
+
+def test_a_signal_that_starts_with_vibration_has_no_transient():
+    pulses = np.maximum(np.sin(2 * np.pi * 158 * np.arange(8000) / 8000), 0)  # as of bumps
+    v = np.abs(vibration(pulses, 8000))
+    assert v[:400].max() < 1.1 * v[2000:6000].max()
+
+
+def test_the_amplitude_is_halved_at_the_cutoff():
+    t = np.arange(8000) / 8000
+    for f, gain in ((20, 0.004), (40, 0.5), (80, 0.996)):
+        assert np.abs(vibration(np.sin(2 * np.pi * f * t), 8000))[2000:6000].max() == pytest.approx(
+            gain, abs=0.005
+        )

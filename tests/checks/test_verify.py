@@ -1,15 +1,16 @@
 """The verifier on renderings, on files and on recorded hands."""
 
 import dataclasses as dc
+import hashlib
 import html
-import os
+import json
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+import soundfile as sf
 from hands import RECORDINGS, hand
+from laws import mostly
 from refusals import refused
 from typer.testing import CliRunner
 
@@ -17,12 +18,11 @@ import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, constant
 from stimlib.blocks import delay, differentiator, enabled, fir, first_order, pink_noise, pinking
 from stimlib.checks import verification
-from stimlib.checks.evidence import Check
 from stimlib.checks.session import verify_log
 from stimlib.cli import app
 from stimlib.devices.null import NullSink
 from stimlib.files import audio as file, read_log
-from stimlib.motion.generators import jittered, minimum_jerk, quantised, ramp_and_hold, sinusoid
+from stimlib.motion.generators import minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.run.safety import Safety
 
 MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
@@ -36,7 +36,7 @@ def write(path, scene, motion, seconds=1.0, seed=0, params=None, **words):
     return path
 
 
-@pytest.mark.parametrize("name", RECORDINGS)
+@pytest.mark.parametrize("name", mostly(["grip trial", "puck"], RECORDINGS))
 def test_recorded_hands_are_rendered_and_proved(name, tmp_path):
     recorded = hand(name)
     scene = stimlib.scenes.squeeze(contact="grip" not in name)
@@ -49,24 +49,8 @@ def test_recorded_hands_are_rendered_and_proved(name, tmp_path):
     assert {"a1", "a2", "b", "c", "d", "e", "f"} == {c.group for c in report.checks}
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [("a.wav", {}), ("a.w64", {"subtype": "DOUBLE"}), ("a.flac", {"full_scale": 30.0})],
-)
-def test_files_of_every_kind_pass_clipped_or_not(name, words, tmp_path):
-    scene = stimlib.scenes.squeeze()
-    path = write(tmp_path / name, scene, MOTION, params={"k": 1800.0, "A": 5.0}, **words)
-    report = stimlib.verify(scene, MOTION, path)
-    assert report.passed, str(report)
-    assert ("0 samples clipped" in str(report)) == (name != "a.flac")
-
-
 def test_one_changed_sample_is_seen(tmp_path):
-    import hashlib
-    import json
-
-    import soundfile as sf
-
+    """By the hash of the file; and by the samples, where that was made again."""
     scene = stimlib.scenes.squeeze()
     path = write(tmp_path / "a.w64", scene, MOTION, subtype="DOUBLE")
     y, fs = sf.read(path, always_2d=True)
@@ -81,29 +65,19 @@ def test_one_changed_sample_is_seen(tmp_path):
 
 
 def test_a_rendering_of_something_else_is_refused(tmp_path):
-    scene = stimlib.scenes.squeeze()
-    path = write(tmp_path / "a.wav", scene, MOTION)
-    refused(
-        BadValue, "another scene", stimlib.verify, stimlib.scenes.squeeze(k=2001.0), MOTION, path
-    )
-    refused(
-        BadValue,
-        "another scene",
-        stimlib.verify,
-        stimlib.scenes.squeeze(k=2001.0),
-        MOTION,
-        stimlib.render(scene, MOTION, 8000, 0.1),
-    )
+    scene, other = stimlib.scenes.squeeze(), stimlib.scenes.squeeze(k=2001.0)
+    path = write(tmp_path / "a.wav", scene, MOTION, 0.1)
     r = stimlib.render(scene, MOTION, 8000, 0.1)
-    for wrong in ({"outputs": r.outputs[::-1]}, {"y": r.y[:1]}, {"y": r.y.astype(np.float32)}):
-        refused(
-            BadValue,
-            "must have the scene's outputs, force1, force2",
-            stimlib.verify,
-            scene,
-            MOTION,
-            dc.replace(r, **wrong),
-        )
+    none = stimlib.render(scene, {n: np.zeros(1) for n in MOTION}, 8000)
+    for says, *given in (
+        ("another scene", other, MOTION, path),
+        ("another scene", other, MOTION, r),
+        ("the scene's outputs", scene, MOTION, dc.replace(r, outputs=r.outputs[::-1])),
+        ("the scene's outputs", scene, MOTION, dc.replace(r, y=r.y[:1])),
+        ("the scene's outputs", scene, MOTION, dc.replace(r, y=r.y.astype(np.float32))),
+        ("no sample", scene, MOTION, dc.replace(none, y=none.y[:, :0])),
+    ):
+        refused(BadValue, says, stimlib.verify, *given)
     assert not stimlib.verify(scene, MOTION | {"x1": minimum_jerk(depth=0.019)}, path).passed
 
 
@@ -113,19 +87,14 @@ def test_a_file_alone_tells_its_scene_and_motion(tmp_path):
     made.save(path := tmp_path / "a.wav", full_scale=50.0)
     for given in ((path,), (str(path),), (None, MOTION, path), (scene, None, path)):
         report = stimlib.verify(*given)
-        assert report.passed and any(
-            "scene in the sidecar only" in text for text in report.evidence.skipped
-        ) == (given[0] is not scene)
-    # written by this version
-    assert not any("for the reader only" in text for text in report.evidence.skipped)
+        skipped = "; ".join(report.evidence.skipped)
+        assert report.passed and "for the reader only" not in skipped  # written by this version
+        assert ("scene in the sidecar only" in skipped) == (given[0] is not scene)
     sidecar = path.with_name("a.wav.json")
     sidecar.write_text(
         sidecar.read_text().replace(f'"stimlib": "{stimlib.__version__}"', '"stimlib": "0.0.9"')
     )
-    assert any(
-        "written by stimlib 0.0.9, this is" in text
-        for text in stimlib.verify(path).evidence.skipped
-    )
+    assert "written by stimlib 0.0.9" in "; ".join(stimlib.verify(path).evidence.skipped)
     for wrong in (
         (scene,),
         (made,),
@@ -134,12 +103,21 @@ def test_a_file_alone_tells_its_scene_and_motion(tmp_path):
         (None, MOTION, made),
         ("squeeze", MOTION, path),
     ):
-        refused(
-            BadValue,
-            "verify: give the path of a file alone, or a scene, its motion and a rendering",
-            stimlib.verify,
-            *wrong,
-        )
+        refused(BadValue, "path of a file alone", stimlib.verify, *wrong)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("log of P01.stimlog", "verify the log instead"),
+        ("array of 800 samples", "cannot be made again .*give the motion"),
+    ],
+)
+def test_motion_that_no_text_makes_again_is_asked_for(tmp_path, text, says):
+    path = write(tmp_path / "a.wav", stimlib.scenes.wall(), {"x": sinusoid(0.002, 5.0)}, 0.1)
+    told = json.loads((tmp_path / "a.wav.json").read_text()) | {"motion": {"x": text}}
+    (tmp_path / "a.wav.json").write_text(json.dumps(told))
+    refused(BadValue, says, stimlib.verify, path)
 
 
 def test_a_file_that_began_in_the_middle_is_refused(tmp_path):
@@ -171,12 +149,11 @@ def changed(folder, params, seed):
 @pytest.mark.parametrize(
     ("params", "seed", "stated", "wrong"),
     [
-        ({"g": 3.0}, 0, {}, ""),
         ({"g": 3.0}, 7, {"params": {"g": 3.0}, "seed": 7}, ""),
         ({"g": 3.0}, 7, {"params": {}}, "g = 3 for 2"),
         ({"g": 3.0}, 7, {"params": {"g": 3.0001}, "seed": 8}, "seed = 7 for 8; g = 3 for 3.0001"),
-        ({}, 0, {"params": {"g": 3.0}}, "g = 2 for 3"),
         ({}, 0, {"params": {"g": 2.0}, "seed": 0}, ""),
+        ({}, 0, {}, ""),
     ],
 )
 def test_parameters_that_are_not_the_scenes_are_named_first(params, seed, stated, wrong, tmp_path):
@@ -186,9 +163,7 @@ def test_parameters_that_are_not_the_scenes_are_named_first(params, seed, stated
         first, told = report.checks[0], report.to_dict()
         assert report.passed is (not wrong)
         assert told["differences"] == ["g = 3 (in the scene 2)"] * bool(params)
-        report.to_html(tmp_path / "a.html")
-        page = (tmp_path / "a.html").read_text().partition("</h1>")[2]
-        for text in (str(report).partition("┏")[0], page.partition("</p>")[0]):
+        for text in (str(report).partition("┏")[0], report.what()):
             assert ("g = 3" in text) is bool(params) and f"seed {seed}" in text
         if stated:
             assert first.name == "parameters and seed: as they were stated"
@@ -214,22 +189,11 @@ def test_the_command_line_states_parameters_and_seed(tmp_path):
         assert result.exit_code == code and "k = 9 (in the scene" in result.output, result.output
 
 
-def test_ramps_at_the_start_are_repeated(tmp_path):
-    scene = stimlib.scenes.squeeze()
-    proc = stimlib.compile(scene, 8000)
-    proc.set("k", 1000.0, ramp=0.3)
-    file.write(tmp_path / "a.wav", proc, MOTION, 0.5, progress=False)
-    checks = stimlib.verify(scene, MOTION, tmp_path / "a.wav").checks
-    assert all(c.passed for c in checks if c.group in ("a1", "a2", "b", "c"))
-
-
 def test_the_page_is_whole_and_the_same_each_time(tmp_path, monkeypatch, capsys):
     scene = stimlib.scenes.squeeze()
-    rendering = stimlib.render(scene, MOTION, 8000, 1.0)
+    report = stimlib.verify(scene, MOTION, stimlib.render(scene, MOTION, 8000, 0.4))
     for name in ("a.html", "b.html"):
-        stimlib.verify(scene, MOTION, rendering).to_html(
-            tmp_path / name, command="stimlib verify squeeze --wav <a>.wav"
-        )
+        report.to_html(tmp_path / name, command="stimlib verify squeeze --wav <a>.wav")
     page = (tmp_path / "a.html").read_text()
     assert page == (tmp_path / "b.html").read_text()
     # nothing from elsewhere; no code
@@ -251,10 +215,8 @@ def test_the_page_is_whole_and_the_same_each_time(tmp_path, monkeypatch, capsys)
     install, program, text = (
         html.unescape(part) for part in re.findall("<pre>(.*?)</pre>", page, re.DOTALL)
     )
-    assert (
-        install.startswith("python -m venv proof\n")
-        and f" stimlib=={stimlib.__version__} numpy=={np.__version__} " in install
-    )
+    assert install.startswith("python -m venv proof\n")
+    assert f" stimlib=={stimlib.__version__} numpy=={np.__version__} " in install
     assert "sidecar" not in page  # what is in memory has none
     (tmp_path / "scene.json").write_text(text)
     monkeypatch.chdir(tmp_path)
@@ -265,8 +227,7 @@ def test_the_page_is_whole_and_the_same_each_time(tmp_path, monkeypatch, capsys)
 
 
 @pytest.mark.parametrize(
-    ("params", "seconds", "says"),
-    [({}, 1 / 8000, "1 samples at"), ({"k": 1e200}, 0.1, ""), ({"k": 1e308}, 0.1, "")],
+    ("params", "seconds", "says"), [({}, 1 / 8000, "1 samples at"), ({"k": 1e308}, 0.1, "")]
 )
 def test_one_sample_and_forces_whose_squares_are_too_large_have_a_page(
     tmp_path, params, seconds, says
@@ -279,27 +240,12 @@ def test_one_sample_and_forces_whose_squares_are_too_large_have_a_page(
     assert says in page and "How to reproduce it" in page
 
 
-def test_a_report_that_cannot_be_written(tmp_path):
-    report = stimlib.verify(Scene({"y": 2 * Input("x")}), {"x": ramp_and_hold(1, 1)}, _plain())
-    refused(SinkError, "cannot write", report.to_html, tmp_path / "missing" / "a.html")
-
-
 def test_a_disk_that_is_full_costs_the_page_alone(tmp_path, mounted):
     _plain().save(tmp_path / "a.wav", full_scale=1.0)
     page = mounted("size=4k") / "a.html"
     done = CliRunner().invoke(app, ["verify", str(tmp_path / "a.wav"), "--report", str(page)])
     assert done.exit_code == 2 and "cannot write" in done.stderr and "No space" in done.stderr
     assert ": passed" in done.stdout and not list(page.parent.iterdir())
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
-def test_a_table_that_cannot_be_printed_costs_the_table_alone(tmp_path):
-    _plain().save(tmp_path / "a.wav", full_scale=1.0)
-    command = [sys.executable, "-m", "stimlib", "verify", "a.wav", "--report", "a.html"]
-    with open("/dev/full", "w") as full:
-        done = subprocess.run(command, cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert done.returncode == 2 and "cannot write what is printed" in done.stderr
-    assert "How to reproduce it" in (tmp_path / "a.html").read_text()
 
 
 def _plain():
@@ -322,16 +268,6 @@ def test_a_scene_of_other_blocks_is_checked_as_far_as_laws_are_known():
     lawful = {f"{name}: physical law" for name in ("FirstOrder", "Delay", "Pinking", "Taps")}
     assert lawful <= {c.name for c in report.checks}
     assert any("whole scene" in t for t in report.evidence.skipped)
-
-
-def test_a_held_position_that_toggles_is_silent_and_five_mm_per_second_sounds():
-    scene = stimlib.scenes.squeeze(fingers=1)
-    held = jittered(quantised(ramp_and_hold(0.01, 0.1), 1e-6), 1e-6, rate=900.0, seed=2)
-    y = stimlib.render(scene, {"x1": held}, 8000, 1.0)
-    assert np.all((y["force1"] - 2000 * held(y.t))[2400:] == 0)
-    slow = quantised(ramp_and_hold(0.01, 2.0), 1e-6)
-    y = stimlib.render(scene, {"x1": slow}, 8000, 1.0)
-    assert np.abs(y["force1"] - 2000 * slow(y.t)).max() > 1e-4
 
 
 def test_the_fault_that_a_rendering_tells_is_held():
@@ -367,7 +303,3 @@ def test_an_interpreter_that_says_otherwise_in_one_bit_is_seen(monkeypatch):
     monkeypatch.setattr(verification, "samples", other)
     failed = [c for c in stimlib.verify(scene, motion, rendering).checks if not c.passed]
     assert [(c.measured, c.name.split(",")[0]) for c in failed] == [(1, "interpreter")]
-
-
-def test_nan_is_not_within_any_limit():
-    assert not Check("e", "n", float("nan"), 1.0, "").passed
