@@ -9,11 +9,13 @@ import os
 
 import numpy as np
 import pytest
+from refusals import refused
 
 import stimlib
 from stimlib import Scene
 from stimlib.checks import local
-from stimlib.core.graph import kind
+from stimlib.core.graph import Block, kind
+from stimlib.errors import BadValue
 
 STRESS = "STIMLIB_STRESS" in os.environ
 
@@ -211,3 +213,14 @@ def alias(y, k, top):
     n = np.arange(P.size)
     low = (n > 0) & (n < top * y.size)
     return 10 * np.log10(P[low & (n % k != 0)].sum() / P[low & (n % k == 0)].sum())
+
+
+def compiled(make, fs=1000.0):
+    """A block for this sample rate, or what ``make`` makes."""
+    made = make if isinstance(make, Block) else make()
+    return stimlib.compile(Scene({"y": made}), fs, "python") if isinstance(made, Block) else made
+
+
+def refuses(make, says, error=BadValue, fs=1000.0):
+    """What ``make`` makes, or its processor, is refused: where and with what remedy."""
+    refused(error, says, compiled, make, fs)

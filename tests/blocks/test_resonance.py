@@ -11,8 +11,6 @@ from stimlib import Input, Scene, blocks as b
 from stimlib.blocks.filters import Cascade
 
 X = Input("x")
-
-
 SETTINGS = [(part / 2, q) for part in np.linspace(0.01, 0.95, 20) for q in (1.0, 5.0, 60.0)]
 
 
