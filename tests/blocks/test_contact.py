@@ -116,12 +116,11 @@ LAWFUL = MADE | {
 }
 
 
-@pytest.mark.parametrize("name", LAWFUL)
-def test_a_sample_is_the_mean_over_its_way(name):
+def test_a_sample_is_the_mean_over_its_way():
     """Numbers that fall below 0, contacts, and the ends of what may be given."""
     rows = {"x": WAY, "normal": SOME, "v": SOME, "contact": TOUCHING, "k": 800.0 + 600.0 * SOME}
-    proc = stimlib.compile(Scene({"y": LAWFUL[name]}), 8000, "python")
-    lawful(LAWFUL[name], 8000, **{n: row for n, row in rows.items() if n in proc.inputs})
+    for block in LAWFUL.values():
+        lawful(block, 8000, **rows)
 
 
 # Limits -------------------------------------------------------------------------------
