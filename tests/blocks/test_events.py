@@ -155,17 +155,6 @@ def test_a_timeline_meets_its_points(kind):
     refuses(lambda: b.timeline(BENT, unit="N") + 1.0, "N", UnitError)
 
 
-def test_a_ring_whose_frequency_moves_only_decays():
-    from stimlib.blocks.sources import Ring, RingState
-
-    p, _ = b.ring(E, Input("f", "Hz"), Input("d", "s")).design(1.0)
-    rng, s = np.random.default_rng(1), RingState(1.0, 0.0)
-    for _ in range(2000):
-        before = np.hypot(s.re, s.im)
-        _, s = Ring.step(p, s, 0.0, rng.uniform(-0.1, 0.7), 10 ** rng.uniform(-1, 8))
-        assert np.hypot(s.re, s.im) <= before * (1 + 1e-15)
-
-
 def test_a_grain_has_a_unit_an_end_and_a_law_at_its_own_rate():
     grain = b.grain(E, np.ones(20), rate=1000, unit="N")
     memory = [grain.memory(grain.design(fs)[0]) for fs in (1000, 500)]

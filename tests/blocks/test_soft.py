@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from laws import mostly, played, refuses
+from laws import lawful, mostly, played, refuses
 from scipy.integrate import quad
 from scipy.interpolate import RectBivariateSpline
 
@@ -56,6 +56,27 @@ def near(a, want, tol=5e-7):
 
 
 # The map ------------------------------------------------------------------------------
+FORCE = constant(10.0, "N") * (X > constant(0.0195, "m"))
+
+
+STROKE = 0.005 * (1 - np.cos(np.arange(200) / 9))
+
+
+LAWFUL = [
+    b.cursor(X, ZERO, RAMP, "frames", contact=Input("touch"), frame=0.004, bounds=(0.3, 1.2)).x,
+    b.cursor(X, ZERO, RAMP, "frames", contact=Input("touch"), frame=0.004).x,
+    b.delay_avatar(X, ZERO, FORCE, most=0.0105, catch_up=1e-9).x,
+    b.delay_avatar(5.0 * X, ZERO, FORCE, most=0.0105, contact=Input("touch")).lag,
+]
+
+
+def test_cursors_and_avatars_are_their_laws():
+    """With their least and highest speeds and longest lags; a lift begins anew."""
+    touch = np.repeat([1.0, 0.0, 1.0, 1.0], 50)
+    for block in LAWFUL:
+        lawful(block, 1000, x=STROKE, touch=touch)
+
+
 def test_levels_between_are_those_of_scipy_and_held_at_the_edges():
     table = np.random.default_rng(1).uniform(0.4, 0.6, (7, 9))
     spline = RectBivariateSpline(np.linspace(0, 0.06, 7), np.linspace(0, 0.12, 9), table, s=0)
@@ -96,20 +117,6 @@ def test_the_cursor_of_frames_takes_its_steps_in_frames():
     near(1000 * played(slow, np.repeat(way, 4)), np.repeat([0, 2, 6, 2, 3], 4), 1e-9)
     held = b.cursor(X, ZERO, RAMP, "frames", frame=0.001, bounds=(0.3, 2.0)).x
     near(1000 * played(held, way[:4])[3], 6 - 0.3 * 4 / (15 / 56))
-
-
-def test_a_cursor_of_frames_has_a_highest_speed_and_begins_anew_after_a_lift():
-    def path(touch, way, **words):
-        place = b.cursor(X, ZERO, RAMP, "frames", contact=Input("touch"), frame=0.004, **words).x
-        return 1000 * played(place, {"touch": touch, "x": 1e-3 * way}, target="python")
-
-    # eq. (1) alone: 10/7
-    fast = path(np.ones(12), np.repeat([6, 2, 3], 4), bounds=(0.3, 1.2))
-    near(fast, np.repeat([6, 2, 3.2], 4), 1e-9)
-    # after a frame at the speed 0.3125; then the next frame is 4 samples after the new
-    # start
-    lifted = path(np.arange(16) != 9, np.repeat([0, 6, 4, 5], [4, 6, 1, 5]))
-    near(lifted, np.repeat([0, 6, 4, 5], [4, 6, 4, 2]), 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -196,15 +203,6 @@ def test_eq_3_streaming():
     for words, third in (({"catch_up": 1e9}, 300), ({"most": 0.2}, 200)):
         wait = 1000 * played(b.delay_avatar(ZERO, ZERO, NEWTONS, **words).wait, slow)
         near(wait[wait > 0], [75, 100, third, 75])
-
-
-def test_an_avatar_is_where_the_device_was_up_to_the_longest_lag():
-    """Of 10.5 samples, by one rise; a device at 1 m/s."""
-    force, n = constant(10.0, "N") * (X > constant(0.0195, "m")), np.arange(45)
-    a = b.delay_avatar(X, ZERO, force, most=0.0105, catch_up=1e-9)
-    x, lag = 1000 * played({"x1": a.x, "y": a.lag}, 1e-3 * n, target="python")
-    near(lag, np.clip(n - 20, 0, 10.5), 1e-6)
-    near(x, n - lag, 1e-9)
 
 
 def test_the_avatar_never_jumps():

@@ -12,7 +12,7 @@ from laws import alias, lawful, mostly, played, refuses
 
 import stimlib
 from stimlib import Input, Param, Scene, UnitError, blocks as b, constant
-from stimlib.blocks.oscillators import carrier, increment
+from stimlib.blocks.oscillators import carrier
 from stimlib.blocks.sources import Chirp
 from stimlib.devices.null import NullSink
 
@@ -86,15 +86,6 @@ def test_the_mean_over_a_sample_has_fewer_aliases(k, make, point, all_of_it, bel
     for top, better in ((0.5, all_of_it), (1000 / FS, below_1_khz)):
         assert alias(y, k, top) < alias(points, k, top) - better
     assert np.abs(np.fft.rfft(y)[k] / np.fft.rfft(points)[k]) == pytest.approx(1, abs=0.01)
-
-
-def test_a_phase_is_kept_for_a_day():
-    """The word added at each sample is the nearest to the exact one: 1e-9 rad after 24
-    h at 48 kHz.
-    """
-    p, _ = b.oscillator(158.3, "square").design(48000)
-    drift = (Fraction(int(increment(p, 158.3)), 2**64) - Fraction(158.3) / 48000) * 86400 * 48000
-    assert abs(2 * np.pi * float(drift)) < 1e-9
 
 
 @pytest.mark.parametrize(("kind", "tol"), [("linear", 1e-14), ("exponential", 1e-8)])
