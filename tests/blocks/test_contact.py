@@ -31,6 +31,7 @@ from stimlib.blocks import (
 )
 from stimlib.blocks.contact import (
     PLACEHOLDER_GAMMA,
+    ResponseLimit,
     Stribeck,
     StribeckPower,
     force_limit,
@@ -520,6 +521,9 @@ REFUSED = {  # a place and a remedy: what is made
     "m = 0": lambda: skin_drive(DP, 0.0, 1.5),
     "B = -1.5": lambda: skin_drive(DP, 0.2, -1.5),
     "peak = 0": lambda: force_limit(FORCE, 0.0),
+    "most, slew and every": lambda: ResponseLimit(X, np.ones(2), 0.0, None, 1),
+    "slew and every must": lambda: ResponseLimit(X, np.ones(2), 1.0, -1.0, 1),
+    "every must be": lambda: ResponseLimit(X, np.ones(2), 1.0, None, 0),
     "limit": lambda: static_limit(FORCE, limit=0.0),
     "tau": lambda: static_limit(FORCE, tau=-1.0),
     "cannot be the signal": lambda: static_limit(FORCE, limit=Param("L", 37.0, "N")),

@@ -296,6 +296,8 @@ REFUSED = [
         ]
     ),
     (lambda: TextureModel(*LINES), "at least 3 models"),
+    (lambda: TextureModel(*(2 * rows for rows in LINES)), "at least 3 models"),
+    (lambda: load_texture(7), "7 is not a path"),
     (lambda: frequencies(np.array([1.0, -1.25])), "radius 1.25;"),
     (lambda: frequencies(np.array([1.0, -1.0])), "radius 1;"),
     *(

@@ -341,6 +341,8 @@ def test_response_is_two_elements_in_series():
     proc = stimlib.compile(Scene({"f": springpot_series(Y, CHI, 0.5, k=K)}), 8000, "python")
     pot = CHI * (2j * np.pi * f) ** 0.5
     np.testing.assert_allclose(proc.response("f", "y", f), pot * K / (pot + K), rtol=1e-3)
+    law, none = (springpot_series(Y, CHI, 0.5, k=K, horizon=h).laws(8000.0) for h in (3600.0, 0.2))
+    assert law[0].f(8000.0).min() == pytest.approx(100 / 3600) and not none, "far below its end"
 
 
 def test_a_run_beyond_the_horizon_is_a_warning(tmp_path):
