@@ -297,7 +297,7 @@ REFUSED = [
     ),
     (lambda: TextureModel(*LINES), "at least 3 models"),
     (lambda: TextureModel(*(2 * rows for rows in LINES)), "at least 3 models"),
-    (lambda: load_texture(7), "7 is not a path"),
+    (lambda: load_texture(7), "path = 7"),
     (lambda: frequencies(np.array([1.0, -1.25])), "radius 1.25;"),
     (lambda: frequencies(np.array([1.0, -1.0])), "radius 1;"),
     *(
