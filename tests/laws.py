@@ -9,11 +9,13 @@ import os
 
 import numpy as np
 import pytest
+from refusals import refused
 
 import stimlib
-from stimlib import Scene
+from stimlib import Input, Scene
 from stimlib.checks import local
-from stimlib.core.graph import kind
+from stimlib.core.graph import Block, kind, reach
+from stimlib.errors import BadValue
 
 STRESS = "STIMLIB_STRESS" in os.environ
 
@@ -186,10 +188,14 @@ def garbage(proc, rng, singles=12):
 
 
 def lawful(block, fs, **x):
-    """Hold a block, and what is below it, against their laws, on these inputs."""
-    n, scene = len(next(iter(x.values()))), Scene({"y": block})
+    """Hold a block, and what is below it, against their laws, on those of these rows
+    that it has as inputs.
+    """
+    scene = Scene({"y": block})
     params = {name: p.value for name, p in scene.params.items()}
-    rows_of = {name: np.asarray(row, float) for name, row in x.items()}
+    inputs = {q.name for q in reach([block]) if isinstance(q, Input)}
+    rows_of = {name: np.asarray(row, float) for name, row in x.items() if name in inputs}
+    n = len(next(iter(rows_of.values())))
     found = local.held(local.Run(scene, fs, 0, rows_of, n, params, [], [(0, n)]))
     assert not [h for h in found if h.why or not h.error <= 1]
 
@@ -211,3 +217,14 @@ def alias(y, k, top):
     n = np.arange(P.size)
     low = (n > 0) & (n < top * y.size)
     return 10 * np.log10(P[low & (n % k != 0)].sum() / P[low & (n % k == 0)].sum())
+
+
+def compiled(make, fs=1000.0):
+    """A block for this sample rate, or what ``make`` makes."""
+    made = make if isinstance(make, Block) else make()
+    return stimlib.compile(Scene({"y": made}), fs, "python") if isinstance(made, Block) else made
+
+
+def refuses(make, says, error=BadValue, fs=1000.0):
+    """What ``make`` makes, or its processor, is refused: where and with what remedy."""
+    refused(error, says, compiled, make, fs)

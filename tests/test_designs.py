@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from laws import STRESS
+from laws import STRESS, refuses
 from refusals import refused
 
 import stimlib
@@ -78,11 +78,7 @@ def test_a_recording_scanned_at_a_low_rate_is_made_at_once_or_refused(loop):
 )
 def test_work_is_refused_before_it_begins(make, fs, words, monkeypatch):
     monkeypatch.setattr(stimlib.limits, "design_work", 1e8)
-    began = time.process_time()
-    refused(
-        BadValue, words + ".*limits.design_work", stimlib.compile, stimlib.Scene({"y": make()}), fs
-    )
-    assert time.process_time() - began < 5
+    refuses(make(), f"{words}.*limits.design_work", fs=fs)
 
 
 @pytest.mark.parametrize(
@@ -98,13 +94,14 @@ def test_a_long_design_can_be_interrupted(make, fs, target):
         "import numpy as np, stimlib; from stimlib import blocks as b\n"
         f"scene = stimlib.Scene({{'y': {make}}})\n"
         f"if {target!r} == 'numba': stimlib.compile(scene, 1e4)\n"
-        "print('now', flush=True)\n"
-        f"try: stimlib.compile(scene, {fs}, {target!r})\n"
+        "try:\n"
+        "    print('now', flush=True)\n"
+        f"    stimlib.compile(scene, {fs}, {target!r})\n"
         "except KeyboardInterrupt: print('interrupted')\n"
     )
     child = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert child.stdout.readline() == "now\n"
-    time.sleep(0.1)
+    time.sleep(0.1)  # it is in the design, or before: either ends
     child.send_signal(signal.SIGINT)
     assert child.communicate(timeout=60)[0] == "interrupted\n"
 

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from refusals import refused
 
 from stimlib import BadValue, UnitError
 from stimlib.design.levels import amplitude
@@ -50,5 +51,4 @@ def test_above_the_threshold():
     ],
 )
 def test_bad_levels(arguments, error, says):
-    with pytest.raises(error, match=says):
-        amplitude(*arguments)
+    refused(error, says, amplitude, *arguments)

@@ -1,74 +1,91 @@
-"""Oscillators, sweeps, pulse trains and recordings against integrals, fractions and
-many digits.
+"""Carriers, oscillators, sweeps, pulse trains and recordings against their laws,
+fractions and many digits.
 """
 
+import itertools
 from fractions import Fraction
 
 import mpmath as mp
 import numpy as np
 import pytest
-from laws import played
+from laws import alias, lawful, mostly, played, refuses
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, UnitError, blocks as b
-from stimlib.blocks.oscillators import increment
+from stimlib import Input, Param, Scene, UnitError, blocks as b, constant
+from stimlib.blocks.oscillators import carrier
 from stimlib.blocks.sources import Chirp
-from stimlib.design.filters import resampled
+from stimlib.devices.null import NullSink
 
-X = Input("x")
+X, T, FREQ = Input("x"), Input("t", "s"), Input("f", "Hz")
+FS, RECORDED = 8000.0, np.array([1.0, -2.0, 3.0])
 
 
-WAVES = {  # of the phase in turns
-    "triangle": lambda u: 1 - 4 * np.abs((u + 0.25) % 1 - 0.5),
-    "sawtooth": lambda u: 2 * (u % 1) - 1,
-    "square": lambda u: np.where(u % 1 < 0.3, 1.0, -1.0),
-    "pulse": lambda u: np.where(u % 1 < 0.3, 1.0, 0.0),
+def heard(source):
+    """A source beside an input, which says how many samples it is to be."""
+    return source + 0.0 * X
+
+
+PHASES = itertools.product([None, "half", "full"], [0.0, -2.5, 100.0])
+LAWFUL = [
+    *(
+        heard(b.oscillator(freq, wave, 0.3, phase=1.0))
+        for wave in ("triangle", "sawtooth", "square", "pulse")
+        for freq in (0.0, 3.7, 158.3, 449.0)
+    ),
+    heard(b.oscillator(0.0, "square", phase=4.0)),
+    heard(b.oscillator(0.0, "sawtooth", phase=np.pi)),
+    b.oscillator(100, "pulse", 10.0 * X),  # a duty beyond 0 and 1
+    heard(b.chirp(50, 50, 1.0, "exponential")),
+    heard(b.pulse_train(30.0)),
+    heard(b.pulse_train(125.0, -0.5)),  # periods of 8 samples, at whose first instant it is
+    heard(b.pulse_train(125.0, -1.0)),
+    b.pulse_train(Param("rate", 40.0, "Hz"), 0.45 * b.tanh(X)),
+    heard(b.playback(RECORDED, rate=300)),
+    *(
+        carrier(f, *how, contact=X + 1.5)
+        for how in PHASES
+        for f in (1.0, 158.0, 370.0, constant(1100.0, "Hz") * X)  # live beyond 0 and fs/2
+    ),
+]
+
+
+def test_a_sample_is_that_of_its_law():
+    """At any frequency, phase, duty and jitter; silent off contact."""
+    for block in LAWFUL:
+        lawful(block, 1000, x=np.random.default_rng(1).standard_normal(400))
+
+
+HAND = {
+    "once": (b.playback(RECORDED, rate=1000), 6, [1, -2, 3, 0, 0, 0]),
+    "again and again": (b.playback(RECORDED, rate=1000, loop=True), 25, np.resize(RECORDED, 25)),
+    "a low square": (b.oscillator(0.0, "square", phase=4.0), 2, [-1, -1]),
+    "a triangle that stays": (b.oscillator(0.0, "triangle", phase=np.pi / 4), 2, [0.5, 0.5]),
+    "regular pulses": (
+        b.pulse_train(30.0),
+        1000,
+        np.isin(np.arange(1000), np.floor((np.arange(30) + 0.5) * 1000 / 30)),
+    ),
 }
 
 
-@pytest.mark.parametrize("waveform", WAVES)
-@pytest.mark.parametrize("freq", [3.7, 158.3, 449.0])
-def test_a_sample_is_the_mean_over_the_period_around_it(waveform, freq):
-    y = played(b.oscillator(freq, waveform, 0.3, phase=1.0), 60)
-    fine = (np.arange(4000) + 0.5) / 4000 - 0.5
-    u = 1 / (2 * np.pi) + freq / 1000 * (np.arange(60)[:, None] + fine)
-    np.testing.assert_allclose(y, WAVES[waveform](u).mean(axis=1), rtol=0, atol=1e-3)
-    assert np.abs(y).max() <= 1.0
+def test_samples_are_those_worked_out_by_hand():
+    for name, (block, n, wanted) in HAND.items():
+        np.testing.assert_allclose(played(block, n), wanted, rtol=1e-15, err_msg=name)
 
 
-def test_what_does_not_move_stays():
-    assert played(b.oscillator(0.0, "square", phase=4.0), 5).tolist() == [-1.0] * 5
-    assert played(b.oscillator(0.0, "sawtooth", phase=np.pi), 5).tolist() == [0.0] * 5
-    assert played(b.oscillator(0.0, "square", phase=1.0), 2).tolist() == [1.0] * 2
-    np.testing.assert_allclose(
-        played(b.oscillator(0.0, "triangle", phase=np.pi / 4), 2), 0.5, rtol=1e-15
-    )
+ALIASED = [  # turns in 2^16 samples, what is played, the point at each sample, dB at least
+    (1295, lambda f: carrier(f, "half"), lambda u: np.maximum(0, np.sin(2 * np.pi * u)), 6, 20),
+    (1645, lambda f: b.oscillator(f, "sawtooth"), lambda u: 2 * (u % 1) - 1, 4, 15),
+]
 
 
-def test_area_takes_the_aliases_of_a_sawtooth_down():
-    """4 dB of the worst, 18 of the worst below 1 kHz; of 200 Hz at 8 kHz: see the
-    docstring.
-    """
-    n, m = 1 << 14, 411
-    y = played(b.oscillator(8000 * m / n, "sawtooth", phase=2.0), n, fs=8000)
-    naive = WAVES["sawtooth"](np.arange(n) * m / n + 1 / np.pi)
-    bins = np.arange(n // 2 + 1)
-    levels = []
-    for wave in (y, naive):
-        Y = np.abs(np.fft.rfft(wave))
-        alias = 20 * np.log10(Y / Y[m])
-        alias[(bins % m == 0) | (bins == 0)] = -300
-        levels.append((alias.max(), alias[bins * 8000 / n < 1000].max()))
-    assert levels[1][0] - levels[0][0] > 3.5 and levels[1][1] - levels[0][1] > 15
-
-
-def test_a_phase_is_kept_for_a_day():
-    """The word added at each sample is the nearest to the exact one: 1e-9 rad after 24
-    h at 48 kHz.
-    """
-    p, _ = b.oscillator(158.3, "square").design(48000)
-    drift = (Fraction(int(increment(p, 158.3)), 2**64) - Fraction(158.3) / 48000) * 86400 * 48000
-    assert abs(2 * np.pi * float(drift)) < 1e-9
+@pytest.mark.parametrize(("k", "make", "point", "all_of_it", "below_1_khz"), ALIASED)
+def test_the_mean_over_a_sample_has_fewer_aliases(k, make, point, all_of_it, below_1_khz):
+    n = 1 << 16
+    y, points = played(make(k * FS / n), n, fs=FS), point(np.arange(n) * k / n)
+    for top, better in ((0.5, all_of_it), (1000 / FS, below_1_khz)):
+        assert alias(y, k, top) < alias(points, k, top) - better
+    assert np.abs(np.fft.rfft(y)[k] / np.fft.rfft(points)[k]) == pytest.approx(1, abs=0.01)
 
 
 @pytest.mark.parametrize(("kind", "tol"), [("linear", 1e-14), ("exponential", 1e-8)])
@@ -95,53 +112,14 @@ def test_nothing_sounds_before_sample_0(source):
     assert played(b.moving_average(source, 0.01), 1)[0] == played(source, 1)[0] / 10
 
 
-def test_a_duty_that_is_a_signal_is_held_and_told_where_it_is_no_number():
-    from stimlib.blocks.oscillators import Oscillator
-
-    y = played(b.oscillator(100, "pulse", X), np.repeat([1.0, 7.0, -1.0], 3))
-    np.testing.assert_allclose(y, np.repeat([1.0, 1.0, 0.0], 3), atol=1e-13)
-    p, s = b.oscillator(100, "pulse", X).design(1000)
-    with np.errstate(all="ignore"):
-        assert np.isnan(Oscillator.step(p, s, 0.0, np.nan)[0])
-
-
-def test_a_sweep_may_stand():
-    np.testing.assert_allclose(
-        played(b.chirp(50, 50, 1.0, "exponential"), 40),
-        np.sin(np.pi * np.arange(40) / 10),
-        atol=1e-14,
-    )
-
-
 def test_jittered_pulses_keep_their_order_and_none_is_lost():
     """Each in its own period, where its jitter says."""
     jitter = np.random.default_rng(0).uniform(-0.45, 0.45, 10_000)
     y = played(b.pulse_train(Param("rate", 40.0, "Hz"), X), jitter)
-    assert y.sum() == 400
-    period = np.arange(1, 400) * 25
-    at = np.repeat(np.arange(10_000), y.astype(int))
+    period, at = np.arange(1, 400) * 25, np.repeat(np.arange(10_000), y.astype(int))
     # read at the sample that ends the period before
     wanted = np.floor(period + 25 * (0.5 + jitter[period - 1]))
-    assert np.abs(at[1:] - wanted).max() <= 1
-    regular = np.flatnonzero(played(b.pulse_train(30.0), 1000))
-    assert regular.tolist() == np.floor((np.arange(30) + 0.5) * 1000 / 30).tolist()
-
-
-@pytest.mark.parametrize("jitter", [-0.5, -1.0])
-def test_an_event_at_the_first_instant_of_each_period_is_there_once(jitter):
-    """Periods of 8 samples, whose phases begin with exactly 0."""
-    y = played(b.pulse_train(1000.0, jitter), 100, fs=8000)
-    np.testing.assert_array_equal(y[8:], np.arange(8, 100) % 8 == 0)
-
-
-def test_a_recording_is_played_once_or_again_and_again():
-    x = np.array([1.0, -2.0, 3.0])
-    assert played(b.playback(x, rate=1000), 6).tolist() == [1, -2, 3, 0, 0, 0]
-    loop = b.playback(x, rate=1000, loop=True)
-    assert played(loop, 25).tolist() == np.resize(x, 25).tolist()
-    np.testing.assert_array_equal(
-        played(b.playback(x, rate=300), 25), np.append(resampled(x, 300, 1000), np.zeros(15))
-    )
+    assert y.sum() == 400 and np.abs(at[1:] - wanted).max() <= 1
 
 
 @pytest.mark.parametrize(
@@ -177,18 +155,17 @@ def test_a_loop_has_no_seam_and_its_frequency_at_every_rate(n, rate, fs, cycles)
 @pytest.mark.parametrize(("rate", "loop"), [(1000, False), (300, True), (4000, True)])
 def test_a_recording_is_heard_at_any_time_of_it(rate, loop):
     """Forwards at up to its own speed, backwards, around; a wave at 0.44 of the lower
-    rate.
+    rate; what lies beyond the sample rate is not heard.
     """
-    f = 0.44 * min(rate, 1000)
-    x = np.cos(2 * np.pi * f * np.arange(rate) / rate + 1)
-    t = np.cumsum(np.random.default_rng(0).uniform(-0.3, 1.0, 2000)) / 1000 + (
-        -2.9 if loop else 0.1
-    )
-    block = b.playback(x, rate, loop, at=Input("t", "s"))
-    y = played(block, t)
+    f, n = 0.44 * min(rate, 1000), np.arange(rate)
+    t = np.cumsum(np.random.default_rng(0).uniform(-0.3, 1.0, 2000)) / 1000
+    t += -2.9 if loop else 0.1
+    block = b.playback(np.cos(2 * np.pi * f * n / rate + 1), rate, loop, "N", T)
+    y, ends = played(block, t), played(block, [-1e-9, 0.0, 1 - 1e-9, 1.0])
     assert (t[-1] < 0.9 or loop) and np.abs(y - np.cos(2 * np.pi * f * t + 1)).max() < 1e-5
-    ends = played(block, [-1e-9, 0.0, 1 - 1e-9, 1.0])
     np.testing.assert_allclose(ends, np.cos(1) if loop else [0, ends[1], ends[2], 0], atol=1e-4)
+    high = played(b.playback(np.cos(2 * np.pi * 0.145 * n), rate, True, at=T), np.arange(500) / 1e3)
+    assert str(block.dim) == "N" and (rate < 4000 or np.abs(high).max() < 1e-5)
 
 
 def test_what_lies_beyond_the_sample_rate_is_not_heard_at_a_speed_of_1():
@@ -199,89 +176,113 @@ def test_what_lies_beyond_the_sample_rate_is_not_heard_at_a_speed_of_1():
     )
 
 
-@pytest.mark.parametrize("at", [None, Input("t", "s")])
-def test_a_recording_has_a_unit(at):
-    assert str(b.playback([1.0], 1000, unit="N", at=at).dim) == "N"
+TOUCH = Input("touch")
 
 
-def test_noise_of_a_band_has_its_level_at_every_rate():
-    for fs in (1000, 4000):
-        y = played(b.band_noise(100, 300, psd=0.01, seed=1, order=6), 20 * fs, fs=fs)[fs:]
-        # 200 Hz for 19 s: 1.6 % of chance, and 1 % of flanks
-        assert abs(np.mean(y**2) / 2.0 - 1) < 0.08
+@pytest.mark.parametrize("f", [158.0, 157.9, 1 / 3, 3999.999])
+@pytest.mark.parametrize("fs", mostly({44100.0}, [8000.0, 44100.0, 8000 / 1.001]))
+def test_the_phase_is_exact_after_a_day(f, fs):
+    """The state is moved on by 24 h, by the increment that the block itself makes."""
+    f, n, word = min(f, fs / 2 - 0.001), int(24 * 3600 * fs), 2  # header, index, phase, ..
+    proc = stimlib.compile(Scene({"c": carrier(f)}), fs)
+    before = proc.state
+    proc.process(1)
+    moved = int(before[word]) + n * (int(proc.state[word]) - int(before[word]))
+    before[word] = np.uint64(moved % 2**64)
+    proc.state = before
+    turns = [float(Fraction(f) * (n + k) / Fraction(fs) % 1) for k in range(400)]
+    assert np.abs(proc.process(400)[0] - np.sin(2 * np.pi * np.array(turns))).max() <= 1e-9
+    error = (int(before[word]) / 2**64 - turns[0] + 0.5) % 1 - 0.5
+    assert abs(2 * np.pi * error) <= 2 * np.pi * n * 2.0**-65 + 1e-15 <= 1e-9
 
 
-@pytest.mark.parametrize(
-    ("make", "error", "text"),
-    [
-        (
-            lambda: b.oscillator(100, "saw"),
-            BadValue,
-            "waveform = 'saw'; choose one of sine, triangle, sawtooth",
-        ),
-        (
-            lambda: b.oscillator(-1.0, "square"),
-            BadValue,
-            "oscillator: freq = -1 Hz must be 0 or above",
-        ),
-        (
-            lambda: b.oscillator(Param("f", -1.0, "Hz"), "square"),
-            BadValue,
-            "oscillator: freq = -1 Hz must be 0 or above",
-        ),
-        (
-            lambda: b.oscillator(100, "square", duty=1.0),
-            BadValue,
-            "duty = 1 must be above 0 and below 1",
-        ),
-        (
-            lambda: b.oscillator(X, "square"),
-            UnitError,
-            r"freq Input\('x'\) \[1\] must be in Hz; multiply it by .*'Hz'",
-        ),
-        (
-            lambda: b.chirp(Param("f", 10.0, "Hz"), 20, 1),
-            BadValue,
-            r"Param\('f', 10.0, 'Hz'\); oscillator\(freq\) has a freq",
-        ),
-        (
-            lambda: b.oscillator(100, "square", Input("d", "m")),
-            UnitError,
-            "duty .* must have no unit",
-        ),
-        (lambda: b.pulse_train(10, Input("j", "s")), UnitError, "jitter .* part of a period"),
-        (
-            lambda: b.chirp(10, 20, 1, "cubic"),
-            BadValue,
-            "kind = 'cubic'; choose one of linear, exponential",
-        ),
-        (lambda: b.chirp(0, 20, 1), BadValue, "chirp: f0 = 0.0 must be above 0"),
-        (lambda: b.at("noon"), BadValue, "at: times must be numbers"),
-        (lambda: b.playback([], 8000), BadValue, "playback: samples must be one row"),
-        (lambda: b.playback([1.0], 0), BadValue, "playback: rate = 0.0 must be above 0"),
-        (
-            lambda: b.playback([1.0], 8000, at=Input("x", "m")),
-            UnitError,
-            r"at Input\('x', 'm'\) \[m\] must be in s; multiply it by a constant\(.., 's/\(m\)'\)",
-        ),
-        (
-            lambda: b.playback([1.0], 8000, at=b.every(1.0)),
-            BadValue,
-            r"is an event, which lasts one sample; give a time",
-        ),
-        (lambda: b.band_noise(300, 100, 1, seed=1), BadValue, "low = 300 Hz must be below high"),
-        (lambda: b.band_noise(100, 300, 0, seed=1), BadValue, "psd = 0.0 must be above 0"),
-    ],
-)
-def test_what_makes_no_sense_is_told_at_once(make, error, text):
-    with pytest.raises(error, match=text):
-        make()
+FREQUENCIES = {  # each block that takes a frequency while it runs
+    "oscillator or carrier: freq": lambda f: b.carrier(f),
+    "carrier: freq": lambda f: b.carrier(f, "full"),
+    "oscillator: freq": lambda f: b.oscillator(f, "square"),
+    "pulse_train: rate": lambda f: b.pulse_train(f),
+    "ring: freq": lambda f: b.ring(b.pulse_train(5.0), f, 0.1),
+    "svf: cutoff": lambda f: b.svf(b.white_noise(1), f),
+    "oscillator or carrier: freq, in a loop": lambda f: b.loop(lambda y: 0.5 * y + b.carrier(f)),
+}
 
 
-@pytest.mark.parametrize(
-    "make",
-    [lambda: b.oscillator(500, "pulse"), lambda: b.chirp(10, 600, 1), lambda: b.pulse_train(600)],
-)
-def test_what_does_not_fit_the_sample_rate_is_told_when_it_is_compiled(make):
-    with pytest.raises(BadValue, match="does not fit below fs/2 = 500 Hz"):
-        stimlib.compile(Scene({"y": make()}), 1000)
+@pytest.mark.parametrize("what", FREQUENCIES)
+def test_a_frequency_of_half_the_rate_is_refused_as_a_parameter_and_counted_as_a_signal(what):
+    make, name = FREQUENCIES[what], what.partition(",")[0]
+    scene, says = Scene({"y": make(Param("f", 100.0, "Hz"))}), f"{name} = .* fit below fs/2"
+    proc = stimlib.compile(scene, FS)
+    proc.set("f", 3999.0)
+    copies = proc.many([0, 1])
+    before = [dict(one.params) for one in copies]
+    with NullSink(scene, 50.0, clocked=False) as sink:
+        sink.open(FS)
+        for call in (
+            lambda: proc.set("f", 4000.0),
+            lambda: copies.set("f", [200.0, 4000.0]),
+            lambda: sink.set("f", 5000.0),
+            lambda: stimlib.render(scene, fs=FS, seconds=0.01, params={"f": 1e6}),
+            make(Param("f", 4000.0, "Hz")),
+            make(constant(4000.0, "Hz")),
+        ):
+            refuses(call, says, fs=FS)
+        refuses(lambda: sink.set("f", -1.0), f"{name} = -1 Hz must be 0 or above")
+    assert proc.params == {"f": 3999.0} and [one.params for one in copies] == before
+    scene, f = Scene({"y": make(FREQ)}), np.full(800, 3999.0)
+    for count in (0, 100):
+        f[300 : 300 + count] = 4000.0
+        report = stimlib.verify(scene, {"f": f}, stimlib.render(scene, {"f": f}, FS))
+        told = [text for text in report.evidence.numbers if f"or above in {count} of 800" in text]
+        assert report.passed and len(told) == bool(count)
+
+
+REFUSED = [
+    (lambda: b.oscillator(100, "saw"), "waveform = 'saw'; choose .*triangle, sawtooth"),
+    (lambda: b.oscillator(-1.0, "square"), "oscillator: freq = -1 .*or above"),
+    (lambda: b.oscillator(Param("f", -1.0, "Hz"), "square"), "oscillator: freq = -1 .*or above"),
+    (lambda: b.oscillator(100, "square", duty=1.0), "duty = 1 must .*below 1"),
+    (lambda: b.oscillator(X, "square"), r"freq Input\('x'\) \[1\] must .*by .*'Hz'", UnitError),
+    (
+        lambda: b.chirp(Param("f", 10.0, "Hz"), 20, 1),
+        r"Param\('f', 10.0, 'Hz'\); oscillator\(freq\) has a freq",
+    ),
+    (lambda: b.oscillator(100, "square", Input("d", "m")), "duty .* must have no unit", UnitError),
+    (lambda: b.pulse_train(10, Input("j", "s")), "jitter .* part of a period", UnitError),
+    (lambda: b.chirp(10, 20, 1, "cubic"), "kind = 'cubic'; choose .*linear, exponential"),
+    (lambda: b.chirp(0, 20, 1), "chirp: f0 = 0.0 .*above 0"),
+    (lambda: b.at("noon"), "at: times must be numbers"),
+    (lambda: b.playback([], 8000), "playback: samples must be one row"),
+    (lambda: b.playback([1.0], 0), "playback: rate = 0.0 .*above 0"),
+    (
+        lambda: b.playback([1.0], 8000, at=Input("x", "m")),
+        r"at Input\('x', 'm'\) \[m\] .*constant\(.., 's/\(m\)'\)",
+        UnitError,
+    ),
+    (lambda: b.playback([1.0], 8000, at=b.every(1.0)), "is an event, which .*a time"),
+    (lambda: b.band_noise(300, 100, 1, seed=1), "low = 300 Hz .*below high"),
+    (lambda: b.band_noise(100, 300, 0, seed=1), "psd = 0.0 must be above 0"),
+    (lambda: carrier(158.0, "positive"), "half"),
+    (lambda: carrier(-1.0), "^carrier: freq = -1.0 .*or above"),
+    (lambda: carrier(-5.0, "half"), "^carrier: freq = -5.0 .*or above"),
+    (lambda: carrier(Param("f", -2.0, "Hz")), "0 or above"),
+    (lambda: carrier(float("inf")), "not finite"),
+    (
+        lambda: stimlib.compile(Scene({"y": carrier(4000.0)}), FS),
+        "^oscillator or carrier: freq .*4000 Hz",
+    ),
+    (lambda: carrier(900.0, "half"), "^carrier: freq = 900 .*500 Hz"),
+    (
+        lambda: stimlib.compile(Scene({"y": carrier(Param("f", 4000.0, "Hz"))}), FS),
+        "below fs/2 = 4000 Hz",
+    ),
+    (lambda: carrier(Param("f", 158.0)), "in Hz", UnitError),
+    (lambda: carrier(Input("f", "m"), "half"), "^carrier: freq .* must be in Hz", UnitError),
+    (b.oscillator(500, "pulse"), "fit below fs/2 = 500"),
+    (b.chirp(10, 600, 1), "fit below fs/2 = 500"),
+    (b.pulse_train(600), "fit below fs/2 = 500"),
+]
+
+
+@pytest.mark.parametrize("given", REFUSED, ids=lambda given: given[1])
+def test_what_makes_no_sense_is_refused(given):
+    refuses(*given)

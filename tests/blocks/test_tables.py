@@ -1,85 +1,153 @@
-"""Tables against numpy and scipy."""
+"""Tables against numpy and scipy, and functions of the present sample."""
 
 import numpy as np
 import pytest
-from laws import lawful
+from laws import lawful, played, refuses
 
 import stimlib
-from stimlib import Input, Scene
-from stimlib.blocks import lut
-from stimlib.errors import BadValue
+from stimlib import Input, Param, Scene, blocks, constant
+from stimlib.blocks import lut, lut2
+from stimlib.core.units import unit
+from stimlib.errors import UnitError
 
+U, W, X, Y = Input("u"), Input("w"), Input("x", "m"), Input("y", "s")
+KINDS = ["linear", "pchip", "cubic", "polynomial"]
 KNOTS = np.array([-2.0, -1.1, 0.0, 0.3, 0.35, 4.0])
 VALUES = np.array([1.0, -1.0, 0.5, 2.0, 2.0, -3.0])
 INSIDE = np.concatenate(
     [np.linspace(-2, 4, 997), KNOTS, np.nextafter(KNOTS[1:], -9), np.nextafter(KNOTS[:-1], 9)]
 )
+BEYOND = np.r_[-2.0001, -1e300, 4.0001, 1e300, -np.inf, np.inf]
+ORIGIN, SPACING = (-0.3, 2.0), (0.25, 1.5)
+RNG = np.random.default_rng(3)
+TABLES = [RNG.standard_normal(shape) for shape in ((7, 5), (4, 7))]
 
 
-def through(u, **how):
-    return stimlib.compile(Scene({"y": lut(Input("x"), KNOTS, VALUES, **how)}), 1000).process(
-        np.asarray(u, float)[None]
-    )[0]
-
-
-@pytest.mark.parametrize("kind", ["linear", "pchip", "cubic", "polynomial"])
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("outside", ["hold", "zero", "error"])
-def test_inside(kind, outside):
-    lawful(lut(Input("x"), KNOTS, VALUES, kind, outside), 1000, x=INSIDE)
+def test_a_table_is_its_curve(kind, outside):
+    """On its knots, beside them, between them and beyond."""
+    x = INSIDE if outside == "error" else np.r_[INSIDE, BEYOND]
+    lawful(lut(U, KNOTS, VALUES, kind, outside), 1000, u=x)
 
 
-@pytest.mark.parametrize("kind", ["linear", "pchip", "cubic", "polynomial"])
-def test_knots_are_hit(kind):
-    np.testing.assert_allclose(through(KNOTS, kind=kind), VALUES, rtol=0, atol=1e-13)
+@pytest.mark.parametrize("kind", ["linear", "cubic"])
+@pytest.mark.parametrize("table", TABLES, ids=np.shape)
+def test_a_grid_is_its_surface_with_its_slopes(table, kind):
+    """A tensor product of cubic splines whose third derivative goes on beside the edges
+    (not-a-knot); held beyond, where it is level.
+    """
+    grid = lut2(X, Y, table, SPACING, ORIGIN, kind)
+    last = ORIGIN + np.array(SPACING) * (np.array(table.shape) - 1)
+    way = np.array([(-1e300, *ORIGIN), (1e300, *last), (0.0, -1e-3, 3.0), (0.1, 2.5, 1e300)])
+    rng = np.random.default_rng(4)
+    x, y = rng.uniform(-1, 2, 400), rng.uniform(1, 12, 400)
+    rows = {"x": np.r_[x, way[:, 0], way[:, 1]], "y": np.r_[y, way[:, 1], way[:, 2]]}
+    for one in (grid.value, grid.slope_x, grid.slope_y):
+        lawful(one, 1000, **rows)
+    corner = played(grid.value, {"x": [ORIGIN[0], last[0]], "y": [ORIGIN[1], last[1]]})
+    np.testing.assert_allclose(corner, table[[0, -1], [0, -1]], rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("kind", ["linear", "pchip", "cubic", "polynomial"])
-def test_outside(kind):
-    u = [-2.0001, -1e300, 4.0001, 1e300, -np.inf, np.inf]
-    np.testing.assert_allclose(through(u, kind=kind), [1, 1, -3, -3, 1, -3], atol=1e-13)
-    assert not through(u, kind=kind, outside="zero").any()
+FAULTS = [
+    *(("error", "linear", u) for u in (-2.1, 4.1, np.nan)),
+    *((outside, kind, np.nan) for outside in ("hold", "zero") for kind in ("linear", "polynomial")),
+]
 
 
-def test_outside_is_a_fault_where_it_should_be():
-    proc = stimlib.compile(Scene({"y": lut(Input("x"), KNOTS, VALUES, outside="error")}), 1000)
-    proc.process(np.array([[0.0, 4.0, 4.1, 0.0]]))
+@pytest.mark.parametrize(("outside", "kind", "u"), FAULTS)
+def test_outside_is_a_fault_where_it_should_be(outside, kind, u):
+    """And what is no number, whatever is outside."""
+    proc = stimlib.compile(Scene({"y": lut(U, KNOTS, VALUES, kind, outside)}), 1000)
+    proc.process(np.array([[-2.0, 4.0, u, 0.0]]))
     assert proc.fault == ("y", 2)
 
 
-def test_nan_is_a_fault_whatever_is_outside():
-    for outside in ("hold", "zero", "error"):
-        for kind in ("linear", "polynomial"):
-            proc = stimlib.compile(
-                Scene({"y": lut(Input("x"), KNOTS, VALUES, kind, outside)}), 1000
-            )
-            proc.process(np.array([[0.0, np.nan]]))
-            assert proc.fault == ("y", 1), (kind, outside)
+EIGHT = np.arange(8.0)
+CLOSE = 10 + 1e-3 * EIGHT
+HAND = {
+    "a function sampled at the knots": (
+        {"y": lut(U, np.linspace(0, 1, 11), np.square)},
+        {"u": [0.5, 0.55]},
+        [[0.25, 0.305]],
+    ),
+    "knots that are close": (
+        {"y": lut(U, CLOSE, np.cos(EIGHT), "polynomial")},
+        {"u": CLOSE},
+        [np.cos(EIGHT)],
+    ),
+    "nan is not above, and the larger if it comes first": (
+        {
+            "g": U > W,
+            "m": blocks.nonzero(blocks.maximum(W, U)),
+            "n": blocks.nonzero(U),
+            "o": blocks.where(U, 1.0, 2.0),
+        },
+        {"u": [np.nan], "w": [1.0]},
+        [[0.0], [1.0], [1.0], [2.0]],
+    ),
+    "a live limit may pass the other": (
+        {"y": blocks.clip(U, -5.0, Param("top", -6.0))},
+        {"u": [-9.0, 0.0]},
+        [[-6.0, -6.0]],
+    ),
+}
 
 
-def test_a_function_is_sampled_at_the_knots():
-    y = stimlib.compile(
-        Scene({"y": lut(Input("x"), np.linspace(0, 1, 11), np.square)}), 1000
-    ).process(np.array([[0.5, 0.55]]))
-    np.testing.assert_allclose(y, [[0.25, 0.305]], atol=1e-15)
+@pytest.mark.parametrize("name", HAND)
+def test_samples_are_those_worked_out_by_hand(name):
+    outputs, rows, wanted = HAND[name]
+    np.testing.assert_allclose(played(outputs, rows), wanted, rtol=0, atol=1e-13)
 
 
-def test_a_polynomial_has_at_most_8_knots():
-    knots = np.arange(8.0)
-    proc = stimlib.compile(
-        Scene({"y": lut(Input("x"), 10 + 1e-3 * knots, np.cos(knots), "polynomial")}), 1000
-    )
-    np.testing.assert_allclose(
-        proc.process(10 + 1e-3 * knots[None])[0], np.cos(knots), rtol=0, atol=1e-13
-    )
-    with pytest.raises(BadValue, match="9 knots swings between them; at most 8"):
-        lut(Input("x"), np.arange(9.0), np.arange(9.0), "polynomial")
-    for knots, match in (([0, 1, 1], "must rise"), ([0, 1], "one length")):
-        with pytest.raises(BadValue, match=match):
-            lut(Input("x"), knots, [1, 2, 3], "polynomial")
-    with pytest.raises(BadValue, match="has 201 letters; at most 200"):
-        lut(Input("x"), [0, 1], [1, 2], 201 * "l")
-    steep = Scene({"y": lut(Input("x"), [0, 1e-200, 2e-200], [0, 1e200, 3], "polynomial")})
-    with pytest.raises(BadValue, match="knots are too unequal"):
-        stimlib.compile(steep, 1000)
-    with pytest.raises(BadValue, match="hold, zero, error"):
-        lut(Input("x"), [0, 1], [1, 2], "polynomial", outside="extend")
+@pytest.mark.parametrize("kind", ["linear", "cubic"])
+def test_two_points_each_way_are_a_plane_with_a_twist(kind):
+    z = lut2(X, Y, [[0.0, 2.0], [4.0, 10.0]], (1.0, 3.0), 0.0, kind)
+    y = played({"v": z.value, "x1": z.slope_x, "y1": z.slope_y}, [0.25], [1.5])[:, 0]
+    np.testing.assert_allclose(y, [0.25 * 4 + 0.5 * 2 + 0.125 * 4, 6.0, 1.0], atol=1e-13)
+
+
+def test_units():
+    z = lut2(X, Y, TABLES[0], (constant(1.0, "m"), constant(2.0, "s")), unit="N/m")
+    want = ["N/m", *(str(unit("N/m") / unit(name)) for name in "ms")]
+    assert [str(v.dim) for v in (z.value, z.slope_x, z.slope_y)] == want
+
+
+NEWTONS = Input("F", "N")
+REFUSED = [
+    (lambda: lut(U, np.arange(9.0), np.arange(9.0), "polynomial"), "9 knots .*at most 8"),
+    (lambda: lut(U, [0, 1, 1], [1, 2, 3], "polynomial"), "must rise"),
+    (lambda: lut(U, [0, 1], [1, 2, 3], "polynomial"), "one length"),
+    (lambda: lut(U, [0, 1], [1, 2], 201 * "l"), "201 letters"),
+    *((lut(U, [0, 1e-200, 2e-200], [0, 1e200, 3], kind), "too unequal") for kind in KINDS),
+    (lambda: lut(U, [0, 1], [1, 2], "polynomial", outside="extend"), "hold, zero, error"),
+    (
+        lambda: blocks.clip(NEWTONS, constant(5.0, "N"), constant(-5.0, "N")),
+        "clip: low = 5 .*lower limit first",
+    ),
+    (lut2(X, Y, TABLES[0] * 1e307, 1e-10, kind="linear").value, "check the units"),
+    (lut2(X, Y, TABLES[0] * 1e307, 1e-10, kind="cubic").value, "check the units"),
+    (lambda: lut2(X, Y, TABLES[0], constant(1.0, "m")), "spacing .*unit of", UnitError),
+    (lambda: lut2(X, X, TABLES[0], 1.0, (0.0, constant(1.0, "s"))), "origin", UnitError),
+    *(
+        (lambda given=given: lut2(X, Y, **(dict(table=TABLES[0], spacing=1.0) | given)), says)
+        for given, says in [
+            (dict(table=[1.0, 2.0]), "at least 2 of each; got shape"),
+            (dict(table=[[1.0, 2.0]]), "at least 2 of each; got shape"),
+            (dict(table=[[1.0, 2.0], [np.nan, 1.0]]), "not finite"),
+            (dict(table=[[1.0, 2.0], [1.0]]), "must be numbers"),
+            (dict(table=np.ones((1001, 1000))), "limits.map_points"),
+            (dict(spacing=0.0), "spacing = 0 must be above 0"),
+            (dict(spacing=(1.0, -1.0)), "spacing = -1"),
+            (dict(spacing=(1.0, 1.0, 1.0)), "spacing must be a number, or two"),
+            (dict(spacing=Param("d", 1.0)), "number"),
+            (dict(origin=np.inf), "not finite"),
+            (dict(kind="quintic"), "choose one of linear, cubic"),
+        ]
+    ),
+]
+
+
+@pytest.mark.parametrize("given", REFUSED, ids=lambda given: given[1])
+def test_what_makes_no_sense_is_refused(given):
+    refuses(*given)
