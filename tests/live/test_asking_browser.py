@@ -3,9 +3,7 @@ connections; touch, mouse, looks.
 """
 
 import io
-import threading
 import time
-from contextlib import suppress
 
 import pytest
 
@@ -15,18 +13,14 @@ from live.asked import TYPED, asked, every
 from live.chromium import Browser, where
 
 from stimlib.cli import terminal
-from stimlib.errors import SinkError
-from stimlib.experiments.answer_keys import Prompt
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Cursor, Timing
-from stimlib.experiments.questions import analogue, choice, free_text, rating
+from stimlib.experiments.questions import analogue, choice, rating
 from stimlib.experiments.reader import read
 from stimlib.experiments.runner import run
 from stimlib.experiments.session import Session
 from stimlib.experiments.tasks import Rate
 from stimlib.experiments.trial import Stimulus
-from stimlib.live.experiment import ExperimentPage
-from stimlib.live.server import Server
 
 pytestmark = [
     pytest.mark.xdist_group("browser"),
@@ -37,7 +31,6 @@ pytestmark = [
 FOLDER = "pair/P01-s1"
 TEXT = "document.querySelector('#text').textContent"
 TOLD = "document.querySelector('#told').textContent"
-POINT = "document.querySelector('#point').style.transform"
 
 
 @pytest.fixture(scope="module")
@@ -225,62 +218,6 @@ def test_a_reference_moves_in_its_intervals_and_a_rest_counts_down(browser, tmp_
     # 0:00: the server was late; a busy page skips some
     assert {"0:02"} <= set(rest) <= {"0:03", "0:02", "0:01", "0:00"}
     assert rest == sorted(rest, reverse=True)  # loaded again, it is no longer
-
-
-def test_self_paced_squeezes_end_with_a_key_and_the_answer_and_then_remarks_are_asked(
-    browser, tmp_path
-):
-    """The reference moves while the end is awaited; stimuli are there until then."""
-    made = experiment(
-        design=ConstantStimuli(((TASK, 4.0),)),
-        timing=Timing(interval=20.0, gap=0.05, before=0.0, ramp=0.01, until="answer"),
-        cursor=Cursor("x", 1.0, 1.0),
-        after=(free_text("remarks", "Is there anything else?"),),
-    )
-    typed = {"Trial": "", "When you": "", "Which one": "1", "Is there": "no"}
-    with asked(tmp_path, made, "null") as running:
-        page, number = browser.page(running.server.url, 900, 700), 0
-        for words, text in typed.items():
-            state = awaited(running, page, number)
-            number = state["number"]
-            assert state["text"].startswith(words)
-            if words in ("When you", "Which one"):
-                page.until("document.querySelector('#clock').textContent === 'now'")
-                before = page.js(POINT)
-                page.until(f"{POINT} !== {before!r}")
-            else:
-                assert page.js("document.querySelector('#clock').hidden"), "nothing to feel"
-            press(page, state, text)
-        over(page)
-    record, after = read(tmp_path / FOLDER).records
-    assert record.answer.values == {"softer": "first"}
-    assert after.answer.values == {"remarks": "no"} and record.answer.seconds > 0.26
-
-
-def test_a_page_that_goes_to_another_session_shows_its_question(browser):
-    """Its number is that of a question that the page shows from the session before."""
-    said, port, page = [], 0, None
-
-    def ask(face, session):
-        with suppress(SinkError):  # the server has ended before the answer
-            said.append(face.read(Prompt(f"{session}?", {"1": f"{session} one"})))
-
-    for session, token in (("Old", "A"), ("New", "B")):
-        face = ExperimentPage(lambda text: None)
-        with Server(face, port=port, token=token) as server:
-            thread = threading.Thread(target=ask, args=(face, session))
-            thread.start()
-            page = page or browser.page(server.url, 900, 700)
-            port = server.port
-            page.js(f"location.hash = '{token}'")
-            page.until(f"open && {TEXT} === '{session}?'")
-            assert f"{session} one" in page.js("document.querySelector('#keys').textContent")
-            while session == "New" and thread.is_alive():
-                page.key("1")
-                thread.join(0.3)
-        thread.join()
-    assert said == ["1"]
-    page.close()
 
 
 def focused(page):

@@ -398,18 +398,90 @@ def test_who_wants_less_motion_sees_few_pictures(page):
 
 
 # What is computed on the page, against Python -----------------------------------------
-def test_heights_are_those_of_the_pictures(first):
-    avatars = [
-        (0.0312, 0.0498, 0.0123),
-        (0.043, 0.052, 0.0071),
-        (0.1195, 0.0302, 0.004),
-        (0.02, 0.09, 0.0006),
-    ]
-    given = [{"x": x, "y": y, "depth": d} for x, y, d in avatars]
-    h = first.js(f"import('./surface.js').then(m => [...m.heights({given}, 0.12, 0.12, 0.005).h])")
-    want = surface(avatars, 0.12, 0.12).ravel()
-    assert np.sum(want < 0) > 50
-    np.testing.assert_allclose(h, want, atol=1e-12)
+AVATARS = [
+    (0.0312, 0.0498, 0.0123),
+    (0.043, 0.052, 0.0071),
+    (0.1195, 0.0302, 0.004),
+    (0.02, 0.09, 0.0006),
+]
+DRAWN = [{"x": x, "y": y, "depth": d} for x, y, d in AVATARS]
+NOISE = np.random.default_rng(1).normal(size=512) + 3
+SURFACE, WELCH = (
+    surface(AVATARS, 0.12, 0.12),
+    welch(NOISE, FS, "hann", detrend="constant", nperseg=512)[1],
+)
+COMPUTED = {
+    "surface": (
+        f"[...m.heights({DRAWN}, 0.12, 0.12, 0.005).h]",
+        pytest.approx(SURFACE.ravel(), abs=1e-12),
+    ),
+    "spectrum": (
+        f"[...m.density({NOISE.tolist()}, {FS})]",
+        pytest.approx(WELCH, rel=1e-9, abs=1e-15),
+    ),
+    # curves have gaps where samples are missing, and a new session is empty
+    "plots": (
+        """(() => { const h = new m.History(8, [1, 10]);
+        h.push(0, 3, [1, 2, 3, 4, 5, 6]);
+        h.push(5, 2, [7, 8, 9, 10]);
+        const rings = h.rings.map(r => [...r].map(v => Number.isNaN(v) ? null : v));
+        const before = [h.newest(1), [...h.last(0, 2)], h.last(0, 3)];
+        h.push(0, 1, [5, 6]);
+        return [...rings, ...before, h.last(0, 1)[0], h.end]; })()""",
+        [
+            [1, 2, 3, None, None, 7, 8, None],
+            [40, 50, 60, None, None, 90, 100, None],
+            100,
+            [7, 8],
+            None,
+            5,
+            1,
+        ],
+    ),
+    # numbers and units as people write them
+    "scales": (
+        """[m.ticks(0, 0.1, 5).at.length, m.text(-0.05, 0.01),
+        m.pretty('N*s/m**2'), m.pretty('1/s'), m.scaled('m', 0.02), m.scaled('N', 3), m.short(1234.5), m.short(0.0123), m.roundUp(0.13),
+        m.ticks(-15, 15, 2.5).at, m.ticks(0, 15, 2.5).at]""",
+        [
+            *(
+                6,
+                "−0.05",
+                "N·s/m²",
+                "Hz",
+                {"factor": 1e3, "unit": "mm"},
+                {"factor": 1, "unit": "N"},
+            ),
+            *("1235", "0.0123", pytest.approx(0.15), [-10, 0, 10], [0, 10]),
+        ],
+    ),
+    # the full scale follows noise and no single step: it settles within a second, and
+    # then rises only; gaps are counted once, with their causes
+    "sound": (
+        """(() => { const level = new m.Level({ name: "F", unit: "N", full: 100 });
+        const sine = new Float32Array(32), found = [];
+        const noise = (seconds, rms) => {
+          for (let k = 0; k < 250 * seconds; k++)
+            level.take(sine.map((_, i) => rms * Math.SQRT2 * Math.sin(i + 32 * k)), 8000);
+          found.push(level.full);
+        };
+        level.take(new Float32Array(400).fill(10), 8000); // something lands
+        noise(0.5, 1e-4); // less than anything can vibrate
+        for (const rms of [0.009, 0.09, 0.009]) noise(3, rms);
+        const sound = new m.Sound({ postMessage() {} });
+        for (const [under, late, skips] of [[1, 1, 0], [1, 1, 0], [3, 2, 1]])
+          sound.told({ audio: { under, late, skips } });
+        return [...found, level.words().includes("full scale of the sound is 0.800 N"),
+          sound.gaps, sound.causes]; })()""",
+        [*map(pytest.approx, (80, 0.08, 0.8, 0.8)), True, 4, {"server late": 2, "browser late": 2}],
+    ),
+}
+
+
+@pytest.mark.parametrize("module", COMPUTED)
+def test_what_a_module_of_the_page_computes(first, module):
+    script, wanted = COMPUTED[module]
+    assert first.js(f"import('./{module}.js').then(m => {script})") == wanted
 
 
 def test_the_camera_and_its_inverse_and_shades(first):
@@ -431,54 +503,6 @@ def test_the_camera_and_its_inverse_and_shades(first):
     assert out[4:] == pytest.approx([min(1.0, v) for v in lit])
 
 
-def test_the_spectrum_is_welch(first):
-    x = np.random.default_rng(1).normal(size=512) + 3
-    got = first.js(f"import('./spectrum.js').then(m => [...m.density({x.tolist()}, 8000)])")
-    np.testing.assert_allclose(
-        got, welch(x, 8000, "hann", 512, detrend="constant")[1], rtol=1e-9, atol=1e-15
-    )
-
-
-def test_the_full_scale_of_the_sound_follows_noise_and_no_single_step(first):
-    """It settles within a second, and then rises only."""
-    out = first.js("""import('./sound.js').then(m => {
-        const level = new m.Level({ name: "F", unit: "N", full: 100 });
-        const sine = new Float32Array(32), found = [];
-        const noise = (seconds, rms) => {
-          for (let k = 0; k < 250 * seconds; k++)
-            level.take(sine.map((_, i) => rms * Math.SQRT2 * Math.sin(i + 32 * k)), 8000);
-          found.push(level.full);
-        };
-        level.take(new Float32Array(400).fill(10), 8000); // something lands
-        noise(0.5, 1e-4); // less than anything can vibrate
-        for (const rms of [0.009, 0.09, 0.009]) noise(3, rms);
-        return [...found, level.words()]; })""")
-    assert out[:4] == [80, pytest.approx(0.08), pytest.approx(0.8), pytest.approx(0.8)]
-    assert "full scale of the sound is 0.800 N" in out[4]
-
-
-def test_gaps_of_the_sound_are_counted_once_with_their_causes(first):
-    out = first.js("""import('./sound.js').then(m => {
-        const sound = new m.Sound({ postMessage() {} });
-        for (const [under, late, skips] of [[1, 1, 0], [1, 1, 0], [3, 2, 1]])
-          sound.told({ audio: { under, late, skips } });
-        return [sound.gaps, sound.causes]; })""")
-    assert out == [4, {"server late": 2, "browser late": 2}]
-
-
-def test_curves_have_gaps_where_samples_are_missing_and_a_new_session_is_empty(first):
-    out = first.js("""import('./plots.js').then(m => {
-        const h = new m.History(8, [1, 10]);
-        h.push(0, 3, [1, 2, 3, 4, 5, 6]);
-        h.push(5, 2, [7, 8, 9, 10]);
-        const rings = h.rings.map(r => [...r].map(v => Number.isNaN(v) ? null : v));
-        const before = [h.newest(1), [...h.last(0, 2)], h.last(0, 3)];
-        h.push(0, 1, [5, 6]);
-        return [rings, ...before, h.last(0, 1)[0], h.end]; })""")
-    assert out[0] == [[1, 2, 3, None, None, 7, 8, None], [40, 50, 60, None, None, 90, 100, None]]
-    assert out[1:] == [100, [7, 8], None, 5, 1]
-
-
 def test_a_curve_that_grew_is_the_curve_drawn_at_once(first):
     """Two with dashes and a gap, one that has gone through the window twice, and one
     with fewer samples than pixels.
@@ -492,26 +516,6 @@ def test_a_curve_that_grew_is_the_curve_drawn_at_once(first):
     assert max(two["worst"], long["worst"], few["worst"]) <= 100
     assert long["columns"] >= long["wide"] - 1
     assert few["columns"] >= few["wide"] - 5  # half a sample at each end
-
-
-def test_numbers_and_units_as_people_write_them(first):
-    out = first.js(
-        """import('./scales.js').then(m => [
-        m.ticks(0, 0.1, 5).at.length, m.text(-0.05, 0.01), m.pretty('N*s/m**2'), m.pretty('1/s'),
-        m.scaled('m', 0.02), m.scaled('N', 3),
-        m.short(1234.5), m.short(0.0123), m.roundUp(0.13),
-        m.ticks(-15, 15, 2.5).at, m.ticks(0, 15, 2.5).at])"""
-    )
-    assert out[:4] == [6, "−0.05", "N·s/m²", "Hz"]
-    assert out[4:] == [
-        {"factor": 1e3, "unit": "mm"},
-        {"factor": 1, "unit": "N"},
-        "1235",
-        "0.0123",
-        pytest.approx(0.15),
-        [-10, 0, 10],
-        [0, 10],
-    ]
 
 
 def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_pointer_is(page, site):
