@@ -114,5 +114,5 @@ def test_another_layout_of_arrays_costs_time_and_nothing_else(monkeypatch, proc,
     memory = np.ones(2001)
     overlapping = memory[1:].reshape(2, 1000), memory[:-1].reshape(2, 1000)
     for wrong in [(x, x[:1]), (x[:, ::2], None), (x.astype("f4"), None), overlapping]:
-        refused(BadValue, "", slow.process, *wrong)
+        refused(BadValue, None, slow.process, *wrong)
     assert slow._run(x) == slow._run(x, 3) == slow._run(x[0], x) == 1

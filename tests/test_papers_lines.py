@@ -61,6 +61,27 @@ def test_the_tables_are_those_of_the_rows(bench):
     assert f"{len(tests)} tests" in ran and f"{figures} figures" in ran, f"ran.txt{again}"
 
 
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (f'{HERE}verdict = "works"', None),
+        (f'{HERE}tests = ["{TEST}"]\nverdict = "works"', None),
+        ('open = "a topic"\nnote = "missing"', None),
+        (f'{HERE}tests = ["{TEST}s"]\nverdict = "works"', f"no test {TEST}s"),
+        ('tests = ["tests/none.py::test_a"]\nopen = "a topic"\nnote = "n"', "no test tests/none"),
+        ('verdict = "works"', "say where it is"),
+        ('here = ["stimlib.blocks.none"]\nverdict = "works"', "no page documents stimlib.blocks"),
+        ('here = ["/howto/none"]\nverdict = "works"', "no page documents /howto/none"),
+        ('verdict = "differs"', "say what differs"),
+        (f'{HERE}note = "n"', "give either open, or as verdict"),
+        (f'{HERE}verdict = "works"\nopen = "a topic"', "give either open, or as verdict"),
+        ('verdict = "perhaps"\nnote = "n"', "give either open, or as verdict"),
+        ('open = "another"\nnote = "n"', "not in the table of open topics"),
+        (f'{HERE}figures = [{{of = "1 +", ours = 2}}]\nverdict = "works"', "1 +: invalid syntax"),
+        (f'{HERE}figures = [{{of = "1"}}]\nverdict = "works"', "say what is printed, or ours"),
+        ('verdict = "differs"\nnote = "n"\n[errata.a]\nat = "1"\nsays = "b"', "what it must be"),
+    ],
+)
 def test_a_row_that_is_wrong_is_named(bench, more, said):
     found = list(bench.problems(bench.read(ROW + more)))
     assert len(found) == bool(said) and all(said in why for why in found)

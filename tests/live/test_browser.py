@@ -441,7 +441,8 @@ COMPUTED = {
     # numbers and units as people write them
     "scales": (
         """[m.ticks(0, 0.1, 5).at.length, m.text(-0.05, 0.01),
-        m.pretty('N*s/m**2'), m.pretty('1/s'), m.scaled('m', 0.02), m.scaled('N', 3), m.short(1234.5), m.short(0.0123), m.roundUp(0.13),
+        m.pretty('N*s/m**2'), m.pretty('1/s'), m.scaled('m', 0.02), m.scaled('N', 3),
+        m.short(1234.5), m.short(0.0123), m.roundUp(0.13),
         m.ticks(-15, 15, 2.5).at, m.ticks(0, 15, 2.5).at]""",
         [
             *(

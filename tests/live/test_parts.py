@@ -4,6 +4,7 @@ sink and what waits for a page.
 
 import asyncio
 import gc
+import json
 import queue
 import re
 import threading
@@ -69,6 +70,13 @@ SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
 )
 def test_a_message_that_the_table_has_not_is_refused(text, why):
     refused(BadValue, why, message, text)
+
+
+@pytest.mark.parametrize("box", [["k", "0", 1, 1, 1], ["k", 0, 1, 1], [5, 0, 1, 1, 1]])
+def test_a_layout_of_other_than_boxes_is_refused(box):
+    told = {"do": "drawn", "number": 1, "wide": 1, "high": 1, "boxes": [["1", 0, 0, 1, 1], box]}
+    page = asked_of.ExperimentPage(lambda text: None)
+    refused(BadValue, "a list of boxes", page.message, json.dumps(told))
 
 
 @pytest.mark.parametrize("module", [protocol, asked_of], ids=lambda m: m.__name__)
