@@ -189,16 +189,6 @@ def test_at_port_80_browsers_leave_the_port_out(server, monkeypatch):
     assert not any(server._known(host) for host in ("evil.example", "127.0.0.1:81", ""))
 
 
-def test_a_page_that_leaves_before_its_first_word_is_no_error(server, monkeypatch):
-    said, told = [], logging.getLogger("uvicorn.error")
-    monkeypatch.setattr(told, "error", lambda *a, **more: said.append(a))
-    for _ in range(3):
-        with page(server) as client:
-            client.ws.socket.close()
-    with greeted(server):
-        assert not said
-
-
 @pytest.mark.parametrize("source, k", [("contact", 10.0), ("u", K)])
 def test_a_page_that_disappears_lets_the_stimulus_fade(server, source, k):
     """The finger that was down stays down until then: lifted at once, it would end the
