@@ -105,7 +105,18 @@ def test_reference_pages_show_their_pages_of_the_gallery():
         assert sorted(shown) == [f"{page.parent.name}/{n}" for n in sorted(own)] != [], page
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(DOCS)))
+LONG = {"howto/sweep.rst", "howto/batches.rst", "reference/experiments_bounciness.rst"}
+"""Pages that take half a minute each, of what tests of these rooms show with less."""
+
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=name, marks=pytest.mark.stress if name in LONG else ())
+        for page in PAGES
+        for name in [str(page.relative_to(DOCS))]
+    ],
+)
 def test_snippets_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert doctest.testfile(str(page), module_relative=False, optionflags=OPTIONS).failed == 0

@@ -380,7 +380,9 @@ def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch, 
 
     monkeypatch.setattr(ExperimentPage, "ready", interrupted)
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "own.py").write_text("from live.asked import every\nmade = every()\n")
+    (tmp_path / "own.py").write_text(
+        "from experiments.some import experiment\nmade = experiment()\n"
+    )
     who = "own.py:made --participant P07 --session 1 --data data --host 127.0.0.1 --sink"
     done = ran(f"experiment run {who} {how}", 130)
     assert "the participant answers at http://127.0.0.1:" in done.output

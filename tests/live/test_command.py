@@ -28,7 +28,7 @@ WORDS = "live live_spring.py:scene --no-browser --fs 1000"
 def served(tmp_path, monkeypatch):
     """The servers that a command would run."""
     made = []
-    monkeypatch.setattr(Server, "run", made.append)
+    monkeypatch.setattr(Server, "run", lambda self: made.append(self))
     (tmp_path / "live_spring.py").write_text(SCENE)
     monkeypatch.chdir(tmp_path)
     yield made
