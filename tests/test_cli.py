@@ -22,7 +22,7 @@ from commands import ran, refuses
 from devices.servers import Jackd, needs_jack
 
 import stimlib
-from stimlib import cli, demo
+from stimlib import cli, demo, errors
 from stimlib.analysis.listening import vibration
 from stimlib.cli import app
 from stimlib.cli.scene import _ours, scene_of
@@ -341,6 +341,14 @@ def test_a_mistake_gets_one_line_and_leaves_nothing(here, log, words, says):
     assert sys.modules["numpy"] is np
 
 
+def test_a_long_error_keeps_its_beginning_and_its_remedy():
+    whole = "x" * errors.LONGEST
+    assert str(errors.BadValue(whole)) == whole
+    said = str(errors.BadValue(f"begin{whole}remedy"))
+    assert said.startswith("begin") and said.endswith("remedy") and len(said) < len(whole)
+    assert errors.shortened("y" * 200) == f"'{'y' * 76}..."
+
+
 @pytest.mark.filterwarnings("ignore:touch_screen. at the top of a bump")
 @pytest.mark.parametrize("make", stimlib.scenes.SHIPPED.values())
 def test_any_argument_of_a_shipped_scene_is_a_scene_or_an_error_of_ours(make):
@@ -568,6 +576,8 @@ def test_a_file_tells_how_to_verify_it(here, name, motion):
     done = ran(f"verify {name}")
     assert "--scene" not in done.stdout and "mine.py:scene" in done.stdout, done.output
     ran(f"verify squeeze(fingers=2) --wav {name}", 2, "was rendered from another scene")
+    ran(f"verify {name} --set k=1500")
+    ran(f"verify {name} --set k=1400", 1)
     if "grip" in motion:
         (here / "grip.csv").write_text(GRIP + "0.048,20,4\n")
         ran(f"verify {name}", 2, f"error: {name}: motion of x1: grip.csv: SHA-256 is ")
@@ -652,13 +662,15 @@ def test_a_tablet_in_milliseconds_and_equal_times(here):
 
 
 # Sessions -----------------------------------------------------------------------------
-def test_a_session_is_replayed_and_verified(tmp_path, log):
+def test_a_session_is_replayed_and_verified(tmp_path, monkeypatch, log):
     done = ran(["replay", log, "--out", tmp_path / "a.wav"])
     assert done.output == "4000 frames replayed, 0 lost; 2 of 2 hashes match\n"
     assert file.read(tmp_path / "a.wav")[0].shape == (2, 4000)
+    monkeypatch.setattr(sys, "argv", "stimlib verify --log a.stimlog".split())
     done = ran(f"verify squeeze(fingers=1) --log {log} --report {tmp_path}/a.html")
     assert "log: delivered = replay" in done.output
-    assert "passed" in (tmp_path / "a.html").read_text()
+    page = (tmp_path / "a.html").read_text()
+    assert "passed" in page and "stimlib verify --log a.stimlog" in page
     wrong = shutil.copytree(log, tmp_path / "wrong.stimlog") / "motion.f64"
     data = bytearray(wrong.read_bytes())
     data[8 * 2500 + 6] ^= 1

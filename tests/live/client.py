@@ -72,12 +72,17 @@ def welcome(server):
         yield client
 
 
+def wait_for(true, seconds=60):
+    """Until something is true; the limit only ends a hang."""
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
 def greeted(server):
     """A page of a stream that is welcome, once those of others have gone."""
-    end = time.monotonic() + 60
-    while server.stream.pages or server.stream._kept:
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    wait_for(lambda: not server.stream.pages and not server.stream._kept)
     return welcome(server)
 
 

@@ -18,7 +18,7 @@ pytest.importorskip("uvicorn")
 from commands import ran
 from experiments.some import TASK, experiment
 from live.asked import TYPED, asked, every
-from live.client import HELLO, page, welcome
+from live.client import HELLO, page, wait_for, welcome
 from live.drawn import seen
 from websockets.exceptions import ConnectionClosed
 
@@ -142,8 +142,7 @@ def asking(face, call):
     """A thread of a session, once it has asked."""
     thread = threading.Thread(target=call)
     thread.start()
-    while face._state["phase"] != "ask":
-        time.sleep(0.001)
+    wait_for(lambda: face._state["phase"] == "ask")
     return thread
 
 
@@ -199,8 +198,7 @@ def test_a_page_that_is_lost_in_a_stimulus_lets_it_fade_and_it_comes_once_more(t
             client.whole([""])
             client.until(phase="feel")
             client.ws.socket.shutdown(socket.SHUT_RDWR)  # no goodbye
-            while running.asking.pages:
-                time.sleep(0.01)
+            wait_for(lambda: not running.asking.pages)
         with welcome(running.server) as client:
             again = client.until(phase="ask", text="Once more")
             assert "connection was lost" in again["told"][0] and again["trial"] == "Trial 1 of 1"
@@ -228,14 +226,12 @@ def test_a_stimulus_that_no_page_sees_begin_fades_at_once(tmp_path, monkeypatch,
             def slow(what, **more):  # the page leaves between its key and the first sample
                 if what == "wait" and not gone:
                     gone.append(client.ws.socket.shutdown(socket.SHUT_RDWR))
-                    while running.asking.pages:
-                        time.sleep(0.01)
+                    wait_for(lambda: not running.asking.pages)
                 become(what, **more)
 
             monkeypatch.setattr(running.asking, "_become", slow)
             client.whole([""])
-            while running.asking._state.get("text") != "Once more":
-                time.sleep(0.01)
+            wait_for(lambda: running.asking._state.get("text") == "Once more")
         with welcome(running.server) as client:
             again = client.until(phase="ask", text="Once more")
             assert "connection was lost" in again["told"][0]

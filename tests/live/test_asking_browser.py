@@ -11,6 +11,7 @@ pytest.importorskip("uvicorn")
 from experiments.some import TASK, experiment
 from live.asked import TYPED, asked, every
 from live.chromium import Browser, where
+from live.client import wait_for
 
 from stimlib.cli import terminal
 from stimlib.experiments.designs import ConstantStimuli
@@ -42,9 +43,14 @@ def browser():
 
 def awaited(running, page, known=0):
     """The number of the next prompt, once the page shows it and takes keys."""
-    while (state := running.asking._now())["phase"] != "ask" or state["number"] <= known:
-        assert running.thread.is_alive() and state["phase"] != "end", (state, running.errors)
-        time.sleep(0.01)
+
+    def asks():
+        now = running.asking._now()
+        assert running.thread.is_alive() and now["phase"] != "end", (now, running.errors)
+        return now["phase"] == "ask" and now["number"] > known
+
+    wait_for(asks)
+    state = running.asking._now()
     enabled = "document.querySelector('#keys button:enabled, #typed:enabled') !== null"
     page.until(f"{TEXT} === {state['text']!r} && {enabled}")
     trial = state["trial"] if state["trial"] != state["text"] else ""
@@ -57,9 +63,7 @@ def lose(running, code=1012):
     """The connection, as a network does: the page finds the server again."""
     (old,) = running.asking.pages
     running.asking._loop.call_soon_threadsafe(old.close, code, "")
-    while running.asking.pages in ([], [old]):
-        assert running.thread.is_alive()
-        time.sleep(0.01)
+    wait_for(lambda: running.asking.pages not in ([], [old]))
 
 
 def press(page, state, text):
@@ -100,8 +104,7 @@ def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(
             lost, number = lost or again, state["number"]
             press(page, state, "" if again else answers.pop(0))
             if len(answers) == 1 and not lost:  # in the middle of a stimulus
-                while running.asking._state["phase"] != "feel":
-                    time.sleep(0.005)
+                wait_for(lambda: running.asking._state["phase"] == "feel")
                 lose(running, 4429)  # as too many messages, such as of a held key
         over(page)
     assert running.errors == [] and lost

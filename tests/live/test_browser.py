@@ -23,6 +23,7 @@ from stimlib.soft import surface
 
 pytest.importorskip("uvicorn")
 from live.chromium import Browser, Page, where
+from live.client import wait_for
 
 from stimlib.live.server import Server
 from stimlib.live.stream import Stream
@@ -118,11 +119,12 @@ def move(page: Page, u: float, v: float) -> None:
     """Until the finger is there: while a page still takes its shape, a place of the
     field moves in the window.
     """
-    u_now = "live.field.fingers.get(0)?.u ?? 0"
-    page.mouse("Moved", *place(page, u, v))
-    while abs(live(page, u_now) - u) > 0.01:
-        time.sleep(0.05)
+
+    def there() -> bool:
         page.mouse("Moved", *place(page, u, v))
+        return abs(live(page, "live.field.fingers.get(0)?.u ?? 0") - u) < 0.01
+
+    wait_for(there)
 
 
 def release(page: Page, u: float = 0.0, pointer: str = "mouse") -> None:
@@ -532,10 +534,13 @@ def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_point
     px, py = round(0.4 * wide), round(0.6 * high)
     x, y = until(page, f"live.field.cam?.from({px}, {py})")
     touched = f"Math.hypot(live.outputs.x1 - {x}, live.outputs.y1 - {y}) < 1e-3"
-    while not live(page, f"{touched} && live.outputs.depth1 > 0.005"):
+
+    def deep():
         for kind in ("Pressed", "Moved"):  # a session that only just begins may miss a press
             page.mouse(kind, left + px, top + py, "pen", 0.9)
-        time.sleep(0.2)
+        return live(page, f"{touched} && live.outputs.depth1 > 0.005")
+
+    wait_for(deep)
     until(page, f"Math.abs(looks.ball() - {px}) < 6")  # the ball is blue, and above its place
     page.mouse("Released", left + px, top + py, "pen")
 

@@ -13,6 +13,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from live.client import wait_for
 from refusals import refused
 from scipy.signal import welch
 
@@ -124,14 +125,6 @@ def test_an_input_goes_over_to_a_sine_within_a_tenth_of_a_second_and_then_is_one
     first = np.concatenate([fresh.columns(at, 20)[0] for at in (0, 20)])
     assert first == pytest.approx(part[:40] * wanted[:40], abs=1e-12)  # before a session, once
     assert fresh.columns(0, 40)[0] == pytest.approx(wanted[:40], abs=1e-12)
-
-
-def wait_for(true):
-    """Until something is true; the limit only ends a hang."""
-    end = time.monotonic() + 60
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.001)
 
 
 def in_band(y, low, high, fs):

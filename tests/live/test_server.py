@@ -16,7 +16,7 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 from devices.servers import unjudged
-from live.client import HELLO, MOVE, greeted, page, samples_of
+from live.client import HELLO, MOVE, greeted, page, samples_of, wait_for
 from refusals import refused
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
@@ -56,10 +56,7 @@ def frames_of(log):
 
 
 def until_idle(server):
-    end = time.monotonic() + 60
-    while server.stream.pages or server.stream.phase != "idle":
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    wait_for(lambda: not server.stream.pages and server.stream.phase == "idle")
 
 
 def closed_as(client):

@@ -9,7 +9,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 import zlib
 from base64 import b64decode
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 import pytest
 from commands import ran
 from live.chromium import Browser, where
+from live.client import wait_for
 from live.shared import OFFLINE, need_compiler, numbers
 from refusals import refused
 
@@ -115,9 +115,7 @@ def test_a_page_that_is_stopped_leaves_the_old_file_and_nothing_else(tmp_path):
     words = [sys.executable, "-m", "stimlib", "share", "tone", "--out", path]
     env = os.environ | {"PATH": f"{tmp_path}:/usr/bin:/bin", "TMPDIR": str(folder)}
     job = subprocess.Popen(words, env=env, stderr=subprocess.PIPE)
-    while not list(folder.glob("*/begun")):
-        assert job.poll() is None
-        time.sleep(0.02)
+    wait_for(lambda: [*folder.glob("*/begun")])
     job.terminate()
     assert job.communicate(timeout=20) == (None, b"") and job.returncode == 143
     assert path.read_text() == "old" and not list(folder.iterdir())
