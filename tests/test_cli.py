@@ -123,15 +123,18 @@ FILES = {
     "absent.py": "import nothing_of_that_name\n",
     "zero.py": "1 / 0\n",
     "null.py": "\0",
-    "numpy.py": "",
+    "names/numpy.py": "",
     "odd.txt": "",
     "text.wav": "hello",
 }
+
+THERE = {name.partition("/")[0] for name in FILES}
 
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     """A folder with files of a user, in which a command runs."""
+    (tmp_path / "names").mkdir()
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
     monkeypatch.chdir(tmp_path)
@@ -174,7 +177,7 @@ def test_every_command_has_help_and_refuses_options_and_files_that_are_not_there
     words += ["--wav", "text.wav"] * (name == "verify") + ["--axis", "k=1,2"] * (name == "sweep")
     words += ["--json"] * any("--json" in p.opts for p in params)
     refuses(words, "missing." if name != "replay" else "there is no log")
-    assert {p.name for p in here.iterdir()} == {*FILES}
+    assert {p.name for p in here.iterdir()} == THERE
 
 
 def test_every_command_ends_so():
@@ -258,7 +261,7 @@ ALL = f"{LISTED}, ready"
         ("show absent.py:f", "absent.py:1: ModuleNotFoundError"),
         ("show zero.py:f", "zero.py:1: ZeroDivisionError"),
         ("show null.py:f", "null.py:"),
-        ("show squeeze --import numpy.py", "give the file another name"),
+        ("show squeeze --import names/numpy.py", "give the file another name"),
         ("show squeeze --import odd.txt", "name one such as click_block.py"),
         ("show squeeze --import none.py", "cannot read"),
         # options of a rendering
@@ -337,7 +340,7 @@ ALL = f"{LISTED}, ready"
 def test_a_mistake_gets_one_line_and_leaves_nothing(here, log, words, says):
     words = words.replace("LOG", str(log)).split() if isinstance(words, str) else words
     refuses(words, says, prog_name="stimlib")
-    assert {p.name for p in here.iterdir()} - {"__pycache__"} == {*FILES}
+    assert {p.name for p in here.iterdir()} - {"__pycache__"} == THERE
     assert sys.modules["numpy"] is np
 
 
