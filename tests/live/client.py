@@ -32,7 +32,7 @@ class Client:
             self.answer(text, self.until(phase="ask")["number"])
 
     def next(self):
-        m = self.ws.recv(timeout=60)
+        m = self.ws.recv(timeout=120)
         if isinstance(m, bytes):
             self.data.append(m)
             return {"is": "samples"}
@@ -43,11 +43,11 @@ class Client:
 
     def until(self, **wanted):
         """The first text from now on that has these fields."""
-        end = time.monotonic() + 60
+        end = time.monotonic() + 120
         while time.monotonic() < end:
             if wanted.items() <= (m := self.next()).items():
                 return m
-        raise TimeoutError(f"not within 60 s: {wanted}")
+        raise TimeoutError(f"not within 120 s: {wanted}")
 
     def hear(self, n):
         wanted = len(self.data) + n
@@ -72,7 +72,7 @@ def welcome(server):
         yield client
 
 
-def wait_for(true, seconds=60):
+def wait_for(true, seconds=120):
     """Until something is true; the limit only ends a hang."""
     end = time.monotonic() + seconds
     while not true():

@@ -389,7 +389,7 @@ def knock(server, headers, messages):
             for message in messages:
                 client.ws.send(message)
             while True:
-                client.ws.recv(timeout=60)
+                client.ws.recv(timeout=120)
     except InvalidStatus as e:
         return e.response.status_code
     except ConnectionClosed as e:
