@@ -190,7 +190,7 @@ def test_every_command_ends_so():
 
 
 @pytest.mark.parametrize(
-    "words", ["render own.py:odd --out a.wav --motion still()", "show own.py:odd"]
+    "words", ["render own.py:odd --out a.wav --motion minimum_jerk()", "show own.py:odd"]
 )
 def test_a_defect_ends_with_its_traceback_and_status_3(here, words):
     """Status 1 says that a check failed, and must say nothing else; here a scene breaks

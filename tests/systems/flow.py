@@ -197,7 +197,7 @@ def command_line():
     ran("experiment status harder.py:harder --data data")
     for words in (
         "devices",
-        "sweep spring.py:spring --axis k=1:2:2 --motion still() --seconds 0.1 --workers 1",
+        "sweep spring.py:spring --axis k=1:2:2 --motion minimum_jerk() --seconds 0.1 --workers 1",
     ):
         start = [sys.executable, "-m", "stimlib", *words.split()]
         done = subprocess.run(start, capture_output=True, timeout=300)
