@@ -369,7 +369,7 @@ def test_a_page_sees_that_its_server_is_silent_killed_or_another(site, begun):
     page.until(RUNS)
     said(page, "running, no motion was received: no pointer moved on the page")
     page.click("#sound")
-    until(page, "live.sound.figures && live.sound.node && live.blocks > 50")
+    until(page, "live.sound.figures?.fill > 0.02 && live.sound.context.state === 'running'")
     server.send_signal(signal.SIGSTOP)
     said(page, "No answer from the server since 2 s; trying again")
     shown = "['#run', '#clock'].map(q => document.querySelector(q).textContent)"
