@@ -102,7 +102,7 @@ soak: .venv/ready
 docs: .venv/ready
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build
 
-# What a browser makes of the pages: cut code, overflow, alt texts, the front page, search, weight, time to the first drawing.
+# What a browser makes of the pages: cut code, overflow, alt texts, the front page, search, copying.
 docs-measure: docs
 	PYTHONPATH=tests $(BIN)/python tests/docs_pages.py docs/_build
 

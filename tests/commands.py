@@ -16,3 +16,13 @@ def ran(words, code=0, says="", **how):
     assert says in " ".join(done.stderr.split()), done.output
     assert ("Traceback" in done.output) == (code == 3), done.output
     return done
+
+
+def refuses(words, says, **how):
+    """What every command does with a mistake: it ends with status 2, and says what is
+    wrong in one line on stderr and nothing on stdout.
+    """
+    done = ran(words, 2, says, **how)
+    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1, done.stderr
+    assert not done.stdout and "value error" not in done.stderr.lower()
+    return done

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,65 +27,56 @@ def level():
 
 
 @pytest.fixture
-def words(tmp_path):
-    """A command, and a cache that only has the runtime and the pump."""
-    folder = tmp_path / "cache"
-    folder.mkdir(mode=0o700)
+def caches(tmp_path):
+    """Three that only have the runtime and the pump."""
+    folders = [tmp_path / name for name in ("looked", "quiet", "alone")]
     engine.runtime()
     _native()
     for piece in (engine.RUNTIME, PUMP):
         name = cache._name(*piece)
-        shutil.copytree(cache.folder() / name, folder / name)
+        for folder in folders:
+            folder.mkdir(mode=0o700, exist_ok=True)
+            shutil.copytree(cache.folder() / name, folder / name)
     (tmp_path / "own.py").write_text(OWN)
-    play = f"-m stimlib play {tmp_path}/own.py:level --sink null --fast --seconds 0.1"
-    return [sys.executable, *play.split()]
+    return folders
 
 
-def environment(tmp_path):
-    return os.environ | {
-        "STIMLIB_CACHE": str(tmp_path / "cache"),
-        "PYTHONPATH": str(ROOT),
-        "TERM": "xterm",
-        "COLUMNS": "100",
+def playing(cache, *more):
+    """A command that compiles, and its environment."""
+    own = f"{cache.parent}/own.py:level --sink null --fast --seconds 0.1".split()
+    env = {"STIMLIB_CACHE": str(cache), "PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "100"}
+    return {
+        "args": [sys.executable, "-m", "stimlib", "play", *own, *more],
+        "env": os.environ | env,
     }
 
 
-def in_terminal(words, tmp_path):
+def in_terminal(cache, *more):
     """Return what a command shows in a terminal."""
     here, there = pty.openpty()
-    with subprocess.Popen(words, stdout=there, stderr=there, env=environment(tmp_path)) as run:
+    with subprocess.Popen(**playing(cache, *more), stdout=there, stderr=there) as run:
         os.close(there)
         shown = b""
-        try:
+        with suppress(OSError):  # the end of a terminal
             while part := os.read(here, 65536):
                 shown += part
-        except OSError:  # the end of a terminal
-            pass
         os.close(here)
     assert run.returncode == 0, shown
     return shown.decode()
 
 
-def test_play_shows_a_bar_over_what_it_compiles_the_first_time(words, tmp_path):
-    shown = in_terminal(words, tmp_path)
-    compiling, _, playing = shown.partition("playing;")
+def test_play_shows_a_bar_over_what_it_compiles_the_first_time(caches):
+    looked, quiet, alone = caches
+    shown = in_terminal(looked)
+    compiling, _, rest = shown.partition("playing;")
     percent = [int(p) for p in re.findall(r"compiling .*?(\d+)%", compiling)]
-    assert percent and percent == sorted(percent) and percent[0] < 50, shown
-    assert percent[-1] == 100, shown
-    assert "compiling" not in playing and "100 delivered" not in compiling
-    again = in_terminal(words, tmp_path)
+    assert percent == sorted(percent) and percent[0] < 50 and percent[-1] == 100, shown
+    assert "compiling" not in rest and "100 delivered" not in compiling
+    again = in_terminal(looked)
     assert "compiling" not in again and "playing;" in again, "all is in the cache"
-
-
-def test_it_is_silent_where_nobody_looks_or_wants_it(words, tmp_path):
-    fresh = tmp_path / "cache", tmp_path / "fresh"
-    shutil.copytree(*fresh)
-    done = subprocess.run(words, capture_output=True, env=environment(tmp_path), check=True)
-    assert done.stderr == b""
-    assert len(list(fresh[0].iterdir())) > len(list(fresh[1].iterdir())), "nothing was compiled"
-    shutil.rmtree(fresh[0])
-    fresh[1].rename(fresh[0])
-    assert "compiling" not in in_terminal([*words, "--quiet"], tmp_path)
+    assert "compiling" not in in_terminal(quiet, "--quiet"), "nobody wants it"
+    done = subprocess.run(**playing(alone), capture_output=True, check=True)
+    assert done.stderr == b"" and len(list(alone.iterdir())) > 2, "nobody looks"
 
 
 @dataclass(frozen=True, eq=False)

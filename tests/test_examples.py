@@ -9,11 +9,8 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-
-from stimlib.experiments.questions import rating
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -196,36 +193,3 @@ def test_an_example_is_a_program_and_says_which_recording_is_not_there(tmp_path)
     )
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr.startswith("the recording is not there: nowhere")
-
-
-def test_the_window_of_a_session_asks_by_keys(monkeypatch):
-    """Against a stand-in: what is shown, which keys are taken, and what they mean."""
-    shown, pressed = [], iter(["space", "2", "space", "1", "r", "2", "7", "escape"])
-    text = type(
-        "TextStim",
-        (),
-        {"__init__": lambda self, window, text: shown.append(text), "draw": lambda self: None},
-    )
-    window = type("Window", (), {"__init__": lambda self, **how: None, "flip": lambda self: None})
-    taken = []
-    event = SimpleNamespace(waitKeys=lambda keyList: taken.append(keyList) or [next(pressed)])
-    core = SimpleNamespace(wait=lambda seconds: shown.append(seconds))
-    stand_in = SimpleNamespace(
-        event=event, core=core, visual=SimpleNamespace(TextStim=text, Window=window)
-    )
-    monkeypatch.setitem(sys.modules, "psychopy", stand_in)
-    program = runpy.run_path(str(EXAMPLES / "psychopy_session.py"), run_name="example")
-    face, ask = program["Window"](), program["harder"].questions[0]
-    face.tell("hello")
-    assert face.pick(["soft", "hard"]) == "hard" and face.pick(["soft", "hard"]) is None
-    assert [face.ask(None, ask, replays) for replays in (0, 1, 0)] == ["first", None, "second"]
-    assert face.ask(None, rating("rough", "How rough?", "smooth", "rough"), 0) == 7
-    face.rest(3.0)
-    with pytest.raises(KeyboardInterrupt):
-        face.ready("trial 1")
-    assert shown[:2] == ["hello\n\nspace", "1: soft, 2: hard, space: begin"] and shown[-3:] == [
-        "a rest of 3 s",
-        3.0,
-        "trial 1\n\nspace",
-    ]
-    assert taken[3:6] == [["1", "2", "escape"], ["1", "2", "r", "escape"], ["1", "2", "escape"]]

@@ -24,15 +24,13 @@ def test_a_program_draws_and_sounds(program, tmp_path, monkeypatch):
     y = made["result"].y
     assert np.isfinite(y).all() and (np.ptp(y, axis=1) > 0).all(), "an output that says nothing"
     assert any(axes.lines for axes in made["figure"].axes) and made["result"].fault is None
-    assert "pyplot" not in program.read_text(), (
-        "a program that opens windows, or keeps figures open"
-    )
-    sounds = {p.name for p in tmp_path.iterdir() if p.suffix == ".wav"}
-    assert {p.name for p in tmp_path.iterdir()} == sounds | {f"{s}.json" for s in sounds}
-    assert len(sounds) == program.read_text().count("\nlisten("), "a sound for each listen"
-    assert (
-        sum(bool(line.strip()) for line in program.read_text().split('"""')[2].splitlines()) <= 21
-    ), "longer than a look takes"
+    text, written = program.read_text(), {p.name for p in tmp_path.iterdir()}
+    assert "pyplot" not in text, "a program that opens windows, or keeps figures open"
+    sounds = {name for name in written if name.endswith(".wav")}
+    assert written == sounds | {f"{s}.json" for s in sounds}
+    assert len(sounds) == text.count("\nlisten("), "a sound for each listen"
+    lines = [line for line in text.split('"""')[2].splitlines() if line.strip()]
+    assert len(lines) <= 21, "longer than a look takes"
 
 
 def test_every_scene_and_family_of_blocks_has_a_program():

@@ -84,11 +84,8 @@ def test_the_tables_are_those_of_the_rows(bench):
 )
 def test_a_row_that_is_wrong_is_named(bench, more, said):
     found = list(bench.problems(bench.read(ROW + more)))
-    if said is None:
-        assert found == []
-    else:
-        assert len(found) == 1 and said in found[0]
-        assert found[0].startswith(("ugrip.row: ", "errata.a: "))
+    assert len(found) == bool(said) and all(said in why for why in found)
+    assert all(why.startswith(("ugrip.row: ", "errata.a: ")) for why in found)
 
 
 def test_a_field_that_no_row_has_is_named(bench):
@@ -114,33 +111,35 @@ def test_a_topic_that_is_merged_is_one_line(bench):
     ]
 
 
-def test_a_figure_is_held_to_what_is_printed(bench):
-    def right(of, **words):
-        return bench.value_of(bench.Figure(of, **words), {"two": 2.0})
-
-    assert right("two", printed=2) == ("2", True)
-    assert right("two / 3", printed=0.67, within=0.005) == ("0.66667", True)
-    assert right("two / 3", printed=0.67, within=0.003)[1] is False
-    assert (
-        right("two", printed=3, ours=2)[1] is True and right("two", printed=2, ours=3)[1] is False
-    )
-    assert right("[two, 1]", printed=[2, 1]) == ("[2, 1]", True)
-    assert right("[two, 1]", printed=[2, 1, 0])[1] is False
-    assert right("two > 1", printed=True) == ("True", True)
-    assert right("two > 1", printed=False)[1] is False
-    assert right("['a']", printed=["a"])[1] is True and right("['a']", printed=["b"])[1] is False
+@pytest.mark.parametrize(
+    ("of", "words", "value", "right"),
+    [
+        ("two", {"printed": 2}, "2", True),
+        ("two / 3", {"printed": 0.67, "within": 0.005}, "0.66667", True),
+        ("two / 3", {"printed": 0.67, "within": 0.003}, "0.66667", False),
+        ("two", {"printed": 3, "ours": 2}, "2", True),
+        ("two", {"printed": 2, "ours": 3}, "2", False),
+        ("[two, 1]", {"printed": [2, 1]}, "[2, 1]", True),
+        ("[two, 1]", {"printed": [2, 1, 0]}, "[2, 1]", False),
+        ("two > 1", {"printed": True}, "True", True),
+        ("two > 1", {"printed": False}, "True", False),
+        ("['a']", {"printed": ["a"]}, "['a']", True),
+        ("['a']", {"printed": ["b"]}, "['a']", False),
+    ],
+)
+def test_a_figure_is_held_to_what_is_printed(bench, of, words, value, right):
+    assert bench.value_of(bench.Figure(of, **words), {"two": 2.0}) == (value, right)
 
 
 def test_outcomes_are_those_of_all_cases_of_a_test(bench):
     counted = bench.Counted(lambda done, more=0: None)
-    for name, when, outcome in (
-        ("a.py::test_a[1]@a.py", "call", "passed"),
-        ("a.py::test_a[2@x]@a.py", "call", "failed"),
-        ("a.py::test_a[2@x]@a.py", "teardown", "passed"),
-        ("a.py::test_b", "setup", "skipped"),
+    for words in (
+        "a.py::test_a[1]@a.py call passed",
+        "a.py::test_a[2@x]@a.py call failed",
+        "a.py::test_a[2@x]@a.py teardown passed",
+        "a.py::test_b setup skipped",
     ):
-        counted.pytest_runtest_logreport(SimpleNamespace(nodeid=name, when=when, outcome=outcome))
-    assert counted.outcomes == {
-        "a.py::test_a": {"passed": 1, "failed": 1},
-        "a.py::test_b": {"skipped": 1},
-    }
+        made = dict(zip(("nodeid", "when", "outcome"), words.split(), strict=True))
+        counted.pytest_runtest_logreport(SimpleNamespace(**made))
+    both = {"passed": 1, "failed": 1}
+    assert counted.outcomes == {"a.py::test_a": both, "a.py::test_b": {"skipped": 1}}

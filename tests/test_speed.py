@@ -3,17 +3,17 @@ and that nothing is kept unasked.
 """
 
 import json
+import platform
 import re
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from commands import ran, refuses
 
 import stimlib
-from stimlib.cli import app
-from stimlib.speed import bench, peak
+from stimlib.speed import bench, peak, timing
 from stimlib.speed.chain import FS, WAYS, Peer, stages
 
 ROOT = Path(__file__).parents[1]
@@ -50,27 +50,25 @@ def test_the_limit_does_as_many_operations_as_it_counts(monkeypatch):
 
 def test_bench_prints_a_table_or_json_and_draws(tmp_path, monkeypatch):
     monkeypatch.setattr(bench, "measure", lambda: SPEEDS)
-    drawn = tmp_path / "speed.svg"
-    done = CliRunner().invoke(app, ["bench", "--picture", str(drawn)])
-    assert done.exit_code == 0, done.output
-    assert (
-        re.search(r"white noise +│ +3 │ numpy PCG64 +│ +9 │ +3\.25 │ +0\.5 │", done.stdout)
-        and "1234" in done.stdout
-    )
-    assert "3.2 times as long" in drawn.read_text() and "one sample a call" in drawn.read_text()
-    done = CliRunner().invoke(app, ["bench", "--json"])
-    told = json.loads(done.stdout)
-    assert (
-        told["speeds"][0]["share"] == 0.5
-        and told["speeds"][1]["peer_ns"] is None
-        and "numpy" in told["machine"]
-    )
+    printed = ran(f"bench --picture {tmp_path}/speed.svg").stdout
+    drawn = (tmp_path / "speed.svg").read_text()
+    row = r"white noise +│ +3 │ numpy PCG64 +│ +9 │ +3\.25 │ +0\.5 │"
+    assert re.search(row, printed) and "1234" in printed and "ns a sample" in printed
+    assert "3.2 times as long" in drawn and "one sample a call" in drawn
+    told = json.loads(ran("bench --json").stdout)
+    assert [s["share"] for s in told["speeds"]] == [0.5, None] and "numpy" in told["machine"]
+
+
+def test_the_machine_is_named_where_linux_does_not_name_it(monkeypatch):
+    monkeypatch.setattr(timing, "Path", lambda name: Path("/not/there"))
+    for named in ("a processor", ""):
+        monkeypatch.setattr(platform, "processor", lambda named=named: named)
+        assert timing.machine().startswith(f"{named or platform.machine()}; Python 3.")
 
 
 def test_bench_refuses_a_picture_that_cannot_be_before_it_measures(tmp_path, monkeypatch):
     monkeypatch.setattr(bench, "measure", lambda: pytest.fail("it measures"))
-    done = CliRunner().invoke(app, ["bench", "--picture", str(tmp_path / "a.xyz")])
-    assert done.exit_code == 2 and "must end in one of .png, .svg, .pdf" in done.stderr
+    refuses(f"bench --picture {tmp_path}/a.xyz", "must end in one of .png")
 
 
 def test_benchmarks_keep_figures_only_when_told(tmp_path, monkeypatch):
@@ -89,15 +87,9 @@ def test_benchmarks_keep_figures_only_when_told(tmp_path, monkeypatch):
 
 
 def test_make_bench_runs_every_script_and_the_readme_tells_of_it():
-    scripts = {
-        p.stem
-        for p in (ROOT / "benchmarks").glob("*.py")
-        if 'if __name__ == "__main__"' in p.read_text()
-    }
-    run = re.search(r"^BENCHMARKS := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    told = re.findall(
-        r"^\| `(\w+)\.py`", (ROOT / "benchmarks" / "README.md").read_text(), re.MULTILINE
-    )
+    texts = {p.stem: p.read_text() for p in (ROOT / "benchmarks").glob("*.py")}
+    scripts = {name for name, text in texts.items() if 'if __name__ == "__main__"' in text}
+    run = re.search(r"^BENCHMARKS := (.*)$", (ROOT / "Makefile").read_text(), re.M)
+    told = re.findall(r"^\| `(\w+)\.py`", (ROOT / "benchmarks" / "README.md").read_text(), re.M)
     assert scripts == set(run[1].split()) == set(told)
-    for name in scripts:
-        assert "--record" in (ROOT / "benchmarks" / f"{name}.py").read_text(), name
+    assert all("--record" in texts[name] for name in scripts)

@@ -19,7 +19,7 @@ STEPS = [step.__name__ for step in flow.STEPS]
 
 
 def environment(system):
-    paths = [str(HERE), str(HERE.parents[1]), os.environ.get("PYTHONPATH", "")]
+    paths = [str(HERE), str(HERE.parent), str(HERE.parents[1]), os.environ.get("PYTHONPATH", "")]
     return os.environ | {"STIMLIB_AS": system, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
@@ -56,31 +56,35 @@ def test_a_user_gets_through(folder, system, step):
     assert step in found["steps"], found["said"]
 
 
+LACKING = """
+import ctypes, os, signal, subprocess
+for name in "ab":
+    open(name, "x").close()
+held = open("a", encoding="utf-8")
+for line in (
+    "os.pread(0, 1, 0)",
+    "import fcntl",
+    "import termios",
+    "ctypes.CDLL(None)",
+    "signal.SIGKILL",
+    "os.replace('a', 'c')",
+    "os.unlink('a')",
+    "os.rename('b', 'a')",
+    "os.open('.', os.O_RDONLY)",
+    "os.fork()",
+    "subprocess.Popen(['true'], pass_fds=[0])",
+):
+    try:
+        exec(line)
+    except Exception:
+        continue
+    print(line)
+"""
+
+
 @pytest.mark.systems
 @pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="looks at open files in /proc")
-@pytest.mark.parametrize(
-    "line",
-    [
-        "os.pread(0, 1, 0)",
-        "import fcntl",
-        "import termios",
-        "import ctypes; ctypes.CDLL(None)",
-        "import signal; signal.SIGKILL",
-        "f = open('a', 'w', encoding='utf-8'); os.replace('a', 'b')",
-        "f = open('a', 'w', encoding='utf-8'); os.unlink('a')",
-        "open('a', 'x').close(); open('b', 'x').close(); os.rename('a', 'b')",
-        "os.open('.', os.O_RDONLY)",
-        "os.fork()",
-        "import subprocess; subprocess.Popen(['true'], pass_fds=[0])",
-    ],
-)
-def test_the_emulation_refuses_what_windows_has_not(tmp_path, line):
-    done = subprocess.run(
-        [sys.executable, "-c", f"import os; {line}"],
-        env=environment("windows"),
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.returncode == 1 and "Error" in done.stderr
+def test_the_emulation_refuses_what_windows_has_not(tmp_path):
+    how = {"env": environment("windows"), "cwd": tmp_path, "capture_output": True, "text": True}
+    done = subprocess.run([sys.executable, "-c", LACKING], **how)
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr

@@ -195,7 +195,7 @@ class Page:
             )
         return r["result"].get("value")
 
-    def until(self, text: str, seconds: float = 30.0) -> Any:
+    def until(self, text: str, seconds: float = 120.0) -> Any:
         """Waits until an expression is true; gives its value."""
         end = time.monotonic() + seconds
         while not (found := self.js(text)):

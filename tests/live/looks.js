@@ -95,9 +95,4 @@ window.looks = {
       return Math.sqrt(y.reduce((a, b) => a + b * b, 0) / y.length);
     };
   },
-
-  /** Whether all that is used is inside a window of this width. */
-  inside(wide) {
-    return [...document.querySelectorAll("button, select, input, canvas")].every(e => e.getBoundingClientRect().right <= wide);
-  },
 };

@@ -46,65 +46,63 @@ def run(tmp_path, script):
     return json.loads(made.stdout)
 
 
-def test_what_the_worker_itself_was_late_is_no_silence(tmp_path):
-    out = run(
-        tmp_path,
-        """ticks(4); // 1 s
-        told({ is: "report", at: 8 });
-        t += 3000; // it stands still
-        tick();
-        const late = silent();
-        ticks(8);
-        console.log(JSON.stringify([late, silent() > 0]));""",
-    )
-    assert out == [0, True]
-
-
-def test_only_moves_are_left_out_when_the_connection_is_slow(tmp_path):
-    out = run(
-        tmp_path,
-        """ws.bufferedAmount = 1e5;
-        for (const m of ["move", "stop"]) onmessage({ data: { do: m } });
-        console.log(JSON.stringify(ws.sent));""",
-    )
-    assert out == ["hello", "seen", "stop"]
-
-
-def test_samples_go_to_the_sound_and_their_vibration_to_the_page(tmp_path):
-    """Of a ramp in three messages; after a gap, as at first, a vibration begins with 0.
-
-    A move is marked in the first message that contains it.
-    """
-    out = run(
-        tmp_path,
-        """const audio = [];
-        told({ is: "hello", fs: 8000, inputs: [], outputs: [{}] });
-        onmessage({ data: { audio: { postMessage: m => audio.push(m) } } });
-        audio.pop();
-        const firsts = [[100, 7], [108, 7], [120, 9]].map(([at, move]) => {
-          const data = new ArrayBuffer(6 * 8 + 4 * 8);
-          new Float64Array(data, 0, 6).set([at, move, 0, at / 1000, 2, 8]);
-          new Float32Array(data, 48).set(Array.from({ length: 8 }, (_, k) => at + k));
-          ws.onmessage({ data });
-          return new Float32Array(said.pop().samples, 48 + 32)[0];
-        });
-        const sent = audio.map(m => [m.at, m.session, m.made, m.t, m.y.length]);
-        console.log(JSON.stringify([firsts.map(v => v !== 0), sent]));""",
-    )
-    assert out[0] == [False, True, False]
-    assert out[1] == [[100, 2, 0.1, 7, 8], [108, 2, 0.108, 0, 8], [120, 2, 0.12, 9, 8]]
-
-
-def test_what_the_worker_was_late_is_no_reason_for_another_connection(tmp_path):
-    out = run(
-        tmp_path,
-        """ticks(1);
-        onmessage({ data: { open: "ws://page", token: "T", page: "p" } });
-        const first = ws;
-        t += 9000; // it stands still before the server answers
-        tick();
-        const late = ws !== first;
-        ticks(20); // 5 s
-        console.log(JSON.stringify([late, ws !== first]));""",
-    )
-    assert out == [False, True]
+@pytest.mark.parametrize(
+    ("script", "wanted"),
+    [
+        # what the worker itself was late is no silence
+        (
+            """ticks(4); // 1 s
+            told({ is: "report", at: 8 });
+            t += 3000; // it stands still
+            tick();
+            const late = silent();
+            ticks(8);
+            console.log(JSON.stringify([late, silent() > 0]));""",
+            [0, True],
+        ),
+        # nor is it a reason for another connection
+        (
+            """ticks(1);
+            onmessage({ data: { open: "ws://page", token: "T", page: "p" } });
+            const first = ws;
+            t += 9000; // it stands still before the server answers
+            tick();
+            const late = ws !== first;
+            ticks(20); // 5 s
+            console.log(JSON.stringify([late, ws !== first]));""",
+            [False, True],
+        ),
+        # only moves are left out when the connection is slow
+        (
+            """ws.bufferedAmount = 1e5;
+            for (const m of ["move", "stop"]) onmessage({ data: { do: m } });
+            console.log(JSON.stringify(ws.sent));""",
+            ["hello", "seen", "stop"],
+        ),
+        # samples go to the sound and their vibration to the page, of a ramp in three
+        # messages; after a gap, as at first, a vibration begins with 0, and a move is
+        # marked in the first message that contains it
+        (
+            """const audio = [];
+            told({ is: "hello", fs: 8000, inputs: [], outputs: [{}] });
+            onmessage({ data: { audio: { postMessage: m => audio.push(m) } } });
+            audio.pop();
+            const firsts = [[100, 7], [108, 7], [120, 9]].map(([at, move]) => {
+              const data = new ArrayBuffer(6 * 8 + 4 * 8);
+              new Float64Array(data, 0, 6).set([at, move, 0, at / 1000, 2, 8]);
+              new Float32Array(data, 48).set(Array.from({ length: 8 }, (_, k) => at + k));
+              ws.onmessage({ data });
+              return new Float32Array(said.pop().samples, 48 + 32)[0];
+            });
+            const sent = audio.map(m => [m.at, m.session, m.made, m.t, m.y.length]);
+            console.log(JSON.stringify([firsts.map(v => v !== 0), sent]));""",
+            [
+                [False, True, False],
+                [[100, 2, 0.1, 7, 8], [108, 2, 0.108, 0, 8], [120, 2, 0.12, 9, 8]],
+            ],
+        ),
+    ],
+    ids=["late", "connection", "slow", "samples"],
+)
+def test_the_worker_knows_a_slow_connection_from_its_own_delay(tmp_path, script, wanted):
+    assert run(tmp_path, script) == wanted

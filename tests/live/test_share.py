@@ -9,7 +9,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 import zlib
 from base64 import b64decode
 from pathlib import Path
@@ -18,7 +17,8 @@ import numpy as np
 import pytest
 from commands import ran
 from live.chromium import Browser, where
-from live.shared import OFFLINE, changes_for, need_compiler, numbers, with_changes
+from live.client import wait_for
+from live.shared import OFFLINE, need_compiler, numbers
 from refusals import refused
 
 import stimlib
@@ -115,26 +115,32 @@ def test_a_page_that_is_stopped_leaves_the_old_file_and_nothing_else(tmp_path):
     words = [sys.executable, "-m", "stimlib", "share", "tone", "--out", path]
     env = os.environ | {"PATH": f"{tmp_path}:/usr/bin:/bin", "TMPDIR": str(folder)}
     job = subprocess.Popen(words, env=env, stderr=subprocess.PIPE)
-    until = time.monotonic() + 60
-    while not list(folder.glob("*/begun")) and time.monotonic() < until:
-        time.sleep(0.02)
+    wait_for(lambda: [*folder.glob("*/begun")])
     job.terminate()
     assert job.communicate(timeout=20) == (None, b"") and job.returncode == 143
     assert path.read_text() == "old" and not list(folder.iterdir())
 
 
-def test_what_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("error", "says", "fs", "how"),
+    [
+        (UnknownName, "x is missing", FS, {"motion": {}}),
+        (BadValue, "motion of x", FS, {"motion": {"x": 3}}),
+        (BadValue, "finite", FS, {"motion": {"x": np.full(9, np.nan)}}),
+        (UnknownName, "range of z", FS, {"ranges": {"z": (0, 1)}}),
+        (BadValue, "fs = 0", 0, {}),
+        # before a second of samples is made: at 1e9 Hz, 8 GB
+        (BadValue, "give at most 768000 Hz", 1e6, {}),
+    ],
+)
+def test_what_is_refused(error, says, fs, how):
+    refused(error, says, share, Scene({"y": 2 * Input("x")}), fs, **how)
+
+
+def test_no_page_is_faster_than_it_can_present():
     scene = Scene({"y": 2 * Input("x")})
-    refused(UnknownName, "x is missing", share, scene, motion={})
-    refused(BadValue, "motion of x", share, scene, motion={"x": 3})
-    refused(BadValue, "fs = 0", share, scene, 0)
-    # before a second of samples is made: at 1e9 Hz, 8 GB
-    fast = "fs = 1e\\+06 Hz is faster than a page can present; give at most 768000 Hz"
-    refused(BadValue, fast, share, scene, 1e6)
-    refused(BadValue, fast, full_scales, scene, 1e6, {"x": (0.0, 1.0)})
+    refused(BadValue, "at most 768000 Hz", full_scales, scene, 1e6, {"x": (0.0, 1.0)})
     assert page_rate(768000) == 768000.0
-    refused(UnknownName, "range of z", share, scene, ranges={"z": (0, 1)})
-    refused(BadValue, "finite", share, scene, motion={"x": np.full(9, np.nan)})
 
 
 @pytest.fixture(scope="module")
@@ -197,20 +203,10 @@ def page(made):
 def test_the_page_computes_the_samples_of_stimlib(made, page):
     found = page.js("scene.checked")
     assert found["same"] and found["sha256"] == made[1].sha256
-    assert found["spent"] < found["block"] == 16.0  # ms
+    assert found["block"] == 16.0  # ms
     assert "bit for bit" in page.js("document.querySelector('#checked').textContent")
     assert page.complaints() == [] and not page.js("window.hacked")
     assert page.js("document.querySelector('h1').textContent") == EVIL
-
-
-@in_a_browser
-def test_parameters_that_move_have_the_same_bits(page):
-    scene = squeeze()
-    changes = [(1000, "k", 2600.0), (1037, "A", 1.2), (2500, "k", 300.0)]
-    got = numbers(page, f"scene.check({changes_for(page, scene, changes, FS)}).then(c => c.all)", 2)
-    t = np.arange(N) / FS
-    want = with_changes(scene, np.array([MOTION["x1"](t), MOTION["x2"](t)]), FS, changes)
-    assert got.tobytes() == want.tobytes() and np.sqrt(np.mean(want**2)) > 1
 
 
 @in_a_browser
@@ -240,26 +236,9 @@ def test_sound_begins_and_ends_without_a_click(page, rate):
 
 
 @in_a_browser
-def test_a_pointer_is_heard_and_a_recording_plays(page):
+def test_a_recording_plays_and_a_parameter_changes_it(page):
     page.click("#run")
     page.until("document.querySelector('#state').textContent === 'running'")
-    page.click("#sound")
-    page.until("!!scene.sound.node")
-    page.js("""(() => {
-      const { sound, context } = scene, analyser = new AnalyserNode(context, { fftSize: 2048 });
-      sound.gain.connect(analyser);
-      const y = new Float32Array(2048);
-      window.loudest = 0;
-      setInterval(() => {
-        analyser.getFloatTimeDomainData(y);
-        loudest = Math.max(loudest, Math.hypot(...y) / Math.sqrt(2048));
-      }, 50);
-    })()""")
-    for k in range(30):
-        page.mouse("Moved", *page.at("#field", 0.1 + 0.8 * abs(k % 20 / 10 - 1), 0.5))
-        time.sleep(0.02)
-    page.until("loudest > 1e-3 && scene.sound.played.length > 5")
-    assert page.js("Math.max(...scene.sound.played)") < 1000  # ms
     page.js("""window.taken = []; scene.tap = (all, n, first) => {
       if (!first) taken = [];
       taken.push(...all.subarray(2 * n, 3 * n)); // the first output
