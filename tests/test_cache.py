@@ -314,21 +314,22 @@ def test_a_folder_that_cannot_be_made_or_goes_away_is_a_warning(twice, tmp_path,
         assert twice(folder, folder.rmdir if gone else lambda: None) == 42.0
 
 
-def test_a_read_only_folder_is_a_warning(twice, mounted):
-    folder = mounted("ro,size=64k")
-    with pytest.warns(RuntimeWarning, match="Read-only"):
-        assert twice(folder) == 42.0
-
-
-@pytest.mark.parametrize("left", [0, 8192], ids=["from the start", "in the middle of a segment"])
-def test_a_full_folder_is_a_warning(twice, mounted, left):
-    folder = mounted("size=128k" if left else "size=8k")
+@pytest.mark.parametrize(
+    ("options", "filled", "says"),
+    [
+        ("ro,size=64k", 0, "Read-only"),
+        ("size=8k", 0, "No space"),
+        ("size=128k", 131072 - 8192, "No space"),  # in the middle of a segment
+    ],
+)
+def test_a_full_or_read_only_folder_is_a_warning(twice, mounted, options, filled, says):
+    folder = mounted(options)
 
     def fill():
-        if left:
-            (folder / "others").write_bytes(b"0" * (131072 - left))
+        if filled:
+            (folder / "others").write_bytes(b"0" * filled)
 
-    with pytest.warns(RuntimeWarning, match="No space"):
+    with pytest.warns(RuntimeWarning, match=says):
         assert twice(folder, fill) == 42.0
     assert not list(folder.glob("twice_*"))
 

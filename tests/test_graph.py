@@ -13,6 +13,7 @@ from refusals import refused
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
+from stimlib.blocks.oscillators import carrier
 from stimlib.core.graph import Block, Mul, reach, registry
 from stimlib.core.units import ONE, pretty, unit
 from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
@@ -228,6 +229,9 @@ def test_numbers_that_are_not_finite(make, value):
         (lambda: blocks.lut(x, [0, 1], [1, 2, 3]), "values"),
         (lambda: blocks.lut(x, [0, 1], [1, 2], kind="quintic"), "quintic"),
         (lambda: blocks.lut(x, [0, 1], [1, 2], outside="wrap"), "wrap"),
+        (lambda: blocks.lut(x, [0, 1], [1, 2], kind="k" * 201), "201 letters"),
+        (lambda: carrier(-1.0), "0 or above"),
+        (lambda: "x" + x, "a number"),
         (lambda: blocks.loading(v, 0.1, 0.2), "off"),
         (lambda: blocks.loading(v, 0.1), "off"),
         (lambda: blocks.loading(v, 0.1, 0.0), "off"),
