@@ -373,7 +373,7 @@ def fickle():
         (lambda: loop(lambda y: None), BadValue, "NoneType"),
         (lambda: loop(lambda y: ()), BadValue, "the function must return a signal"),
         (lambda: loop(Input("x")), BadValue, r"loop: f = Input\('x'\) must be a function"),
-        (lambda: loop(lambda y: y, start=np.nan), BadValue, "not finite"),
+        (lambda: loop(lambda y: y, start=np.nan), BadValue, "loop: start = nan .*finite"),
         (
             lambda: loop(lambda y: y, start=x),
             BadValue,
