@@ -18,6 +18,8 @@ from importlib.metadata import version
 import pytest
 from hypothesis import HealthCheck, settings
 
+import stimlib.blocks  # or pytest puts the module texture in place of its function  # noqa: F401
+
 # most of the time goes into XLA's and LLVM's work on code that is run but a few times
 if not os.environ.get("STIMLIB_STRESS"):
     flags = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true "

@@ -25,7 +25,6 @@ PACKAGE = (
     " lab.sub.source.make(a)\n"
 )
 ONE_PROCESS = "reloaded", "notebook"
-sys.dont_write_bytecode = True  # its time has whole seconds
 
 
 def loaded(place, text):
@@ -124,6 +123,7 @@ def in_a_process(f, *args):
 
 def main(place, folder, workers):
     """Do all cases, each in a folder of its own."""
+    sys.dont_write_bytecode = True  # its time has whole seconds
     sys.path.insert(0, "")
     for at, (name, old, new) in enumerate(json.load(sys.stdin)):
         os.makedirs(os.path.join(folder, str(at)))

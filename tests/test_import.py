@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import stimlib
 from stimlib.system.packages import EXTRAS, PROJECTS
 
 SWEEP = ("pyarrow", "dask", "distributed", "cloudpickle")
@@ -43,39 +44,29 @@ def loaded(code, of=HEAVY):
     )
 
 
-def test_import_loads_nothing_heavy():
-    assert loaded("import stimlib") == set()
-
-
-@pytest.mark.parametrize(
-    "module",
-    [
-        "stimlib.blocks",
-        "stimlib.core.graph",
-        "stimlib.core.scene",
-        "stimlib.run.processor",
-        "stimlib.core.maths",
-        "stimlib.files.audio",
-        "stimlib.files.log_writer",
-        "stimlib.files.log_reader",
-        "stimlib.motion.generators",
-    ],
-)
-def test_definitions_load_no_target(module):
-    assert loaded(f"import {module}") == set()
-
-
-def test_building_a_scene_loads_no_target():
-    code = "import stimlib; stimlib.Scene({'y': stimlib.blocks.velocity(stimlib.Input('x')) > 0.0})"
+def test_definitions_scenes_and_the_interpreter_load_nothing_heavy():
+    """Modules that define and read, scenes, and what runs them in Python."""
+    code = """import stimlib, stimlib.motion.generators
+from stimlib.files import audio, log_reader, log_writer
+from stimlib.scenes import *
+squeeze(), viscoelastic(), bumps(), click(), detents(), friction(), wall(), impact()
+x = stimlib.Input("x")
+y = stimlib.blocks.bandpass(x, 80.0, 400.0)
+for block in (x * 2, stimlib.blocks.velocity(x) > 0.0, y):
+    stimlib.compile(stimlib.Scene({"y": block}), 1000, target="python")"""
     assert loaded(code) == set(), "units that are written as '' need no library"
-    assert (
-        loaded("import stimlib; from stimlib.scenes import *; squeeze(), viscoelastic(), bumps()")
-        == set()
-    )
-    assert (
-        loaded("from stimlib.scenes import *; click(), detents(), friction(), wall(), impact()")
-        == set()
-    )
+    code += "\nstimlib.compile(squeeze(), 8000, target='python')"
+    assert loaded(code, ("ssl", "http.client", "urllib.request", "numpy.ma")) == set()
+
+
+def test_a_command_starts_without_numpy_and_a_search_for_garbage():
+    code = """import gc
+from stimlib.__main__ import main
+sys.argv = ["stimlib", "--version"]
+try: main()
+except SystemExit: assert gc.get_threshold()[0] >= 50_000"""
+    assert loaded("import stimlib.cli", ("numpy", "rich")) == {"rich"}
+    assert "stimlib" in loaded(f"import sys\n{code}", ("stimlib",))
 
 
 def test_the_packages_of_sweeps_are_loaded_where_they_are_used():
@@ -90,14 +81,6 @@ except stimlib.MissingPackage as e: print(e)"""
     assert {"pyarrow,", "install", "'stimlib[sweep]'"} <= loaded(code)
 
 
-def test_the_interpreter_needs_no_compiler():
-    code = (
-        "import stimlib; stimlib.compile(stimlib.Scene({'y': stimlib.Input('x') * 2}), 1000,"
-        " target='python')"
-    )
-    assert loaded(code) == set()
-
-
 def test_what_was_compiled_before_runs_without_the_compiler_and_all_else():
     code = """import numpy as np, stimlib
 scene = stimlib.Scene({"y": stimlib.Param("k", 1.0, "N/m") * stimlib.Input("x", "m")})
@@ -109,49 +92,10 @@ stimlib.compile(scene, 1000).process(np.ones((1, 8)))"""
     assert loaded(f"{code}\n{more}", NOT_TO_RUN) == {"numba.np.linalg", "scipy.linalg"}
 
 
-def test_a_squeeze_loads_no_network_and_no_masked_arrays():
-    code = "import stimlib; stimlib.compile(stimlib.scenes.squeeze(), 8000, target='python')"
-    assert loaded(code, ("ssl", "http.client", "urllib.request", "numpy.ma")) == set()
-
-
-def test_a_low_pass_filter_loads_no_scipy():
-    scene = "stimlib.Scene({'y': stimlib.blocks.bandpass(stimlib.Input('x'), 80.0, 400.0)})"
-    code = f"import stimlib; stimlib.compile({scene}, 8000, target='python')"
-    assert loaded(code, ("scipy",)) == set()
-
-
-def test_a_command_does_not_search_for_garbage_while_it_starts():
-    code = """import gc, sys
-from stimlib.__main__ import main
-sys.argv = ["stimlib", "--version"]
-try: main()
-except SystemExit: print(gc.get_threshold()[0] >= 50_000)"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.endswith("True\n")
-
-
-def test_help_needs_no_numpy():
-    assert loaded("import stimlib.cli", ("numpy", "rich")) == {"rich"}
-
-
-def test_every_public_name_is_there():
-    code = (
-        "import stimlib; [getattr(stimlib, n) for n in stimlib.__all__]; assert"
-        " set(stimlib.__all__) <= set(dir(stimlib))"
-    )
-    loaded(code)
-    loaded("from stimlib import *")
-
-
-def test_a_star_hides_nothing_that_is_built_in():
-    from stimlib import blocks
-
-    assert not set(blocks.__all__) & {*dir(builtins), *sys.stdlib_module_names}
-
-
-def test_an_unknown_name_is_an_attribute_error():
-    import stimlib
-
+def test_public_names_are_there_and_hide_nothing_that_is_built_in():
+    assert set(stimlib.__all__) <= set(dir(stimlib))
+    exec("from stimlib import *", {})
+    assert not set(stimlib.blocks.__all__) & {*dir(builtins), *sys.stdlib_module_names}
     with pytest.raises(AttributeError, match="squeze"):
         _ = stimlib.squeze
 

@@ -21,6 +21,18 @@ class Fit(NamedTuple):
     error: float
 
 
+def same(a, b):
+    return a.taps.tobytes() == b.taps.tobytes() and a.error == b.error
+
+
+def design(module, value):
+    def named() -> Fit:
+        return Fit(np.full(3, value), value)
+
+    named.__module__ = module
+    return kept(named)()
+
+
 @kept
 def fit(n: float, scale: float = 3.0) -> Fit:
     CALLS.append(n)
@@ -35,10 +47,6 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "cache"
 
 
-def same(a, b):
-    return a.taps.tobytes() == b.taps.tobytes() and a.error == b.error
-
-
 def test_a_slow_design_is_made_once_for_all_processes(folder, monkeypatch):
     first, again = fit(5.0), fit(5.0)
     assert CALLS == [5.0] and same(first, again) and not again.taps.flags.writeable
@@ -48,17 +56,7 @@ def test_a_slow_design_is_made_once_for_all_processes(folder, monkeypatch):
     monkeypatch.setattr(module, "_salt", lambda: "another text of the design")
     assert same(fit(5.0), first) and len(CALLS) == 4
     assert {p.suffix for p in folder.iterdir()} == {".npz"} and len([*folder.iterdir()]) == 4
-
-
-def test_designs_of_one_name_in_two_modules_are_apart(folder):
-    def named(module, value):
-        def design() -> Fit:
-            return Fit(np.full(3, value), value)
-
-        design.__module__ = module
-        return kept(design)
-
-    assert [named(m, v)().error for m, v in (("a", 1.0), ("b", 2.0), ("a", 3.0))] == [1, 2, 1]
+    assert [design(m, v).error for m, v in (("a", 1.0), ("b", 2.0), ("a", 3.0))] == [1, 2, 1]
 
 
 def test_another_text_or_machine_makes_its_own_designs(tmp_path, monkeypatch):

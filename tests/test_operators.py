@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 from laws import assert_same, played
+from refusals import refused
 
-import stimlib
-from stimlib import Input, Param, Scene, blocks, constant
+from stimlib import Input, Param, blocks, constant
 from stimlib.core import maths
-from stimlib.core.graph import Block, Equal, NotEqual, reach
+from stimlib.core.graph import Block, Equal, NotEqual
 from stimlib.core.units import ONE, unit
 from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
 
@@ -29,22 +29,27 @@ def samples(block, u=U, target="python"):
 @pytest.mark.parametrize("target", ["python", "numba"])
 def test_equal_is_a_block_of_1_and_0(target):
     u = U[:, [0, 1, 2, 3, 4, 5, 6, 9]]
-    np.testing.assert_array_equal(samples(n == 0, u, target), [1, 1, 0, 0, 0, 0, 0, 0])
-    np.testing.assert_array_equal(samples(0.3 == n, u, target), [0, 0, 0, 0, 0, 1, 0, 0])
-    np.testing.assert_array_equal(
-        samples(n != np.float64(0.0), u, target), [0, 0, 1, 1, 1, 1, 1, 1]
-    )
-    np.testing.assert_array_equal(
-        samples(blocks.where(n == 0, 5.0, 6.0), u, target), [5, 5, 6, 6, 6, 6, 6, 6]
-    )
-
-
-def test_nan_and_infinities_are_compared_as_floats():
-    np.testing.assert_array_equal(samples(n == n), [1, 1, 1, 1, 1, 1, 1, 1, 0, 1])
-    np.testing.assert_array_equal(samples(n != n), [0, 0, 0, 0, 0, 0, 0, 0, 1, 0])
+    outputs = {
+        "zero": n == 0,
+        "other": 0.3 == n,
+        "not": n != np.float64(0.0),
+        "where": blocks.where(n == 0, 5.0, 6.0),
+        "itself": n == n,
+    }
+    wanted = [
+        [1, 1, 0, 0, 0, 0, 0, 0],
+        [0, 0, 0, 0, 0, 1, 0, 0],
+        [0, 0, 1, 1, 1, 1, 1, 1],
+        [5, 5, 6, 6, 6, 6, 6, 6],
+        [1] * 8,
+    ]
+    assert samples(outputs, u, target).tolist() == wanted
 
 
 @given(st.floats(), st.floats())
+@example(np.nan, np.nan)
+@example(np.inf, np.inf)
+@example(0.0, -0.0)
 def test_any_two_floats(a, b):
     """A map of one sample, which is all that a comparison is."""
     for block, wanted in ((n == m, a == b), (n != m, a != b)):
@@ -52,34 +57,19 @@ def test_any_two_floats(a, b):
 
 
 def test_equal_compares_units_and_what_is_no_number():
-    assert (
-        (x == 0).dim == (0 != x).dim == ONE
-        and isinstance(x == 0, Equal)
-        and isinstance(x != 0, NotEqual)
-    )
-    with pytest.raises(UnitError, match=r"constant\(1, 'm'\)"):
-        _ = x == 1.0
+    assert (x == 0).dim == (0 != x).dim == ONE
+    assert isinstance(x == 0, Equal) and isinstance(x != 0, NotEqual)
+    refused(UnitError, r"constant\(1, 'm'\)", lambda: x == 1.0)
     for other in (None, "x", [1.0], np.ones(3), object()):
-        for f in (lambda o=other: x == o, lambda o=other: x != o):
-            with pytest.raises(BadValue, match="expected a block or a number"):
-                f()
-
-
-def test_blocks_are_keys_by_identity():
+        refused(BadValue, "a block or a number", lambda: x == other)  # noqa: B023
+        refused(BadValue, "a block or a number", lambda: x != other)  # noqa: B023
     twin = Input("x", "m")
-    assert (
-        len({x, twin, n, x}) == 3
-        and {x: 1, twin: 2}[twin] == 2
-        and [x, n].index(x) == 0
-        and x in [x]
-    )
-    assert hash(x) == object.__hash__(x)
-    with pytest.raises(StimlibError, match="no truth value"):
-        _ = x in [twin]
+    assert len({x, twin, n, x}) == 3 and {x: 1, twin: 2}[twin] == 2 and [x, n].index(x) == 0
+    refused(StimlibError, "no truth value", lambda: x in [twin])
 
 
 # Powers -------------------------------------------------------------------------------
-@pytest.mark.parametrize("k", [1, 2, 3, 5, 6, 17, 64, -1, -3, np.int64(4), 2.0])
+@pytest.mark.parametrize("k", [1, 2, 6, 17, 64, -3, np.int64(4), 2.0])
 def test_whole_powers_are_products(k):
     u = np.array([[0.5, -1.1, 2.0, 1.0]])
 
@@ -97,50 +87,28 @@ def test_whole_powers_are_products(k):
 
 
 def test_other_powers():
-    assert (x**0.5).dim == unit("m") ** 0.5
+    assert (x**0.5).dim == unit("m") ** 0.5 and (x**0).dim == ONE
     assert_same(samples(n**0.5, np.array([[2.0, 9.0]])), np.sqrt([2.0, 9.0]))
     assert_same(samples(n**0 + 0.0 * n, np.array([[2.0, 0.0]])), np.ones(2))
-    assert (x**0).dim == ONE
-    for f in (
-        lambda: n**1.7,
-        lambda: n**65,
-        lambda: n**np.nan,
-        lambda: n**np.inf,
-        lambda: n**10**400,
-    ):
-        with pytest.raises(BadValue, match=r"whole number from -64 to 64.*exp\(n \* log\(x\)\)"):
-            f()
-    for f in (lambda: n**m, lambda: n ** "2", lambda: 2**n, lambda: np.float64(2) ** n):
-        with pytest.raises(BadValue, match="the exponent must be a number; a"):
-            f()
-
-
-def test_the_mathematics_of_steps_takes_numbers_alone():
+    for k in (1.7, 65, np.nan, np.inf, 10**400):
+        refused(BadValue, r"from -64 to 64.*exp\(n \* log\(x\)\)", pow, n, k)
+    for a, b in ((n, m), (n, "2"), (2, n), (np.float64(2), n)):
+        refused(BadValue, "the exponent must be a number", pow, a, b)
     for f in (maths.sin, maths.exp, maths.tanh, maths.log, maths.cos):
-        with pytest.raises(SceneError, match="stimlib.blocks"):
-            f(x)
+        refused(SceneError, "stimlib.blocks", f, x)
 
 
 # numpy, math and the rest -------------------------------------------------------------
 @pytest.mark.parametrize(
     "f",
     [
-        np.sin,
-        np.cos,
-        np.tanh,
-        np.exp,
-        np.log,
-        np.sqrt,
-        np.abs,
-        np.negative,
-        np.square,
+        *[np.sin, np.cos, np.tanh, np.exp, np.log, np.sqrt, np.abs, np.negative, np.square],
+        np.reciprocal,
         lambda v: np.power(v, 3),
         lambda v: np.maximum(v, 1.5),
         lambda v: np.minimum(1.5, v),
         lambda v: np.add(v, 2.0),
         lambda v: np.divide(1.0, v),
-        np.reciprocal,
-        lambda v: np.float64(2.0) * v,
         lambda v: np.float32(2.0) - v,
         lambda v: np.array(3.0) * v,
     ],
@@ -149,8 +117,6 @@ def test_numpy_functions_are_blocks(f):
     u = np.array([[0.25, 1.0, 3.5]])
     assert isinstance(f(n), Block)
     np.testing.assert_allclose(samples(f(n), u), f(u[0]), rtol=4e-16)
-    same = [type(b).__name__ for b in reach([np.sin(n)])]
-    assert same == ["Input", "Sin"]
 
 
 @pytest.mark.parametrize(
@@ -168,6 +134,8 @@ def test_numpy_functions_are_blocks(f):
         (lambda: n ^ 2, "x ** n"),
         (lambda: n @ m, "fir"),
         (lambda: not n, "1 - a"),
+        (lambda: max(n, 0), "where"),
+        (lambda: 1 if n > 0 else 2, "where"),
         (lambda: n > 0 and m > 0, "minimum(a, b)"),
         (lambda: 0 < n < 1, "where"),
         (lambda: math.sin(n), "sin"),
@@ -207,26 +175,9 @@ def test_numpy_functions_are_blocks(f):
     ],
 )
 def test_what_has_no_meaning_names_the_remedy(f, remedy):
-    with pytest.raises(StimlibError) as e:
-        f()
-    assert remedy in str(e.value), e.value
+    assert remedy in str(refused(StimlibError, None, f))
 
 
-@pytest.mark.parametrize(
-    "f",
-    [
-        lambda: 10**400 * x,
-        lambda: Param("a", 10**400),
-        lambda: constant(-(10**400)),
-        lambda: x > 10**400,
-    ],
-)
-def test_numbers_beyond_floats(f):
-    with pytest.raises(BadValue, match="beyond what a float can hold"):
-        f()
-
-
-def test_a_comparison_in_a_picture(tmp_path):
-    stimlib.draw(Scene({"y": (n == 0) + (m != 0)}), tmp_path / "s.svg")
-    text = (tmp_path / "s.svg").read_text()
-    assert "≠" in text or "&#8800;" in text
+def test_numbers_beyond_floats():
+    for f in (constant, lambda v: v * x, lambda v: Param("a", v), lambda v: x > v):
+        refused(BadValue, "what a float can hold", f, -(10**400))

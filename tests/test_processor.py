@@ -1,13 +1,13 @@
 """The processor: messages, `out`, parameters, latency, response, plan."""
 
 import ctypes
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from laws import assert_same
+from laws import assert_same, run
 from refusals import refused
 
 import stimlib
@@ -25,51 +25,34 @@ def make(outputs=None, fs=1000, target="python", **kw):
 
 
 # process ------------------------------------------------------------------------------
+FIXED = np.zeros((1, 5))
+FIXED.flags.writeable = False
+
+
 @both
 @pytest.mark.parametrize(
-    ("bad", "words"),
+    ("bad", "out", "words"),
     [
-        (np.zeros(5), ["(2, n)", "x, z", "(5,)"]),
-        (np.zeros((3, 5)), ["(2, n)", "(3, 5)"]),
-        (np.zeros((2, 5, 1)), ["(2, 5, 1)"]),
-        (np.zeros((2, 5), np.float32), ["float64", "float32", "astype"]),
-        (np.zeros((2, 5), int), ["int64"]),
-        (np.zeros((2, 10))[:, ::2], ["C-contiguous", "ascontiguousarray"]),
-        (np.zeros((5, 2)).T, ["C-contiguous"]),
-        ([[1.0], [2.0]], ["array", "list"]),
-        (None, ["array", "NoneType"]),
-        (3.0, ["float"]),
-        (np.zeros((2, 3), ">f8"), [">f8"]),
+        (np.zeros(5), None, ["x ", "(2, n)", "x, z", "(5,)"]),
+        (np.zeros((3, 5)), None, ["x ", "(2, n)", "(3, 5)"]),
+        (np.zeros((2, 5), np.float32), None, ["x ", "float64", "float32", "astype"]),
+        (np.zeros((2, 10))[:, ::2], None, ["x ", "C-contiguous", "ascontiguousarray"]),
+        ([[1.0], [2.0]], None, ["x ", "array", "list"]),
+        (3.0, None, ["x ", "float"]),
+        (np.zeros((2, 3), ">f8"), None, ["x ", ">f8"]),
+        (np.zeros((2, 5)), np.zeros((2, 5)), ["out ", "(1, 5)", "(2, 5)"]),
+        (np.zeros((2, 5)), np.zeros((1, 5), np.float32), ["out ", "float32"]),
+        (np.zeros((2, 5)), np.zeros((1, 10))[:, ::2], ["out ", "C-contiguous"]),
+        (np.zeros((2, 5)), [0.0], ["out ", "list"]),
+        (np.zeros((2, 5)), FIXED, ["out ", "read-only"]),
     ],
 )
-def test_a_wrong_block_says_what_is_wanted(target, bad, words):
+def test_a_wrong_block_or_out_says_what_is_wanted(target, bad, out, words):
     proc = make(target=target)
-    error = refused(BadValue, None, proc.process, bad)
-    assert str(error).startswith("process: x ") and all(w in str(error) for w in words), error
+    error = refused(BadValue, None, proc.process, bad, out)
+    assert str(error).startswith(f"process: {words[0]}"), error
+    assert all(w in str(error) for w in words), error
     assert proc.index == 0, "nothing has run"
-
-
-@both
-@pytest.mark.parametrize(
-    ("bad", "words"),
-    [
-        (np.zeros((1, 4)), ["(1, 5)", "(1, 4)"]), (np.zeros((2, 5)), ["(1, 5)", "(2, 5)"]),
-        (np.zeros((1, 5), np.float32), ["float32"]),
-        (np.zeros((1, 10))[:, ::2], ["C-contiguous"]), ([0.0], ["list"]), (np.zeros(5), ["(5,)"]),
-    ],
-)  # fmt: skip
-def test_a_wrong_out_says_what_is_wanted(target, bad, words):
-    proc = make(target=target)
-    error = refused(BadValue, None, proc.process, np.zeros((2, 5)), bad)
-    assert str(error).startswith("process: out ") and all(w in str(error) for w in words), error
-    assert proc.index == 0
-
-
-@both
-def test_out_that_cannot_be_written(target):
-    out = np.zeros((1, 5))
-    out.flags.writeable = False
-    refused(BadValue, "read-only", make(target=target).process, np.zeros((2, 5)), out)
 
 
 @both
@@ -80,28 +63,16 @@ def test_out_is_what_comes_back(target):
     assert_same(out[0], u[0] + u[1])
     u.flags.writeable = False
     assert_same(proc.process(u), out)
+    state = proc.state
+    assert proc.process(np.zeros((2, 0))).shape == (1, 0)
+    assert_same(proc.state, state)
+    proc.state = np.repeat(state, 2)[::2]
+    assert_same(proc.state, state)
     assert proc.index == 200
 
 
 @both
-def test_no_samples_are_no_trouble(target):
-    proc = make(target=target)
-    before = proc.state
-    assert proc.process(np.zeros((2, 0))).shape == (1, 0)
-    assert_same(proc.state, before)
-
-
-def test_in_place():
-    """out may be the input: each tile is read before it is written."""
-    proc = make({"a": blocks.delay(x, 3) + z, "b": x * z}, target="numba")
-    u = np.random.default_rng(1).standard_normal((2, 1000))
-    wanted = proc.process(u)
-    proc.reset()
-    assert_same(proc.process(u, u), wanted)
-
-
-@both
-@pytest.mark.parametrize("shift", [1, 63, 64, 99, 101, -1, -64, -130])
+@pytest.mark.parametrize("shift", [1, 64, 101, -1, -130])
 def test_out_shifted_against_x_is_refused(target, shift):
     """Samples would be written before they are read."""
     memory = np.zeros(700)
@@ -113,7 +84,7 @@ def test_out_shifted_against_x_is_refused(target, shift):
 
 
 @both
-@pytest.mark.parametrize("rows", [-2, -1, 0, 1, 2])
+@pytest.mark.parametrize("rows", [-1, 0, 2])
 def test_out_may_be_rows_of_the_same_table(target, rows):
     memory = np.random.default_rng(3).standard_normal((6, 150))
     proc = make({"a": blocks.delay(x, 3) + z, "b": x * z}, target=target)
@@ -156,10 +127,18 @@ def test_the_address_gives_the_same_bits():
 
 # compile ------------------------------------------------------------------------------
 @pytest.mark.parametrize(
-    "fs", [0, -1, np.nan, np.inf, "fast", None, "8000", b"8000", 10**400, 1j, [8000, 1], 1e300]
+    ("words", "says"),
+    [
+        *[({"fs": fs}, "fs") for fs in (0, np.nan, np.inf, "8000", None, 10**400, 1j, [8000, 1])],
+        ({"fs": 1e13, "outputs": {"y": x + blocks.white_noise(1)}}, "state_bytes"),  # the lead
+        *[({"seed": seed}, "seed") for seed in (-1, 2**64, 1.5, "a", np.nan)],
+        ({"target": "fpga"}, "numba, python"),
+    ],
 )
-def test_bad_rates(fs):
-    refused(BadValue, "fs", make, fs=fs)
+def test_what_compile_refuses(words, says):
+    refused(BadValue, says, make, **words)
+    if "seed" in words:
+        refused(BadValue, says, make().reset, words["seed"])
 
 
 @both
@@ -167,26 +146,12 @@ def test_bad_rates(fs):
     "block",
     [
         blocks.delay(x, samples=10**12),
-        blocks.delay(x, samples=2**63),
-        blocks.delay(x, seconds=1e300),
         blocks.delay(x, seconds=1e308),
         blocks.delay(blocks.delay(x, samples=3 * 10**8), samples=3 * 10**8 + 1),
     ],
 )
 def test_more_memory_than_is_allowed_is_an_error_before_it_is_taken(target, block):
     refused(BadValue, "limits.state_bytes.*STIMLIB_LIMITS", make, {"y": block}, target=target)
-
-
-def test_the_limit_of_memory_is_the_users(monkeypatch):
-    scene = {"y": blocks.delay(x, 2000)}
-    monkeypatch.setattr(stimlib.limits, "state_bytes", 10_000)
-    refused(BadValue, "state_bytes", make, scene)
-    monkeypatch.setattr(stimlib.limits, "state_bytes", 30_000)
-    make(scene)
-
-
-def test_a_sample_rate_needs_memory_for_its_lead():
-    refused(BadValue, "state_bytes", make, {"y": x + blocks.white_noise(1)}, fs=1e13)
 
 
 @pytest.mark.parametrize(("room", "good"), [(0, True), (-1, False)])
@@ -201,65 +166,34 @@ def test_the_memory_of_the_lead_is_counted(monkeypatch, room, good):
         refused(BadValue, "state_bytes", make, {"y": -x}, fs=48000)
 
 
-@pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "a", None])
-def test_bad_seeds(seed):
-    with pytest.raises(BadValue, match="seed"):
-        make(seed=seed) if seed is not None else make(seed=np.nan)
-    proc = make()
-    if seed is not None:
-        refused(BadValue, "seed", proc.reset, seed)
-
-
-def test_bad_target():
-    refused(BadValue, "numba, python", make, target="fpga")
-
-
-def test_names_and_units():
-    scene = Scene(
-        {"force": Param("k", 2.0, "N/m") * Input("q", "m"), "loud": blocks.white_noise(1)}
-    )
-    proc = stimlib.compile(scene, 1000)
-    assert proc.inputs == ("q",) and proc.outputs == ("force", "loud") and proc.params == {"k": 2.0}
-    assert proc.units == {"q": "m", "k": "N/m", "force": "N", "loud": "1"}
-    assert repr(proc) == "Processor(q -> force, loud, fs=1000, numba)"
-    assert "no input" in repr(make({"y": constant(1.0)}))
-
-
 @both
 def test_seeds_are_keys_of_all_noise(target):
-    scene = Scene({"a": blocks.white_noise(1), "b": blocks.pink_noise(1.0, 2, f_low=20.0), "c": x})
+    scene = {"a": blocks.white_noise(1), "b": blocks.pink_noise(1.0, 2, f_low=20.0), "c": x}
     u = np.zeros((1, 64))
-    first = stimlib.compile(scene, 1000, target, seed=9)
-    y = first.process(u)
-    other = stimlib.compile(scene, 1000, target)
-    assert not np.any(other.process(u)[:2] == y[:2])
-    other.reset(9)
-    assert other.seed == 9
-    assert_same(other.process(u), y)
-    other.reset()
-    assert_same(other.process(u), y)
-    for seed in range(20):  # more than are remembered
+    wanted, other = make(scene, target=target, seed=9).process(u), make(scene, target=target)
+    assert not np.any(other.process(u)[:2] == wanted[:2])
+    for seed in (9, None, *range(20), 9):  # more than are remembered
         other.reset(seed)
-    other.reset(9)
-    assert_same(other.process(u), y)
+        if seed in (9, None):
+            assert other.seed == 9
+            assert_same(other.process(u), wanted)
 
 
 # set ----------------------------------------------------------------------------------
 @both
-@pytest.mark.parametrize(
-    ("ramp", "n"),
-    [(0.0, 1), (0.0004, 1), (0.001, 1), (0.002, 2), (0.02, 20), (0.1, 100), (0.333, 333)],
-)
+@pytest.mark.parametrize(("ramp", "n"), [(0.0, 1), (0.0004, 1), (0.002, 2), (0.333, 333)])
 def test_a_ramp_is_straight_and_ends_exactly(target, ramp, n):
-    proc = make({"y": Param("a", 0.1)}, target=target)
+    proc = make({"y": Param("a", 0.1), "z": Param("b", 2.0) * Param("c", 3.0)}, target=target)
     nothing = np.empty((0, 7))
-    np.testing.assert_array_equal(proc.process(nothing), 0.1)
+    np.testing.assert_array_equal(proc.process(nothing), [[0.1] * 7, [6.0] * 7])
     proc.set("a", 0.7, ramp)
-    assert proc.params == {"a": 0.7}
-    y = proc.process(np.empty((0, 400)))[0]
+    assert proc.params == {"a": 0.7, "b": 2.0, "c": 3.0}
+    y, still = proc.process(np.empty((0, 400)))
     np.testing.assert_array_equal(y[n - 1 :], 0.7)
     np.testing.assert_allclose(y[:n], 0.1 + 0.6 * np.arange(1, n + 1) / n, rtol=1e-13)
-    assert proc.log == [(7, "a", 0.7, ramp)]
+    assert proc.log == [(7, "a", 0.7, ramp)] and (still == 6.0).all()
+    proc.set("c", 5.0, 0.0)
+    assert (proc.process(nothing)[1] == 10.0).all()
 
 
 @both
@@ -277,19 +211,6 @@ def test_a_ramp_may_turn_on_the_way(target):
     proc.reset()
     assert proc.log == [] and proc.params == {"a": 0.0}
     assert not proc.process(np.empty((0, 5))).any()
-
-
-@both
-def test_a_setting_is_part_of_the_state_at_once(target):
-    proc = make({"y": Param("a", 0.0)}, target=target)
-    proc.set("a", 4.0, 0.0)
-    state = proc.state
-    proc.reset()
-    proc.set("a", 9.0)
-    proc.state = state
-    np.testing.assert_array_equal(proc.process(np.empty((0, 3))), 4.0)
-    assert proc.params == {"a": 4.0}, "what a restored state goes towards"
-    assert proc.log == []
 
 
 @both
@@ -313,6 +234,7 @@ def test_what_has_stood_moves_with_every_change_of_a_parameter(target):
     ):  # fmt: skip
         assert (said() == said()).all()
         change()
+        assert proc.params == {"a": wanted}
         assert (said() == wanted).all()
     # samples of ramp: some are left at the end of a tile, or of a call
     for n in (2, 3, 64, 65, 66, 100):
@@ -322,46 +244,25 @@ def test_what_has_stood_moves_with_every_change_of_a_parameter(target):
 
 
 @both
-def test_each_of_several_parameters_moves(target):
-    proc = make({"y": Param("a", 1.0) * Param("b", 2.0) * Param("c", 3.0)}, target=target)
-    nothing = np.empty((0, 100))
-    for name in proc.params:
-        before = proc.process(nothing)[0, -1]
-        proc.set(name, 2.0 * proc.params[name], 0.09)
-        np.testing.assert_allclose(
-            proc.process(nothing)[0],
-            before * (1 + np.minimum(np.arange(1, 101) / 90, 1.0)),
-            rtol=1e-13,
-        )
-
-
-@both
 @pytest.mark.parametrize(
     ("args", "error", "words"),
     [
         (("b", 1.0), UnknownName, ["'b'", "a, k"]),
         (("a", np.nan), BadValue, ["finite"]),
-        (("a", np.inf), BadValue, ["finite"]),
         (("a", 1.0, -0.1), BadValue, ["ramp", "at least 0"]),
         (("a", 1.0, np.nan), BadValue, ["ramp"]),
-        (("a", "x"), BadValue, ["a"]),
         (("a", "1.0"), BadValue, ["a"]),
         (("a", 10**400), BadValue, ["too large"]),
         (("a", 1.0, 1e308), BadValue, ["ramp"]),
-        (("a", 1.0, 10**400), BadValue, ["ramp"]),
         (("a", None), BadValue, ["a"]),
     ],
 )
 def test_settings_that_make_no_sense(target, args, error, words):
     proc = make({"y": Param("a", 0.0) * Param("k", 1.0)}, target=target)
     e = refused(error, None, proc.set, *args)
-    assert all(w in str(e) for w in words)
-    assert isinstance(e, StimlibError)
+    assert all(w in str(e) for w in words) and isinstance(e, StimlibError)
+    refused(KeyError, "this scene has none", make().set, *args)
     assert proc.log == [] and proc.params == {"a": 0.0, "k": 1.0}
-
-
-def test_no_live_numbers_says_none():
-    refused(KeyError, "this scene has none", make().set, "a", 1.0)
 
 
 # latency, response --------------------------------------------------------------------
@@ -377,24 +278,22 @@ def test_latency_adds_along_paths():
     assert proc.latency == {("y", "x"): (3, 9), ("w", "white(1, 0)"): (1, 1), ("k", "z"): (0, 0)}
 
 
-def test_latency_is_what_a_slow_signal_sees():
+@pytest.mark.parametrize("fs", [8000.0, 48000.0])
+def test_latency_is_what_a_slow_signal_sees(fs):
     """The stated latency is the group delay at 0 Hz."""
-    for fs in (8000.0, 48000.0):
-        scene = Scene(
-            {
-                "v": blocks.velocity(x),
-                "d": blocks.differentiator(x, 1000.0),
-                "l": blocks.first_order(x, 0.01),
-            }
-        )
-        proc = stimlib.compile(scene, fs)
-        y = proc.process(np.arange(int(fs))[None] ** 2 / fs**2)[:, -1]
-        late = [proc.latency[n, "x"][0] / fs for n in ("v", "d")]
-        t = (int(fs) - 1) / fs
-        np.testing.assert_allclose(y[0], 2 * (t - late[0]), rtol=1e-9)
-        np.testing.assert_allclose(y[1], 2 * (t - late[1]), rtol=1e-5)
-        ramp = stimlib.compile(scene, fs).process(np.arange(int(fs))[None] / fs)[2, -1]
-        np.testing.assert_allclose(ramp, t - proc.latency["l", "x"][0] / fs, rtol=1e-9)
+    outputs = {
+        "v": blocks.velocity(x),
+        "d": blocks.differentiator(x, 1000.0),
+        "l": blocks.first_order(x, 0.01),
+    }
+    proc = make(outputs, fs, "numba")
+    t = np.arange(int(fs)) / fs
+    v, d, _ = proc.process(t[None] ** 2)[:, -1]
+    late = {name: proc.latency[name, "x"][0] / fs for name in outputs}
+    np.testing.assert_allclose(v, 2 * (t[-1] - late["v"]), rtol=1e-9)
+    np.testing.assert_allclose(d, 2 * (t[-1] - late["d"]), rtol=1e-5)
+    proc.reset()
+    np.testing.assert_allclose(proc.process(t[None])[2, -1], t[-1] - late["l"], rtol=1e-9)
 
 
 def test_response_through_arithmetic():
@@ -422,46 +321,25 @@ def test_response_of_what_is_not_reached_is_zero_and_asks_only_what_is_on_the_wa
 @pytest.mark.parametrize(
     "block",
     [
-        x * x,
         1.0 / x,
         abs(x),
-        x > 0.0,
-        blocks.tanh(x),
-        blocks.where(x, 1.0, 2.0),
         blocks.where(1.0 * z, x, 0.0),
         blocks.lut(x, [0, 1], [1, 2]),
-        blocks.loading(x, 0.2, 0.1),
         x * z,
         x * blocks.enabled(blocks.white_noise(1), by=z),
-        blocks.maximum(x, 0.0),
         x + blocks.enabled(blocks.white_noise(1), by=x),
     ],
 )
 def test_no_response_where_it_is_not_linear(block):
-    refused(
-        SceneError,
-        "not linear and time-invariant|own clock",
-        make({"y": block}).response,
-        "y",
-        "x",
-        np.array([1.0]),
-    )
+    response = make({"y": block}).response
+    refused(SceneError, "not linear and time-invariant|own clock", response, "y", "x", [1.0])
 
 
-def test_response_of_gated_noise():
-    refused(
-        SceneError,
-        "own clock",
-        make({"y": blocks.enabled(blocks.white_noise(1), by=x)}).response,
-        "y",
-        "white(1, 0)",
-        np.array([1.0]),
-    )
-
-
-@pytest.mark.parametrize("names", [("q", "x"), ("y", "q"), ("x", "y")])
-def test_response_of_unknown_names(names):
-    refused(UnknownName, "there is", make().response, *names, np.array([1.0]))
+def test_response_of_what_has_none():
+    gated = make({"y": blocks.enabled(blocks.white_noise(1), by=x)}).response
+    refused(SceneError, "own clock", gated, "y", "white(1, 0)", [1.0])
+    for names in (("q", "x"), ("y", "q"), ("x", "y")):
+        refused(UnknownName, "there is", make().response, *names, [1.0])
 
 
 # plan, fault --------------------------------------------------------------------------
@@ -470,6 +348,8 @@ def test_the_plan_tells_what_runs_and_what_does_not():
     proc = make({"y": x * noise + 0.0 * blocks.white_noise(2)}, target="numba")
     text = str(proc.plan)
     assert "at 1000 Hz" in text and "enabled 1" in text and "PinkNoise" in text
+    assert repr(proc) == "Processor(x -> y, fs=1000, numba)"
+    assert "no input" in repr(make({"y": constant(1.0)}))
     assert "removed: White(2, 0, False): multiplied by a literal 0" in text
     assert len(proc.plan.rows) == len(proc.program.instances)
     # white noise and the filter behind it are one segment
@@ -478,42 +358,22 @@ def test_the_plan_tells_what_runs_and_what_does_not():
 
 
 @both
-def test_a_fault_names_output_and_sample(target):
+@pytest.mark.parametrize("at", [11, 64, 128])
+def test_a_fault_names_output_and_sample_and_fades_from_the_one_before(target, at):
     proc = make({"good": z, "bad": 1.0 / x, "worse": 1.0 / (x - 1.0)}, target=target)
-    u = np.full((2, 30), 5.0)
+    u = np.full((2, 160), 5.0)
     row = proc.inputs.index("x")
-    u[row, 21], u[row, 11] = 0.0, 1.0
+    u[row, 150], u[row, at] = 0.0, 1.0
     y = proc.process(u)
-    assert proc.fault == ("worse", 11)
+    assert proc.fault == ("worse", at)
     assert np.isfinite(y).all()
     assert_same(y[0], u[1 - row])
+    np.testing.assert_allclose(y[2, at : at + 21], 0.25 * np.arange(20, -1, -1) / 20, rtol=1e-15)
     proc.reset()
     assert proc.fault is None
 
 
-@both
-@pytest.mark.parametrize("at", [1, 63, 64, 65, 128])
-def test_a_fault_fades_from_the_sample_before(target, at):
-    proc = make({"y": x}, target=target)
-    u = np.arange(1.0, 161.0)[None]
-    u[0, at] = np.nan
-    y = proc.process(u)[0]
-    np.testing.assert_allclose(
-        y[at : at + 21], u[0, at - 1] * np.arange(20, -1, -1) / 20, rtol=1e-15
-    )
-
-
-def test_a_guard_that_another_block_reads_runs_before_it():
-    x = Input("x")
-    outputs = {"x": x, "behind": 2.0 * Guard(x)}
-    u = np.random.default_rng(1).standard_normal((1, 200))
-    u[0, 150] = np.nan
-    y, wanted = (make(outputs, 250.0, target).process(u) for target in ("numba", "python"))
-    assert_same(y, wanted, "samples")
-    np.testing.assert_array_equal(y[:, :150], np.concatenate([u, 2 * u])[:, :150])
-
-
-@pytest.mark.parametrize("at", [0, 63, 64, 70, 127, 200])
+@pytest.mark.parametrize("at", [0, 63, 64, 200])
 def test_a_fault_is_found_wherever_it_is_in_a_tile(at):
     """Of outputs that share a guard, and of one whose guard another block reads."""
     outputs = {"z": z, "x": x, "same": x, "behind": 2.0 * Guard(x), "again": z, "sum": x + z}
@@ -523,8 +383,7 @@ def test_a_fault_is_found_wherever_it_is_in_a_tile(at):
     wanted = other.process(u)
     for n in (300, 64, 100):
         one.reset()
-        parts = [one.process(np.ascontiguousarray(u[:, k : k + n])) for k in range(0, 300, n)]
-        assert_same(np.concatenate(parts, axis=1), wanted, f"calls of {n}")
+        assert_same(run(one, u, range(0, 300, n)), wanted, f"calls of {n}")
         assert_same(one.state, other.state, f"calls of {n}: state")
         assert one.fault == other.fault
 
@@ -560,15 +419,14 @@ def test_a_state_of_a_scene_with_other_numbers_is_refused(target, one, other):
     proc.state = make({"y": one}, target="python").state
 
 
-class Sizes(NamedTuple):
-    line: np.ndarray
-    other: np.ndarray
-
-
 def test_a_state_of_a_class_that_was_changed_is_refused():
     """A notebook's cell was run again: same name and numbers, same number of words, and
     they mean something else.
     """
+
+    class Sizes(NamedTuple):
+        line: np.ndarray
+        other: np.ndarray
 
     def made(first, second):
         @dataclass(frozen=True, eq=False)
@@ -605,46 +463,27 @@ def test_a_state_beyond_every_run_is_refused(target):
     assert proc.index == proc.state[1] == 2**62 + 3
 
 
-def test_a_state_with_gaps_is_taken():
-    proc = make({"a": blocks.delay(x, 3)}, target="numba")
-    proc.process(np.ones((1, 2)))
-    state = proc.state
-    proc.state = np.repeat(state, 2)[::2]
-    assert_same(proc.state, state)
-
-
 def test_state_reset_and_set_wait_for_each_other():
     """From several threads: no error, and every seed's start stays what it is."""
     proc = make({"y": blocks.white_noise(1) * Param("a", 1.0) + x}, target="numba")
-    starts, errors = {}, []
+    starts = {}
     for seed in range(30):
         proc.reset(seed)
         starts[seed] = proc.state
-    state = starts[0]
 
     def work(action):
-        try:
-            for k in range(60):
-                action(k)
-        except Exception as e:
-            errors.append(e)
+        for k in range(60):
+            action(k)
 
-    def assign(k):
-        proc.state = state
-
-    actions = (
+    actions = [
         lambda k: proc.reset(k % 30),
-        assign,
+        lambda k: setattr(proc, "state", starts[0]),
         lambda k: proc.set("a", 2.0),
         lambda k: proc.state,
         lambda k: proc.fault,
-    )
-    threads = [threading.Thread(target=work, args=(a,)) for a in (*actions, actions[0])]
-    for t in threads:
-        t.start()
-    for t in threads:
-        t.join()
-    assert errors == []
+    ]
+    with ThreadPoolExecutor(6) as threads:
+        list(threads.map(work, [*actions, actions[0]]))
     for seed, start in starts.items():
         proc.reset(seed)
         assert_same(proc.state, start)
@@ -658,17 +497,15 @@ def test_a_seed_is_a_plain_number_and_samples_have_a_limit(monkeypatch):
     refused(BadValue, "bytes of 11 samples: 88 is more than limits.render_bytes", proc.process, 11)
 
 
-@pytest.mark.parametrize("target", ["numba", "python"])
+@both
 def test_gates_begin_in_one_walk_with_the_bits_of_one_walk_each(target):
-    white = [blocks.white_noise(seed=1, stream=i, shared=True) for i in range(8)]
-    lag, gated, x = blocks.first_order, blocks.enabled, Input("x")
-    inner = gated(lag(white[0], 0.01), white[1] > 0.0)
-    outer = gated(inner + lag(white[2], 0.02), white[3] > 0.0)
-    fed_back = blocks.loop(lambda y: 0.5 * y + white[4])
-    half = gated(lag(white[4], 0.01), white[5] > 0) + gated(fed_back, white[5] > 0)
-    gates = [gated(lag(white[6] * i, 0.01), x > float(i)) for i in (3, 4, 5)]
-    outputs = [outer, gated(outer + 1, x > 0.0), half, *gates]
-    proc = stimlib.compile(Scene({f"y{i}": y for i, y in enumerate(outputs)}), 1000.0, target)
+    white = [blocks.white_noise(seed=1, stream=i, shared=True) for i in range(6)]
+    lag, gated = blocks.first_order, blocks.enabled
+    outer = gated(gated(lag(white[0], 0.01), white[1] > 0.0) + lag(white[2], 0.02), white[3] > 0.0)
+    fed_back = gated(blocks.loop(lambda y: 0.5 * y + white[4]), white[5] > 0)
+    gates = [gated(lag(white[4] * i, 0.01), x > float(i)) for i in (3, 4, 5)]
+    outputs = [outer, gated(outer + 1, x > 0.0), fed_back, *gates]
+    proc = make({f"y{i}": y for i, y in enumerate(outputs)}, target=target)
     assert len(proc._early) == 3 < len(sum(proc._early, []))
     engine = proc._engine
     engine.words = proc._first(5)

@@ -8,8 +8,6 @@ import re
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 STIMLIB = Path(__file__).parents[1] / "stimlib"
 ROOMS = (
     "errors version above system core design blocks targets motion run plate soft scenes export"
@@ -70,17 +68,18 @@ def test_the_page_on_architecture_names_what_is_there():
         assert hasattr(importlib.import_module(f"stimlib.{module}"), what), f"{name} has moved"
 
 
-@pytest.mark.parametrize("module", sorted(MODULES.keys() - {"__init__"}))
-def test_imports_point_down(module):
-    for target, name in imports(module):
-        assert target, f"{module} imports {name} from the package itself"
-        if room(target) != room(module):
-            assert ORDER.index(room(target)) < ORDER.index(room(module)), (
-                f"{module} imports {target} from above"
-            )
-            assert name == "__version__" or not f".{name}".startswith("._"), (
-                f"{module} takes {name}, which {target} keeps for itself"
-            )
+def test_imports_point_down():
+    wrong = []
+    for module in sorted(MODULES.keys() - {"__init__"}):
+        for target, name in imports(module):
+            if not target:
+                wrong.append(f"{module} imports {name} from the package itself")
+            elif room(target) != room(module):
+                if ORDER.index(room(target)) >= ORDER.index(room(module)):
+                    wrong.append(f"{module} imports {target} from above")
+                if name != "__version__" and f".{name}".startswith("._"):
+                    wrong.append(f"{module} takes {name}, which {target} keeps for itself")
+    assert not wrong, "\n".join(wrong)
 
 
 def test_no_module_names_another_one_in_a_text():

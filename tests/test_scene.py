@@ -4,34 +4,35 @@ describe a scene.
 
 import json
 import os
-import time
+import sys
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from contract import TABLE
-from laws import assert_same, rows
+from laws import assert_same, mostly, rows
 from refusals import refused
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, load
+from stimlib.core import program
 from stimlib.core.graph import Block, reach, registry
-from stimlib.errors import BadValue, SceneError, SceneFileError, StimlibError
-from stimlib.system.fields import strict
+from stimlib.errors import SceneError, SceneFileError, StimlibError
 
 x = Input("x")
+FIRST = {e.cls: e for e in reversed(TABLE)}
 
 
-@pytest.mark.parametrize("entry", TABLE, ids=lambda e: e.name)
+@pytest.mark.parametrize("entry", mostly(FIRST.values(), TABLE), ids=lambda e: e.name)
+@pytest.mark.longer
 def test_a_file_gives_back_the_scene(entry, tmp_path):
     scene = entry.scene()
     scene.save(tmp_path / "scene.json")
     again = load(tmp_path / "scene.json")
-    assert again.hash == scene.hash
-    assert repr(again) == repr(scene)
+    assert (again.hash, repr(again)) == (scene.hash, repr(scene))
     assert again.to_dict() == scene.to_dict()
     fs = entry.rates[0]
-    procs = [stimlib.compile(s, fs) for s in (scene, again)]
+    procs = [stimlib.compile(s, fs, "python") for s in (scene, again)]
     u = rows(procs[0], entry.x(100, fs), entry.inputs)
     assert procs[0].inputs == procs[1].inputs
     assert_same(*(p.process(u) for p in procs))
@@ -40,127 +41,97 @@ def test_a_file_gives_back_the_scene(entry, tmp_path):
     assert (tmp_path / "again.json").read_bytes() == (tmp_path / "scene.json").read_bytes()
 
 
-def test_numbers_come_back_to_the_last_bit(tmp_path):
+def test_numbers_and_shared_parts_come_back(tmp_path):
     taps = np.random.default_rng(0).standard_normal(50) * 10.0 ** np.arange(-25, 25)
-    scene = Scene({"y": blocks.fir(x, [*taps, 5e-324, -0.0, 1.7976931348623157e308])})
+    noise = blocks.white_noise(2**64 - 1)
+    table = blocks.lut(x, [0.0, 1.0, 2.0], lambda k: k**2)  # sampled when built
+    filtered = blocks.fir(x, [*taps, 5e-324, -0.0, 1.7976931348623157e308])
+    scene = Scene({"f": filtered, "y": noise + x, "z": noise * x, "t": table})
     scene.save(tmp_path / "s.json")
-    (block,) = load(tmp_path / "s.json").outputs.values()
-    assert_same(block.taps, scene.outputs["y"].taps)
-
-
-def test_seeds_of_64_bits_come_back(tmp_path):
-    Scene({"y": blocks.white_noise(2**64 - 1)}).save(tmp_path / "s.json")
-    assert load(tmp_path / "s.json").outputs["y"].seed == 2**64 - 1
-
-
-def test_shared_parts_stay_shared(tmp_path):
-    noise = blocks.white_noise(1)
-    Scene({"y": noise + x, "z": noise * x}).save(tmp_path / "s.json")
-    again = load(tmp_path / "s.json")
-    assert again.outputs["y"].a is again.outputs["z"].a
-
-
-def test_a_callable_is_sampled_when_built(tmp_path):
-    Scene({"y": blocks.lut(x, [0.0, 1.0, 2.0], lambda k: k**2)}).save(tmp_path / "s.json")
-    np.testing.assert_array_equal(load(tmp_path / "s.json").outputs["y"].values, [0, 1, 4])
+    again = load(tmp_path / "s.json").outputs
+    assert_same(again["f"].taps, filtered.taps)
+    assert again["y"].a is again["z"].a and again["y"].a.seed == 2**64 - 1
+    assert again["t"].values.tolist() == [0, 1, 4]
+    stimlib.scenes.squeeze(fingers=1).save(tmp_path / "s.json")
+    assert [p.law for p in load(tmp_path / "s.json").parts] == ["squeeze"]
 
 
 def test_hash_tells_scenes_apart():
-    hashes = {
-        Scene({"y": b}).hash
-        for b in (
-            x,
-            2 * x,
-            x * 2,
-            -x,
-            blocks.delay(x, 1),
-            blocks.delay(x, 2),
-            Param("x", 1.0),
-            Input("z"),
-        )
-    }
-    assert len(hashes) == 8
-    assert Scene({"y": x}).hash == Scene({"y": Input("x")}).hash
+    scenes = [x, 2 * x, x * 2, -x, blocks.delay(x, 1), blocks.delay(x, 2), Param("x", 1.0)]
+    hashes = {Scene({"y": b}).hash for b in [*scenes, Input("z")]}
+    assert len(hashes | {Scene({"y": x, "z": b}).hash for b in (x, -x)}) == 10
+    assert Scene({"y": x}).hash == Scene({"y": Input("x")}).hash in hashes
     assert Scene({"y": x, "z": 2 * x}).hash != Scene({"y": x, "w": 2 * x}).hash
 
 
 # Files that are not scenes ------------------------------------------------------------
+GIVEN = Scene({"y": blocks.velocity(x, 30.0) * blocks.fir(x, [1.0, 2.0])})
+
+
 @pytest.fixture
 def edited(tmp_path):
-    """Load a scene file after a change to its data."""
+    """Load the file of a scene after a change to its data: of a block's entry, of
+    fields of a block of a class, or of the whole.
+    """
 
-    def change(f, scene=None):
-        data = (
-            scene or Scene({"y": blocks.velocity(x, 30.0) * blocks.fir(x, [1.0, 2.0])})
-        ).to_dict()
+    def change(whole=None, name="", entry=None, /, **fields):
+        data = GIVEN.to_dict()
+        for block in data["blocks"]:
+            if block["class"] == name:
+                block["fields"] |= fields
+                block |= entry or {}
         path = tmp_path / "edited.json"
-        path.write_text(json.dumps(f(data) or data))
+        path.write_text(json.dumps(data | whole if isinstance(whole, dict) else whole or data))
         return load(path)
 
     return change
 
 
-def first(data, name):
-    return next(b for b in data["blocks"] if b["class"] == name)
+def with_block(entry):
+    return {"blocks": [*GIVEN.to_dict()["blocks"], entry]}
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("whole", "words"),
     [
-        (lambda d: d.update(stimlib_scene=99), ["99", "update"]),
-        (lambda d: d.update(stimlib_scene="1"), ["version"]),
-        (lambda d: d.update(stimlib_scene=True), ["version"]),
-        (lambda d: d.update(law=3), ["law must be a name"]),
-        (
-            lambda d: first(d, "Velocity").update({"class": "Teleport"}),
-            ["Teleport", "not known", "update"],
-        ),
-        (
-            lambda d: first(d, "Velocity").update({"class": "lab.blocks.Mine"}),
-            ["lab.blocks.Mine", "import lab.blocks"],
-        ),
-        (lambda d: first(d, "Velocity")["fields"].pop("cutoff"), ["Velocity", "cutoff"]),
-        (lambda d: first(d, "Velocity")["fields"].update(mass=3), ["Velocity", "mass"]),
-        (lambda d: first(d, "Velocity")["fields"].update(x=99), ["99", "earlier block"]),
-        (
-            lambda d: first(d, "Velocity")["fields"].update(x=len(d["blocks"]) - 1),
-            ["earlier block"],
-        ),
-        (lambda d: first(d, "Velocity")["fields"].update(x=-1), ["earlier block"]),
-        (lambda d: first(d, "Velocity")["fields"].update(x=True), ["earlier block"]),
-        (lambda d: first(d, "Velocity")["fields"].update(x="x"), ["earlier block"]),
-        (lambda d: first(d, "Velocity")["fields"].update(x=None), ["earlier block"]),
-        (lambda d: first(d, "Velocity")["fields"].update(cutoff=-1.0), ["cutoff"]),
-        (lambda d: first(d, "Velocity")["fields"].update(cutoff="fast"), ["cutoff", "Velocity"]),
-        (lambda d: first(d, "Velocity")["fields"].update(cutoff={"a": 1}), ["cutoff", "Velocity"]),
-        (lambda d: first(d, "Velocity")["fields"].update(cutoff=None), ["Velocity"]),
-        (lambda d: first(d, "Velocity")["fields"].update(cutoff=[1.0]), ["Velocity"]),
-        (lambda d: first(d, "Taps")["fields"].update(taps=["a"]), ["Taps"]),
-        (lambda d: first(d, "Taps")["fields"].update(taps=5.0), ["taps"]),
-        (lambda d: first(d, "Taps")["fields"].update(taps=[[1], [2, 3]]), ["Taps"]),
-        (lambda d: first(d, "Taps")["fields"].update(gain_unit="mm"), ["Taps", "mm"]),
-        (lambda d: first(d, "Taps")["fields"].update(gain_unit=3), ["Taps"]),
-        (lambda d: first(d, "Input")["fields"].update(name=7), ["Input"]),
-        (lambda d: first(d, "Input")["fields"].update(name="__import__('os')"), ["Input"]),
-        (lambda d: d["blocks"].append(3), ["class and fields"]),
-        (lambda d: d["blocks"].append({"class": "Neg"}), ["class and fields"]),
-        (lambda d: d["blocks"].append({"class": "Block", "fields": {}}), ["Block"]),
-        (lambda d: d["blocks"].append({"class": "Map", "fields": {}}), ["Map"]),
-        (lambda d: d.update(outputs={"y": 99}), ["'y'", "99"]),
-        (lambda d: d.update(outputs=[1]), ["outputs"]),
-        (lambda d: d.update(blocks={}), ["blocks"]),
-        (lambda d: d.update(outputs={}), ["output"]),
-        (lambda d: [1, 2], ["not a stimlib scene"]),
-        (lambda d: {"a": 1}, ["not a stimlib scene"]),
-        (lambda d: 3, ["not a stimlib scene"]),
+        ({"stimlib_scene": 99}, ["99", "update"]),
+        ({"stimlib_scene": "1"}, ["version"]),
+        ({"stimlib_scene": True}, ["version"]),
+        ({"law": 3}, ["law must be a name"]),
+        (with_block(3), ["class and fields"]),
+        (with_block({"class": "Neg"}), ["class and fields"]),
+        (with_block({"class": "Block", "fields": {}}), ["Block"]),
+        (with_block({"class": "Map", "fields": {}}), ["Map"]),
+        (with_block({"class": "Neg", "fields": {}}), ["Neg", "x"]),
+        ({"outputs": {"y": 99}}, ["'y'", "99"]),
+        ({"outputs": [1]}, ["outputs"]),
+        ({"blocks": {}}, ["blocks"]),
+        ({"outputs": {}}, ["output"]),
+        ([1, 2], ["not a stimlib scene"]),
+        (3, ["not a stimlib scene"]),
     ],
 )
-def test_a_changed_file_is_an_error_that_says_where(edited, change, words):
-    def f(data):
-        new = change(data)
-        return new if isinstance(new, (list, dict, int)) and new in ([1, 2], {"a": 1}, 3) else None
+def test_a_changed_file_is_an_error_that_says_where(edited, whole, words):
+    error = refused(SceneError, None, edited, whole)
+    assert all(w in str(error) for w in words), error
 
-    error = refused(SceneError, None, edited, f)
+
+@pytest.mark.parametrize(
+    ("name", "fields", "words"),
+    [
+        *[("Velocity", {"x": v}, ["earlier block"]) for v in (99, 3, -1, True, "x", None)],
+        ("Velocity", {"mass": 3}, ["Velocity", "mass"]),
+        ("Velocity", {"cutoff": -1.0}, ["cutoff"]),
+        *[("Velocity", {"cutoff": v}, ["cutoff", "Velocity"]) for v in ("fast", {"a": 1}, None)],
+        *[("Taps", {"taps": v}, ["Taps"]) for v in (["a"], 5.0, [[1], [2, 3]])],
+        ("Taps", {"gain_unit": "mm"}, ["Taps", "mm"]),
+        ("Taps", {"gain_unit": 3}, ["Taps"]),
+        ("Input", {"name": 7}, ["Input"]),
+        ("Input", {"name": "__import__('os')"}, ["Input"]),
+    ],
+)
+def test_a_changed_field_is_an_error_that_says_where(edited, name, fields, words):
+    error = refused(SceneError, None, edited, None, name, **fields)
     assert all(w in str(error) for w in words), error
 
 
@@ -169,8 +140,7 @@ def test_a_changed_file_is_an_error_that_says_where(edited, change, words):
     [
         "",
         "{",
-        "nonsense",
-        '{"stimlib_scene": 1, "blocks": [NaN]}',
+        *[f'{{"stimlib_scene": 1, "blocks": [{n}]}}' for n in ("NaN", "-Infinity", "1e999")],
         "\x00\x01",
         "[" * 100_000,
         "\ufeff{}",
@@ -183,29 +153,16 @@ def test_a_file_that_is_not_json(tmp_path, text):
     refused(SceneFileError, "bad.json", load, path)
 
 
-@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
-def test_numbers_in_a_file_are_finite(tmp_path, number):
-    path = tmp_path / "s.json"
-    Scene({"y": 123456.0 * x}).save(path)
-    path.write_text(path.read_text().replace("123456.0", number))
-    refused(SceneFileError, "finite", load, path)
-
-
 def test_missing_and_unwritable(tmp_path):
-    refused(SceneFileError, "No such file", load, tmp_path / "missing.json")
-    refused(SceneFileError, "cannot read", load, tmp_path)
-    refused(SceneFileError, "No such file", Scene({"y": x}).save, tmp_path / "no" / "where.json")
+    path, save = tmp_path / "s.json", Scene({"y": x}).save
+    refused(SceneFileError, "No such file", load, path)
+    refused(SceneFileError, "No such file", save, tmp_path / "no" / "where.json")
     (tmp_path / "folder").mkdir()
-    refused(SceneFileError, "cannot write", Scene({"y": x}).save, tmp_path / "folder")
-    assert [p.name for p in tmp_path.iterdir()] == ["folder"], "no half file is left"
-
-
-def test_a_save_replaces_the_whole_file(tmp_path):
-    path = tmp_path / "s.json"
+    refused(SceneFileError, "cannot write", save, tmp_path / "folder")
     path.write_text("old" * 100_000)
-    Scene({"y": x}).save(path)
+    save(path)
     assert load(path).hash == Scene({"y": x}).hash
-    assert [p.name for p in tmp_path.iterdir()] == ["s.json"]
+    assert {p.name for p in tmp_path.iterdir()} == {"folder", "s.json"}, "no half file is left"
 
 
 # Blocks of users, and nothing that runs -----------------------------------------------
@@ -218,31 +175,20 @@ class Doubled(Block):
         return x + x, s
 
 
-def test_a_user_block_loads_where_it_is_imported(tmp_path):
-    scene = Scene({"y": Doubled(x)})
-    scene.save(tmp_path / "s.json")
-    again = load(tmp_path / "s.json")
-    assert isinstance(again.outputs["y"], Doubled)
-    name = f"{__name__}.Doubled"
-    kept = registry.pop(name)
-    try:
-        refused(
-            SceneFileError,
-            f"import {__name__} first; on the command line, add --import ",
-            load,
-            tmp_path / "s.json",
-        )
-        remedies = {
-            "__main__": "a script or a notebook defined",
-            "lab": "--import lab.py$",
-            "lab.a": "a file .* imports lab.a$",
-        }
-        for module, says in remedies.items():
-            text = (tmp_path / "s.json").read_text().replace(f'"{name}"', f'"{module}.Doubled"')
-            (tmp_path / "t.json").write_text(text)
-            refused(SceneFileError, says, load, tmp_path / "t.json")
-    finally:
-        registry[name] = kept
+def test_a_user_block_loads_where_it_is_imported(tmp_path, monkeypatch):
+    path, name = tmp_path / "s.json", f"{__name__}.Doubled"
+    Scene({"y": Doubled(x)}).save(path)
+    assert isinstance(load(path).outputs["y"], Doubled)
+    monkeypatch.delitem(registry, name)
+    for module, says in {
+        __name__: f"import {__name__} first.*--import",
+        "__main__": "a script or a notebook defined",
+        "lab": "--import lab.py$",
+        "lab.a": "a file .* imports lab.a$",
+    }.items():
+        text = path.read_text().replace(f'"{name}"', f'"{module}.Doubled"')
+        (tmp_path / "t.json").write_text(text)
+        refused(SceneFileError, says, load, tmp_path / "t.json")
 
 
 def test_loading_executes_nothing(edited, tmp_path):
@@ -251,41 +197,12 @@ def test_loading_executes_nothing(edited, tmp_path):
     """
     mark = tmp_path / "mark"
     code = f"__import__('pathlib').Path({str(mark)!r}).touch()"
-    for name in (
-        "os.system",
-        "builtins.eval",
-        "eval",
-        "subprocess.Popen",
-        "stimlib.core.graph.Mul",
-        "__main__.x",
-        code,
-    ):
-        refused(
-            SceneFileError,
-            None,
-            edited,
-            lambda d, name=name: first(d, "Velocity").update({"class": name}),
-        )
-        refused(
-            SceneFileError,
-            None,
-            edited,
-            lambda d, name=name: first(d, "Taps")["fields"].update(gain_unit=name),
-        )
-    assert not mark.exists()
-    assert "antigravity" not in __import__("sys").modules
-    refused(
-        SceneFileError,
-        None,
-        edited,
-        lambda d: first(d, "Velocity").update({"class": "antigravity.Block"}),
-    )
-    assert "antigravity" not in __import__("sys").modules
-
-
-def test_a_law_travels_with_the_scene(tmp_path):
-    stimlib.scenes.squeeze(fingers=1).save(tmp_path / "s.json")
-    assert [p.law for p in load(tmp_path / "s.json").parts] == ["squeeze"]
+    names = "os.system", "eval", "subprocess.Popen", "stimlib.core.graph.Mul", "__main__.x", code
+    for name in (*names, "antigravity.Block", "Teleport", "lab.blocks.Mine"):
+        error = refused(SceneFileError, None, edited, None, "Velocity", {"class": name})
+        assert name[:40] in str(error) and "import" in str(error) or "update" in str(error)
+        refused(SceneFileError, None, edited, None, "Taps", gain_unit=name)
+    assert not mark.exists() and "antigravity" not in sys.modules
 
 
 # Files of others ----------------------------------------------------------------------
@@ -303,27 +220,24 @@ def write(path, data):
     return path
 
 
-def test_gates_in_gates_are_refused_quickly(tmp_path):
-    """Eighteen levels, 1.5 kB: they took half a minute and 862 MiB."""
+def test_gates_in_gates_are_refused_quickly(tmp_path, monkeypatch):
+    """Eighteen levels, 1.5 kB: they took half a minute and 862 MiB.  Copies are counted
+    before any is made.
+    """
     data = {
         "blocks": [{"class": "Param", "fields": {"name": "p", "value": 1.0, "unit": ""}}],
         "outputs": {"y": 19},
     }
     data["blocks"].append({"class": "Neg", "fields": {"x": 0}})
     data["blocks"] += [{"class": "Enabled", "fields": {"block": i, "by": i}} for i in range(1, 19)]
-    before = time.process_time()
-    refused(
-        SceneError,
-        "copies: 786431 is more than limits.scene_blocks = 100000",
-        load,
-        write(tmp_path / "s.json", data),
-    )
-    took = time.process_time() - before
-    stimlib.scenes.squeeze()
-    before = time.process_time()
-    for _ in range(50):
-        stimlib.scenes.squeeze()
-    assert took < 10 * (time.process_time() - before), "work of the order of a few scenes"
+    monkeypatch.setattr(program, "Instance", None)
+    says = "copies: 786431 is more than limits.scene_blocks = 100000"
+    refused(SceneError, says, load, write(tmp_path / "s.json", data))
+    y = blocks.oscillator(10.0)
+    for k in range(8):
+        y = y + blocks.enabled(y, by=blocks.oscillator(1.0 + k) > 0.0)
+    monkeypatch.setattr(stimlib.limits, "scene_blocks", 100)
+    refused(SceneError, "own copies: 120 is more than limits.scene_blocks", Scene, {"y": y})
 
 
 @pytest.mark.parametrize("hidden", [False, True])
@@ -371,7 +285,7 @@ def test_a_planted_link_is_not_followed(tmp_path):
     assert target.read_text() == "kept" and not (tmp_path / "s.json").exists()
 
 
-@pytest.mark.parametrize("depth", [1000, 100_000, 1_000_000])
+@pytest.mark.parametrize("depth", [1000, 1_000_000])
 def test_json_as_deep_as_it_goes(tmp_path, depth):
     path = tmp_path / "s.json"
     taps = {"class": "Taps", "fields": {"x": 0, "taps": None, "gain_unit": ""}}
@@ -382,19 +296,12 @@ def test_json_as_deep_as_it_goes(tmp_path, depth):
     refused(SceneFileError, "taps must be numbers|not JSON", load, path)
 
 
-def test_a_key_that_is_there_twice_is_refused(tmp_path):
-    """JSON says nothing of it, and Python would take the last without a word."""
-    path = tmp_path / "s.json"
-    Scene({"y": 2 * Input("x")}).save(path)
-    assert load(path).outputs
-    path.write_text(path.read_text().replace('"class":', '"class": "Taps", "class":', 1))
-    refused(SceneFileError, "s.json.*'class' is there twice in one object; keep one", load, path)
-
-
 @pytest.mark.parametrize("key", ["b", "k" * 100])
-def test_of_many_keys_the_one_that_is_there_twice_is_named(key):
+def test_a_key_that_is_there_twice_is_refused(tmp_path, key):
+    """JSON says nothing of it, and Python would take the last without a word."""
     text = json.dumps({key: 1, "c": 2, "a": 3})[:-1] + f', "{key}": 4}}'
-    refused(ValueError, f"'{key[:40]}' is there twice", strict, text)
+    (tmp_path / "s.json").write_text(text)
+    refused(SceneFileError, f"s.json.*'{key[:40]}.*there twice", load, tmp_path / "s.json")
 
 
 ODD = [
@@ -439,12 +346,12 @@ ODD = [
 
 
 @pytest.mark.filterwarnings("ignore:overflow")
-@pytest.mark.parametrize("name", sorted({e.cls for e in TABLE}))
+@pytest.mark.parametrize("name", sorted(FIRST))
 def test_any_json_in_any_field_is_a_scene_or_an_error_of_ours(name):
     """Floats for whole numbers, text for numbers, rows of several lengths, numbers
     beyond floats.
     """
-    data = next(e for e in TABLE if e.cls == name).scene().to_dict()
+    data = FIRST[name].scene().to_dict()
     entry = (
         next(b for b in data["blocks"] if b["class"] == name)
         if name != "Guard"
@@ -458,13 +365,6 @@ def test_any_json_in_any_field_is_a_scene_or_an_error_of_ours(name):
             except StimlibError as e:
                 assert len(str(e)) < 1000
         entry["fields"][field] = kept
-
-
-@pytest.mark.parametrize(
-    "value", [["1.5"], [True], [None], [10**400], [[1, 2], [3]], 10**400, [1j], np.array([1 + 1j])]
-)
-def test_an_array_has_real_numbers(value):
-    refused(BadValue, "taps", blocks.fir, x, value)
 
 
 @pytest.mark.parametrize("name", ["a" * 101, "\ud800", "a\0", "a b", "", "\x1b[31m", "a\n"])
@@ -484,11 +384,3 @@ def test_a_scene_is_lowered_once_and_again_when_its_outputs_change():
     )
     scene.outputs["z"] = 3 * stimlib.Input("x")
     assert stimlib.compile(scene, 1000).outputs == ("y", "z")
-
-
-def test_nested_gates_are_refused_before_their_copies_are_counted(monkeypatch):
-    y = blocks.oscillator(10.0)
-    for k in range(8):
-        y = y + blocks.enabled(y, by=blocks.oscillator(1.0 + k) > 0.0)
-    monkeypatch.setattr(stimlib.limits, "scene_blocks", 100)
-    refused(SceneError, "own copies: 120 is more than limits.scene_blocks", Scene, {"y": y})

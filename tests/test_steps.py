@@ -4,7 +4,6 @@ stimlib ships passes.
 
 import importlib
 import itertools
-import re
 import sys
 import textwrap
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from contract import TABLE as TABLE_OF_BLOCKS, ours
-from laws import assert_same, cut_at, pair, rows, run
+from laws import assert_same, cut_at, pair, played, rows, run
 from refusals import refused
 
 import stimlib
@@ -123,7 +122,6 @@ MISTAKES = [
     (body("y = x", "return (y if y > 0.0 else 0.0), s  # here"), "where(c, a, b)"),
     (body("return x**2, s  # here"), "multiply"),
     (body("return (x > 0.0) and (x < 1.0), s"), "`and`/`or`"),
-    (body("return (x > 0.0) or (x < 1.0), s"), "`and`/`or`"),
     (body("return not x, s"), "`not`"),
     (body("while x > 0.0:", "    x = x - 1.0", "return x, s"), "`while`"),
     (body("for k in EXPONENTS:", "    x = x * k", "return x, s"), "for i in range(..)"),
@@ -131,9 +129,7 @@ MISTAKES = [
     (body("return round(x), s"), "'round'"),
     (body("return x * nowhere, s"), "'nowhere' is not defined"),
     ("step = made(3.0)\n", "closes over gain"),
-    (body("return [x for _ in range(3)][0], s"), "straight-line"),
     (body("try:", "    return x, s", "finally:", "    pass"), "straight-line"),
-    (body("f = lambda v: v", "return f(x), s"), "straight-line"),
     (body("return powered(x), s"), "powered"),
     (body("return recovers(x), s"), ""),
     (body("return s.n + np.uint64(18446744073709551616), s"), ""),
@@ -169,7 +165,6 @@ MISTAKES = [
         body("return p.gain * x  # here"),
         "must return two things, the sample and the new state State(..)",
     ),
-    (body("y = maths.sqrt(x)", "return y  # here"), "must return two things"),
     (body("return x, ()  # here"), "must return two things"),
     ("@staticmethod\ndef step(p, s, x):  # here\n    x = 2.0 * x\n", "must return two things"),
     (
@@ -180,7 +175,6 @@ MISTAKES = [
         body("return p.gian * x, s  # here"),
         "Mine.step: p.gian is not there: design gives the parameters gain",
     ),
-    (body("return x + s.z, s  # here"), "Mine.step: s.z is not there: design gives the state y"),
     (
         (
             "@staticmethod\ndef tile(p, s, x, y):  # here\n    for i in range(x.size):\n       "
@@ -197,7 +191,6 @@ MISTAKES = [
         "Mine.design: it must return parameters and state",
     ),
     ("def design(self, fs):\n    return Gain(2.0)\n" + GOOD, "two NamedTuples"),
-    ("def design(self, fs):\n    pass\n" + GOOD, "and returned None"),
     (
         'def design(self, fs):  # here\n    return Gain("2"), State(0.0)\n' + GOOD,
         "Mine.design: parameters 'gain' is a str; floats",
@@ -213,10 +206,6 @@ MISTAKES = [
     (
         body("return x, State()  # here"),
         "State(): it is State(y): missing a required argument: 'y'",
-    ),
-    (
-        body("return x, State(y=x, q=1.0)  # here"),
-        "it is State(y): got an unexpected keyword argument 'q'",
     ),
     (body("return x, Gain(x)  # here"), "Mine.step: the new state must be the State(..) of design"),
     (
@@ -235,7 +224,6 @@ MISTAKES = [
     ),
     (body("return sin(x, 1), s  # here"), "it is sin(x): too many"),
     (body("return sin(x=x), s  # here"), "give the arguments by place"),
-    (body("return abs(x, 2), s  # here"), "it is abs(x): too many"),
     (body("return x * s.y[0], s  # here"), "only arrays have an index"),
     (body('return x + "1", s  # here'), "'1' is not a number"),
     # what would have other bits, or other samples, where it is compiled
@@ -266,18 +254,18 @@ MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize("target", ["python", "numba", "jax"])
 @pytest.mark.parametrize(("members", "says"), MISTAKES)
-def test_mistakes_of_authors_name_class_file_line_and_remedy(mine, members, says, target):
+def test_mistakes_of_authors_name_class_file_line_and_remedy(mine, members, says):
     cls, at = mine(members)
-    with pytest.raises(SceneError) as e:
-        stimlib.compile(Scene({"y": cls(x)}), 1000, target)
-    message = str(e.value)
-    assert says in message and "numba" not in message, message
-    if "# here" in members:
-        assert message.startswith(at("# here")), message
-    if "powered" in members:
-        assert at("# powered")[:-2] in message, "a helper is held to the same rules"
+    for target in ("python", "numba", "jax"):
+        message = str(
+            refused(SceneError, None, stimlib.compile, Scene({"y": cls(x)}), 1000, target)
+        )
+        assert says in message and "numba" not in message, message
+        if "# here" in members:
+            assert message.startswith(at("# here")), message
+        if "powered" in members:
+            assert at("# powered")[:-2] in message, "a helper is held to the same rules"
 
 
 @pytest.mark.parametrize(
@@ -302,14 +290,9 @@ def test_mistakes_of_authors_name_class_file_line_and_remedy(mine, members, says
 )
 def test_what_only_the_compiler_sees_is_one_line_too(mine, members, mark, says):
     cls, at = mine(members)
-    with pytest.raises(SceneError) as e:
-        stimlib.compile(Scene({"y": cls(x)}), 1000)
-    message = str(e.value)
-    assert (
-        message.startswith((at(mark) if mark else "compile: ") + "Mine.")
-        and says in message
-        and "\n" not in message
-    ), message
+    message = str(refused(SceneError, None, stimlib.compile, Scene({"y": cls(x)}), 1000))
+    assert message.startswith((at(mark) if mark else "compile: ") + "Mine."), message
+    assert says in message and "\n" not in message, message
 
 
 WORDS = body("v = np.uint64({})  # here", "return maths.as_float(v), s")
@@ -401,12 +384,8 @@ class Memory(NamedTuple):
     y: float
 
 
-def twice(v):
-    return 2.0 * v
-
-
 def clipped(v):
-    return where(v > LIMIT, LIMIT, twice(v) * 0.5)
+    return where(v > LIMIT, LIMIT, 2.0 * v * 0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -450,20 +429,8 @@ def test_every_step_and_tile_we_ship_is_straight_line():
     assert len(written) > 20
     for f, tile in written:
         steps.check(f, tile)
-    for c in ours().values():
-        assert (
-            c.step is not None
-            or c.tile is not None
-            or c.__name__ in ("Input", "Const", "Enabled", "Segment", "Pick", "Loop", "Last", "Tap")
-        ), c
-
-
-def test_blocks_import_no_target_and_no_plotting_at_module_level():
-    for path in Path(stimlib.__file__).parent.glob("blocks/*.py"):
-        for line in path.read_text().splitlines():
-            assert not re.match(
-                r"(import|from) (numba|jax|scipy|soundfile|matplotlib|pint)\b", line
-            ), f"{path}: {line}"
+    without = {name.split(".")[-1] for name, c in ours().items() if c.step is c.tile is None}
+    assert without <= set("Input Const Enabled Segment Pick Loop Last Tap".split())
 
 
 def test_a_step_changed_in_place_is_compiled_again():
@@ -480,11 +447,11 @@ def test_a_step_changed_in_place_is_compiled_again():
     def other(p, s, x):
         return x + 2.0, s
 
-    u = np.zeros((1, 1))
-    assert stimlib.compile(Scene({"y": Changed(x)}), 1000).process(u) == 1.0
+    assert played(Changed(x), [0.0]) == 1.0
     Changed.step = staticmethod(other)
     for target in ("numba", "python"):
-        assert stimlib.compile(Scene({"y": Changed(x)}), 1000, target).process(u) == 2.0
+        assert played(Changed(x), [0.0], target=target) == 2.0
+        assert played(own(step=staticmethod(low))(x), [1.0], target=target) == 2.0
 
 
 class Gain(NamedTuple):
@@ -495,8 +462,9 @@ def designed(self, fs):
     return Gain(2.0), State(0.0)
 
 
-def low(p, s, x):
-    return p.gain * x, State(x)
+def low(p: Gain, s: State, x: "float") -> "tuple[float, State]":
+    """Types and a docstring are allowed, and the fields of a tuple by name."""
+    return p.gain * x, State(y=x)
 
 
 class Contact(NamedTuple):
@@ -514,26 +482,13 @@ def own(**members):
     return dataclass(frozen=True, eq=False)(type("Mine", (Block,), members))
 
 
-def noted(p: Gain, s: State, x: "float") -> "tuple[float, State]":
-    """Types and a docstring are allowed, and the fields of a tuple by name."""
-    return x, State(y=p.gain * x)
-
-
-def test_types_may_be_noted():
-    for target in ("numba", "python"):
-        process = stimlib.compile(
-            Scene({"y": own(step=staticmethod(noted))(x)}), 1000, target
-        ).process
-        assert process(np.ones((1, 1))) == 1.0
-
-
 @pytest.mark.parametrize("returned", ["", "N", None, 1.0])
 def test_units_returns_a_unit(returned):
-    with pytest.raises(SceneError, match=r"Mine.units: it returned .*stimlib.core.units.unit") as e:
-        own(units=lambda self, *u: returned, step=staticmethod(low))(x)
-    assert __file__ in str(e.value)
-    with pytest.raises(UnitError, match=r"'m' is not a unit: write unit\('m'\)"):
-        own(units=lambda self, *u: u[0] * "m", step=staticmethod(low))(x)
+    mine = own(units=lambda self, *u: returned, step=staticmethod(low))
+    error = refused(SceneError, r"Mine.units: it returned .*core.units.unit", mine, x)
+    assert __file__ in str(error)
+    mine = own(units=lambda self, *u: u[0] * "m", step=staticmethod(low))
+    refused(UnitError, r"write unit\('m'\)", mine, x)
 
 
 def test_every_block_we_ship_keeps_what_it_asks_of_others():
@@ -555,10 +510,6 @@ def test_every_block_we_ship_keeps_what_it_asks_of_others():
 # Contact ------------------------------------------------------------------------------
 def summed(p, s, x):
     return where(s.cold > 0.0, x, s.last + x), Contact(x, 0.0)
-
-
-def summed_cold_kept(p, s, x):
-    return where(s.cold > 0.0, x, s.last + x), Contact(x, s.cold)
 
 
 def summed_cold_negative(p, s, x):
@@ -625,7 +576,7 @@ def test_all_of_the_scratch_is_there_wherever_a_contact_begins():
 @pytest.mark.parametrize("target", ["python", "numba", "jax"])
 def test_the_engine_alone_says_where_a_contact_begins(target, first):
     moves = np.array([np.arange(1.0, 13.0), [0, 1, 1, 1, 0, 0, 1, 1, 0, 1, 1, 1]])
-    for step in (summed, summed_cold_kept, summed_cold_negative, summed_tile):
+    for step in (summed, summed_cold_negative, summed_tile):
         members = {
             "tile" if step is summed_tile else "step": staticmethod(step),
             "design": lambda self, fs: ((), Contact(0.0, first)),

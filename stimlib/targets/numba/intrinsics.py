@@ -139,7 +139,7 @@ def _pointer(to):
     return pointer
 
 
-as_u8, as_f8, as_i8 = _cast(U8), _cast(F8), _cast(I8)
+as_u8, as_i8 = _cast(U8), _cast(I8)
 f8_at, i8_at = _pointer(F8), _pointer(I8)
 
 
