@@ -10,7 +10,6 @@ import os
 import shutil
 import subprocess
 import tempfile
-import threading
 import time
 from functools import partial
 from pathlib import Path
@@ -340,37 +339,6 @@ def aligned(captured, expected):
     got = captured[start - first :][: len(expected)] if start >= first else captured[:0]
     assert got.shape == expected.shape, f"{len(got)} frames of {len(expected)} were captured"
     return got
-
-
-def hog(over):
-    """A thread that keeps the interpreter to itself for some 20 ms at a time, as long
-    calls into C do.
-    """
-    while not over.is_set():
-        sum(range(1_000_000))
-
-
-def busy(server, compiled, seconds=3.0):
-    """Report of a session in real time while another thread holds the interpreter."""
-    from stimlib.devices.jack import JackSink
-    from stimlib.motion.generators import minimum_jerk
-    from stimlib.scenes import squeeze
-
-    hand = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
-    over = threading.Event()
-    thread = threading.Thread(target=hog, args=(over,))
-    with JackSink(
-        squeeze(), 50.0, motion=hand, server=server.name, realtime=False, compiled=compiled
-    ) as sink:
-        sink.open(server.rate)
-        thread.start()
-        try:
-            sink.start(seconds)
-            sink.wait(seconds + 20)
-        finally:
-            over.set()
-            thread.join()
-    return sink.report()
 
 
 class Pulse:

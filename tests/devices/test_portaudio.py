@@ -2,7 +2,6 @@
 without a clock.
 """
 
-import itertools
 import os
 import shutil
 import signal
@@ -297,23 +296,3 @@ def test_a_jack_server_that_goes_or_hangs_does_not_kill_the_program(kind, how, s
             ended(on_jack(server), kind, name, lambda: server.process.send_signal(how), says)
         finally:
             server.process.send_signal(signal.SIGCONT)
-
-
-# Everything ---------------------------------------------------------------------------
-EVERYWHERE = list(itertools.product((1000, 8000, 48000), (16, 32, 64)))
-
-
-@pytest.mark.stress
-@pytest.mark.parametrize(("fs", "block"), EVERYWHERE)
-def test_alsa_file_is_exact_everywhere(tmp_path, fs, block):
-    for channels in (1, 2, 8, 24):
-        to_a_file(tmp_path, fs, channels, block, 10.0)
-
-
-@pytest.mark.stress
-@needs_jack
-@pytest.mark.parametrize(("fs", "block"), EVERYWHERE)
-def test_over_jack_is_exact_everywhere(fs, block):
-    with Jackd(fs, block) as server:
-        for channels in (1, 2, 8, 24):
-            over_jack(server, channels, 3.0)

@@ -11,7 +11,7 @@ import stimlib
 from stimlib import Input, Param, Scene
 from stimlib.devices.engine import Pump
 from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals
-from stimlib.run.safety import GAIN, Safety, protect, to_device
+from stimlib.run.safety import Safety, protect, to_device
 from stimlib.scenes import squeeze
 
 FS = 8000
@@ -244,32 +244,8 @@ def test_the_end_may_fall_into_what_is_lost():
     assert bench.out[-2].all() and not bench.out[-1][95:].any(), "it falls from the last sample"
 
 
-def test_changes_take_effect_at_the_index_that_is_told():
-    x = fingers(2000)
-    bench = Bench(squeeze(), Recorded(x)).begun(2000)
-    bench.block(500)
-    assert bench.pump.set("k", 1000.0, 37) and bench.pump.set("A", 0.0, 1)
-    bench.block(300)
-    bench.pump.set("k", 3000.0, 800)
-    bench.blocks([60] * 20)
-    named = [(at, e["name"]) for at, kind, e in bench.events if kind == "set" and e["name"] != GAIN]
-    assert named == [(500, "k"), (500, "A"), (800, "k")]
-    assert np.array_equal(bench.heard(), bench.reference(x))
-
-
 def live(keep=0.05):
     return Bench(Scene({"y": 1.0 * Input("x")}), Live(keep), full_scale=1.0)
-
-
-def test_live_motion_is_taken_in_order():
-    bench = live().begun()
-    sent = np.linspace(0.1, 0.9, 1000)
-    for k in range(0, 1000, 50):
-        assert bench.pump.put_motion(sent[None, k : k + 50]) == 50
-        bench.block(50)
-    assert np.array_equal(np.concatenate(bench.motion)[:, 0], sent)
-    assert bench.events[0][1] == "fresh", "the gain rises with the first motion"
-    assert np.array_equal(bench.heard(), bench.reference(sent[None]))
 
 
 def test_motion_that_stays_away_is_held_then_faded():
