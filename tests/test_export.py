@@ -224,20 +224,6 @@ def test_a_compiler_that_would_change_samples_is_refused_and_files_of_two_export
     fails("stimulus.h is of another export")
 
 
-def headers():
-    """Names of headers that a compiler finds for usual includes: with -I, it would read
-    ours.
-    """
-    heads = "stdio math pthread unistd complex threads netdb semaphore dirent tgmath spawn"
-    heads = [*heads.split(), *"inttypes locale setjmp signal fenv uchar wctype glob ftw".split()]
-    text = "".join(f"#include <{name}.h>\n" for name in heads)
-    found = subprocess.run(["gcc", "-H", "-E", "-"], input=text, capture_output=True, text=True)
-    paths = (Path(line.split()[-1]) for line in found.stderr.splitlines() if line[:1] == ".")
-    names = {p.stem for p in paths if p.parent.name == "include" or "-gnu" in p.parent.name}
-    assert {"stddef", "features", "sched"} <= names
-    return sorted(name for name in names if re.fullmatch("[a-z][a-z0-9_]*", name))
-
-
 @pytest.mark.parametrize(
     ("told", "error", "says"),
     [
@@ -262,11 +248,6 @@ def test_what_is_refused_writes_nothing(told, error, says, tmp_path):
     words = {"scene": DOUBLED, "fs": 1000, "folder": tmp_path, "motion": ONES} | told
     refused(error, says, export_c, **words)
     assert not list(tmp_path.iterdir())
-
-
-def test_names_of_headers_are_taken(tmp_path):
-    for name in headers():
-        refused(BadValue, "is taken", export_c, DOUBLED, 1000, tmp_path, ONES, name)
 
 
 def test_files_from_elsewhere_are_kept_and_those_of_an_export_replaced(tmp_path):

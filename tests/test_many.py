@@ -64,19 +64,6 @@ def test_each_copy_is_a_processor_of_its_own(monkeypatch, threads, block):
     assert [p.index for p in runs] == [N] * 5 and len(runs[1].log) == 2
 
 
-def test_the_interpreter_does_the_same():
-    u = motions(n=90)
-    runs = made("python")
-    runs.set("a", [1.0, 2.0, 3.0, 4.0, 5.0], 0.02)
-    parts = [
-        runs.process(np.ascontiguousarray(u[..., a:b])) for a, b in ((0, 1), (1, 64), (64, 90))
-    ]
-    assert_same(
-        np.concatenate(parts, axis=2),
-        alone("numba", u, {k: [Set(0, "a", k + 1.0, 0.02)] for k in range(5)}),
-    )
-
-
 @both
 def test_one_motion_for_all(target):
     u = motions(1, 80)
@@ -209,17 +196,6 @@ def test_an_error_in_another_thread_is_told(monkeypatch):
 
     monkeypatch.setattr(runs, "_run", broken)
     refused(MemoryError, "no room", runs.process, motions())
-
-
-def test_a_thread_that_has_not_begun_is_not_waited_for(monkeypatch):
-    monkeypatch.setattr("stimlib.run.many.WORTHWHILE", 1)
-    runs, free = made(), threading.Event()
-    busy = runs._pool.submit(free.wait, 20)
-    try:
-        assert_same(runs.process(motions()), alone("numba", motions(), {}))
-        assert not busy.done()
-    finally:
-        free.set()
 
 
 # what cannot be meant -----------------------------------------------------------------

@@ -24,7 +24,6 @@ from stimlib.devices import (
     calibrate,
     check_level,
     load_calibration,
-    record_sweep,
 )
 from stimlib.devices.calibration import difference
 from stimlib.experiments import Experiment, Stimulus, Timing, Trial, choice
@@ -92,32 +91,6 @@ def test_few_taps_make_nothing_outside_of_the_band_larger():
     made = Calibration(f, device.gain(f), 0 * f, "m/s^2", band=BAND)
     gain = np.abs(freqz(made.inverse(FS, 345), 1, f, fs=FS)[1] * device.gain(f))
     assert gain[(f < BAND[0]) | (f > BAND[1])].max() <= 1.005
-
-
-def test_it_comes_of_sweeps_through_a_sink():
-    seconds, rest = 3.0, 0.5
-    chirp = stimlib.Scene({"u": stimlib.blocks.chirp(50.0, 450.0, seconds)})
-    u = stimlib.render(chirp, fs=FS, seconds=seconds + rest)["u"]
-    rng = np.random.default_rng(2)
-    answers = iter(lfilter(*actuator(), u) + 0.01 * rng.normal(size=(3, u.size)))
-
-    def sink(scene, safety, motion, **options):
-        return NullSink(scene, safety, motion={"response": next(answers)}, clocked=False, **options)
-
-    sweep = record_sweep(
-        sink,
-        1.0,
-        np.zeros(u.size),
-        FS,
-        (50.0, 450.0),
-        seconds,
-        rest,
-        points=range(3),
-        ready=lambda k, place, error: None,
-    )
-    found = calibrate(sweep, "m/s^2", BAND, on="2026-11-25", parts={"actuator": "BM3C 0042"})
-    assert found.full_scale(180.0) == pytest.approx(abs(response(180.0)), rel=0.01)
-    assert repr(found) == "Calibration(m/s² from 80 to 400 Hz, 2026-11-25)"
 
 
 def test_the_inverse_filter_keeps_the_shape():

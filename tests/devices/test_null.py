@@ -12,7 +12,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from devices.servers import Seen, begun, offline, played, textured, until
+from devices.servers import Seen, begun, played, until
 from refusals import refused, warned
 
 import stimlib
@@ -20,12 +20,10 @@ from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError, consta
 from stimlib.devices.null import NullSink
 from stimlib.devices.sink import Sink
 from stimlib.devices.sources import Live
-from stimlib.motion.generators import minimum_jerk
 from stimlib.run.safety import Safety
 from stimlib.scenes import pulse
 
 FS = 8000
-HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
 STEADY = Scene({"y": Param("level", 1.0) * 1})
 
 
@@ -50,22 +48,6 @@ def test_the_rise_before_sample_0_leads_to_it(motion):
         sink.wait()
     y = stimlib.render(scene, {"x": motion}, FS, 0.1, {"level": 3.0}, seed=5)["y"]
     assert firsts[0].tolist() == [y[0]] and y[0] > 1.4 and y[0] != y[1]
-
-
-@pytest.mark.parametrize(
-    ("fs", "block", "channels"), [(1000, 16, 24), (8000, 64, 2), (48000, 32, 8)]
-)
-def test_what_is_delivered_is_the_offline_render_at_every_rate(fs, block, channels):
-    log, safety, scene = Seen(), Safety(50.0), textured()
-    sink = fast(scene, safety, motion=HAND, log=log, seed=3)
-    played(sink, 0.5, fs=fs, channels=channels, block=block)
-    frames, n, places = np.concatenate(log.frames), fs // 2, [0, 1] + [-1] * (channels - 2)
-    assert np.array_equal(frames, offline(scene, safety, HAND, fs, n, log.events, places, seed=3))
-    # all of it is float32(render / full scale): the fades lie outside
-    plain = stimlib.render(scene, HAND, fs, 0.5, seed=3).y
-    assert np.array_equal(frames[:, :2], (plain / 50.0).astype(np.float32).T)
-    assert sink.report().produced == sink.report().delivered == n
-    assert sink.report().rise == sink.report().fall == safety.samples(fs)
 
 
 def test_the_hand_may_be_pushed():

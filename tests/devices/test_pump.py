@@ -146,20 +146,16 @@ def test_a_stop_goes_back_from_where_it_is_but_not_beyond_the_end(before):
     assert index == 1000 if before > 1000 else (index == 0) == (before < 160)
 
 
-@pytest.mark.parametrize("at", [80, 100, 300])
-def test_a_stop_fades_from_the_next_block_also_in_the_fade_in(at):
-    bench = Bench(STEADY, None).begun(100 if at == 100 else None)
-    bench.block(at)
-    bench.pump.stop("stop")
-    bench.block(1000)
-    is_smooth(bench.heard()[:, 0])
-    assert at != 300 or bench.pump.index == 460 and bench.heard()[299] == 1
-    assert at == 100 or (at, "stop", {"reason": "stop"}) in bench.events
-    bench = Bench(STEADY, None).begun()
-    bench.block(at)
-    bench.pump.stop("error", earliest=700)
-    bench.block(1000)
-    assert (700, "stop", {"reason": "error"}) in bench.events
+def test_a_stop_fades_from_the_next_block_or_from_the_earliest_sample():
+    for length, at, more in ((None, 80, {}), (100, 100, {}), (None, 300, {"earliest": 700})):
+        bench = Bench(STEADY, None).begun(length)
+        bench.block(at)
+        bench.pump.stop("error", **more)
+        bench.block(1000)
+        is_smooth(bench.heard()[:, 0])
+        at = more.get("earliest", at)
+        assert length or (at, "stop", {"reason": "error"}) in bench.events
+        assert length or bench.pump.index == at + 160
     assert bench.heard()[699, 0] == 1 > bench.heard()[701, 0]
 
 
@@ -229,19 +225,6 @@ def test_lost_frames_are_produced_and_told():
     p = bench.pump
     assert p.read("DELIVERED") + p.read("LOST") == p.index == at
     assert (p.read("LOST"), p.read("UNDERRUNS")) == (2103, 3)
-
-
-def test_the_end_may_fall_into_what_is_lost():
-    bench = Bench(squeeze(), Recorded(fingers(1000))).begun(1000)
-    bench.block(900)
-    bench.block(64, lost=500)
-    assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("DELIVERED")) == (
-        1000,
-        100,
-        900,
-    )
-    bench.block(160)
-    assert bench.out[-2].all() and not bench.out[-1][95:].any(), "it falls from the last sample"
 
 
 def live(keep=0.05):
