@@ -200,21 +200,17 @@ def test_an_error_in_another_thread_is_told(monkeypatch):
 
 # what cannot be meant -----------------------------------------------------------------
 @both
-@pytest.mark.parametrize(
-    ("bad", "words"),
-    [
-        (np.zeros((3, 5)), ["(2, n) or (5, 2, n)", "x, z", "(3, 5)"]),
-        (np.zeros((4, 2, 5)), ["(5, 2, n)", "(4, 2, 5)"]),
-        (np.zeros(5), ["(5,)"]),
-        (np.zeros((5, 2, 5), np.float32), ["float32", "astype"]),
-        (np.zeros((5, 2, 10))[..., ::2], ["C-contiguous", "ascontiguousarray"]),
-        ([[1.0], [2.0]], ["array", "list"]),
-    ],
-)
-def test_a_wrong_block_says_what_is_wanted(target, bad, words):
+def test_a_wrong_block_says_what_is_wanted(target):
     runs = made(target)
-    error = refused(BadValue, "process: x ", runs.process, bad)
-    assert all(w in str(error) for w in words), error
+    for bad, says in (
+        (np.zeros((3, 5)), r"\(2, n\) or \(5, 2, n\).*x, z.*\(3, 5\)"),
+        (np.zeros((4, 2, 5)), r"\(5, 2, n\).*\(4, 2, 5\)"),
+        (np.zeros(5), r"\(5,\)"),
+        (np.zeros((5, 2, 5), np.float32), "float32.*astype"),
+        (np.zeros((5, 2, 10))[..., ::2], "C-contiguous.*ascontiguousarray"),
+        ([[1.0], [2.0]], "array.*list"),
+    ):
+        refused(BadValue, f"process: x .*{says}", runs.process, bad)
     shape = r"out must be float64 of shape \(5, 2, 4\).*got shape \(2, 4\)"
     refused(BadValue, shape, runs.process, np.zeros((2, 4)), np.zeros((2, 4)))
     assert [p.index for p in runs] == [0] * 5, "nothing has run"

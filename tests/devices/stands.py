@@ -10,11 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from devices.servers import Jackd, needs_jack
+from devices.servers import Jackd, Seen, aligned, needs_jack, offline, textured
 
+import stimlib
 from stimlib.devices import ControlLoop, NidaqSink, NullSink
+from stimlib.motion.generators import minimum_jerk
+from stimlib.run.safety import Safety
 
 FS = 8000
+HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
 
 
 # NI-DAQ -------------------------------------------------------------------------------
@@ -225,6 +229,26 @@ STANDS = [
     pytest.param(_jack, id="jack", marks=needs_jack),
     pytest.param(_portaudio, id="portaudio", marks=needs_portaudio()),
 ]
+
+
+def textured_sink(make, channels, **options):
+    """A sink of the textured scene with one or two outputs, and its log."""
+    scene, log = textured(min(channels, 2)), Seen()
+    motion = {name: HAND[name] for name in scene.inputs}
+    return make(scene, 50.0, motion=motion, seed=7, log=log, **options), log
+
+
+def is_exact(frames, s, log, seconds):
+    """Captured frames are the offline render, from their first sound on."""
+    fs, outputs, safety = s.rate, len(s.scene.outputs), Safety(50.0)
+    hands = {name: HAND[name] for name in s.scene.inputs}
+    n = round(seconds * fs)
+    expected = offline(s.scene, safety, hands, fs, n, log.events, s.map, seed=7)
+    got, head = aligned(frames, expected), safety.samples(fs)
+    assert np.array_equal(got, expected)
+    plain = (stimlib.render(s.scene, hands, fs, seconds, seed=7).y / 50.0).astype(np.float32).T
+    assert np.array_equal(got[head:-head, :outputs], plain[head:-head])
+    assert np.abs(plain).max() > 0.3
 
 
 def together(works):

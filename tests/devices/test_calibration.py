@@ -375,9 +375,7 @@ def test_an_experiment_on_a_calibrated_device_is_recorded_in_its_unit(tmp_path):
             "at fs = 1000 Hz no response fits .* give a higher sample rate",
         ),
         (
-            lambda c: Calibration(c.freq, 1 + np.sin(c.freq), 0 * c.freq, "N").drive(
-                tone(unit="N"), FS, 5
-            ),
+            lambda c: c.drive(tone(unit="m/s^2"), FS, 5),
             BadValue,
             "5 taps invert .* error of",
         ),

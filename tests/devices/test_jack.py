@@ -6,6 +6,7 @@ import signal
 import threading
 import time
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,30 +14,24 @@ from devices.servers import (
     Capture,
     Jackd,
     Seen,
-    aligned,
     begun,
     kept,
     needs_jack,
-    offline,
     played,
     replayed,
-    textured,
     unjudged,
     until,
 )
+from devices.stands import HAND, is_exact, textured_sink
 from refusals import refused, warned
 
 import stimlib
 from stimlib import BadValue, Param, Scene, SinkError
-from stimlib.motion.generators import minimum_jerk
-from stimlib.run.safety import Safety
 from stimlib.scenes import squeeze
 
 pytestmark = needs_jack
 
 FS = 8000
-HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
-ONE = {"motion": {"x1": HAND["x1"]}}
 STEADY = Scene({"y": Param("level", 1.0) * 1})
 
 
@@ -75,12 +70,11 @@ def freewheel(server, channels, seconds=1.0):
     ended their last cycle in real time, and who captures may be a cycle off from then
     on.
     """
-    fs, outputs = server.rate, min(channels, 2)
-    scene, n, log = textured(outputs), round(seconds * fs), Seen()
-    hand = {name: HAND[name] for name in scene.inputs}
+    fs = server.rate
+    n = round(seconds * fs)
     with Capture(server.name, channels, n + 30 * fs) as capture:
-        told = {"motion": hand, "connect": capture.names, "log": log, "seed": 7}
-        with sink(server, scene, 50.0, **told) as s:
+        s, log = textured_sink(partial(sink, server), channels, connect=capture.names)
+        with s:
             s.open(fs, channels, server.block)
             before = len(capture.times)
             s.freewheel(True)
@@ -92,12 +86,7 @@ def freewheel(server, channels, seconds=1.0):
     start = int(np.flatnonzero(frames.any(axis=1))[0])
     if np.any(np.diff(times[before : start + n]) != 1):
         return False
-    expected = offline(scene, Safety(50.0), hand, fs, n, log.events, s.map, seed=7)
-    got, head = aligned(frames, expected), Safety(50.0).samples(fs)
-    assert np.array_equal(got, expected)
-    plain = (stimlib.render(scene, hand, fs, seconds, seed=7).y / 50.0).astype(np.float32).T
-    assert np.array_equal(got[head:-head, :outputs], plain[head:-head])
-    assert np.abs(plain).max() > 0.3
+    is_exact(frames, s, log, seconds)
     return True
 
 
@@ -116,10 +105,9 @@ def test_nothing_is_lost_where_the_server_s_time_jumps_in_freewheel():
     """A client that is late when it begins makes jackd's time jump by millions of
     frames: the sink had counted them as lost.
     """
-    log = Seen()
     with Jackd(FS, 32) as server, Capture(server.name, 1, 60 * FS) as capture:
-        told = {"connect": capture.names, "log": log, "seed": 7}
-        with sink(server, textured(1), 50.0, **ONE, **told) as s:
+        s, log = textured_sink(partial(sink, server), 1, connect=capture.names)
+        with s:
             s.open(FS)
             s.pump.write("STALL", 300_000)
             until(lambda: s.pump.read("STALL") == 0)
@@ -131,9 +119,7 @@ def test_nothing_is_lost_where_the_server_s_time_jumps_in_freewheel():
         played(sink(server), 0.5)
         assert time.monotonic() - real > 0.5
     assert (s.report().produced, s.report().lost) == (FS, 0) and jumps > 1
-    told = {"seed": 7}
-    expected = offline(textured(1), Safety(50.0), ONE["motion"], FS, FS, log.events, [0], **told)
-    assert np.array_equal(np.concatenate(log.frames), expected)
+    is_exact(np.concatenate(log.frames), s, log, 1.0)
 
 
 class Take:
@@ -151,9 +137,9 @@ class Take:
         """captured + reported lost = produced, and every sample captured is the one of
         its time.
 
-        False where the capturing client itself has missed frames, as its own times tell,
-        or where the server went on without us and played what it had: nothing can be
-        said then.
+        False where the capturing client itself has missed frames, as its own times
+        tell, or where the server went on without us and played what it had: nothing can
+        be said then.
         """
         log, report = self.log, self.report
         produced = report.produced

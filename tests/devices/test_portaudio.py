@@ -8,33 +8,34 @@ import signal
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 from devices.servers import (
     Capture,
     Jackd,
     Pulse,
     Seen,
-    aligned,
     begun,
     captured_fades,
     needs_jack,
-    offline,
     played,
-    textured,
     until,
     until_judged,
 )
-from devices.stands import alsa, from_file, needs_portaudio, portaudio
+from devices.stands import (
+    HAND,
+    alsa,
+    from_file,
+    is_exact,
+    needs_portaudio,
+    portaudio,
+    textured_sink,
+)
 from refusals import refused, warned
 
 import stimlib
 from stimlib import BadValue, Scene, SinkError
 from stimlib.devices.sources import Signal, Signals
-from stimlib.motion.generators import minimum_jerk
-from stimlib.run.safety import Safety
 
-HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
 STEADY = Scene({"y": stimlib.Param("level", 1.0) * 1})
 
 pytestmark = needs_portaudio()
@@ -46,31 +47,10 @@ def sink(scene=STEADY, safety=1.0, **options):
     return PortAudioSink(scene, safety, realtime=False, **options)
 
 
-def hand(channels, **options):
-    """A sink of the textured scene with one or two outputs, and its log."""
-    scene, log = textured(min(channels, 2)), Seen()
-    motion = {name: HAND[name] for name in scene.inputs}
-    return sink(scene, 50.0, motion=motion, seed=7, log=log, **options), log
-
-
-def is_exact(frames, s, log, seconds):
-    """Captured frames are the offline render, from their first sound on."""
-    fs, outputs, safety = s.rate, len(s.scene.outputs), Safety(50.0)
-    hands = {name: HAND[name] for name in s.scene.inputs}
-    n = round(seconds * fs)
-    expected = offline(s.scene, safety, hands, fs, n, log.events, s.map, seed=7)
-    got = aligned(frames, expected)
-    assert np.array_equal(got, expected)
-    head = safety.samples(fs)
-    plain = (stimlib.render(s.scene, hands, fs, seconds, seed=7).y / 50.0).astype(np.float32).T
-    assert np.array_equal(got[head:-head, :outputs], plain[head:-head])
-    assert np.abs(plain).max() > 0.3
-
-
 # ALSA ---------------------------------------------------------------------------------
 def to_a_file(folder, fs, channels, block, seconds=1.0, **options):
     with portaudio(alsa(folder)):
-        s, log = hand(channels, name="stimfile", clocked=False, **options)
+        s, log = textured_sink(sink, channels, name="stimfile", clocked=False, **options)
         report = played(s, seconds, fs=fs, channels=channels, block=block).report()
     assert report.produced == report.delivered == seconds * fs
     is_exact(from_file(folder, channels), s, log, seconds)
@@ -130,7 +110,7 @@ def over_jack(server, channels, seconds=1.0):
     # told "go"
     room = max(round(seconds * fs) + 60 * fs, 4_000_000)
     with portaudio(on_jack(server)), Capture(server.name, channels, room) as capture:
-        s, log = hand(channels, name="system", clocked=False)
+        s, log = textured_sink(sink, channels, name="system", clocked=False)
         with s:
             s.open(fs, channels, server.block)
             connected(capture, channels)
