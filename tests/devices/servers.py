@@ -298,16 +298,14 @@ class Jackd:
 
     @staticmethod
     def _free_name():
+        folder = Path("/dev/shm" if Path("/dev/shm").is_dir() else "/tmp")
         for _ in range(600):
             for k in range(6):
-                lock = open(
-                    Path("/dev/shm" if Path("/dev/shm").is_dir() else "/tmp")
-                    / f"stimlib_jackd_{k}.lock",
-                    "w",
-                )
+                name = f"stimlib_test_{os.getuid()}_{k}"  # each user has files of their own
+                lock = open(folder / f"{name}.lock", "w")
                 try:
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    return f"stimlib_test_{k}", lock
+                    return name, lock
                 except OSError:
                     lock.close()
             time.sleep(0.1)

@@ -10,7 +10,9 @@ from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnitError, UnknownName, constant
+from stimlib.blocks import delay, white_noise
 from stimlib.blocks.contact import ResponseLimit, Tally
+from stimlib.core.graph import Guard
 from stimlib.run.safety import GAIN, Inverse, Safety, Watch, protect, to_device
 from stimlib.scenes import squeeze
 
@@ -167,7 +169,7 @@ def test_names_and_units_that_do_not_fit(safety, error, says):
     refused(error, says, protect, scene, safety)
     protect(scene, Safety({"force": 50.0, "x": 0.1}, slew={"force": 3.0}, peak=20.0))
     reserved = Scene({"a": Param(GAIN, 1.0) * 2})
-    refused(SceneError, "sink_gain", protect, reserved, Safety(1.0))
+    refused(SceneError, "reserved", protect, reserved, Safety(1.0))
     for limit in ({"peak": 1.0}, {"static": 1.0}):
         one = Scene({"a": constant(1.0)})
         refused(BadValue, r"outputs in N, .*none: a \[1\]", protect, one, Safety(1.0, **limit))
@@ -235,3 +237,15 @@ def test_content_outside_is_counted_as_a_part_of_the_largest_so_far():
     proc = stimlib.compile(Scene({"y": Tally(x, x, x + Input("more"), "outside", "y", 0.1)}), FS)
     proc.process(np.array([[10.0, 1.0, 1.0, 1.0], [0.9, 0.9, 1.1, -1.2]]))
     assert Watch(proc).outside() == {"y": {"samples": 2, "level": pytest.approx(1.2)}}
+
+
+def test_nothing_has_been_before_sample_0_behind_a_guard():
+    """So a long filter there need not run over noise from before."""
+    plain, guarded = (
+        stimlib.render(Scene({"y": delay(wrap(white_noise(3)), samples=3)}), fs=FS, seconds=0.01)[
+            "y"
+        ]
+        for wrap in (lambda y: y, Guard)
+    )
+    assert plain[:3].all() and not guarded[:3].any()
+    assert np.array_equal(plain[3:], guarded[3:])
