@@ -38,6 +38,8 @@ def drive():
 
 def test_what_the_device_was_given_is_the_drive_and_its_answer_the_response(drive):
     assert np.abs(drive).max() == pytest.approx(10.0, rel=1e-3) and not drive[3000:].any()
+    first, last = (np.count_nonzero(np.diff(drive[at : at + 400] > 0)) for at in (0, 2600))
+    assert first < 40 < 90 < last  # it rises from 60 to 320 Hz
     sweep = record_sweep(NullSink, 10.0, answer(drive), **TOLD)
     assert sweep.fs == FS and sweep.drive.shape == sweep.response.shape == (1, 4000)
     np.testing.assert_array_equal(sweep.response[0], answer(drive))
