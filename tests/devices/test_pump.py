@@ -92,6 +92,17 @@ def cuts(kind, n):
     return sizes
 
 
+def test_what_was_told_is_told_once():
+    """Rows as they were processed, then none."""
+    bench = Bench(squeeze(), Recorded(fingers(1000))).begun(1000)
+    pump = bench.pump
+    for n in (64, 7):
+        pump.block(n)
+        assert (len(pump.motion()), len(pump.frames())) == (n, n)
+        assert (len(pump.motion()), len(pump.frames())) == (0, 0)
+    assert [kind for _, kind, _ in pump.events()] == ["set"] and pump.events() == []
+
+
 @pytest.mark.parametrize("kind", [1, 16, 64, 100, 256, 1000, "mixed"])
 def test_the_samples_do_not_depend_on_the_block(kind):
     x = fingers(3000)
@@ -170,17 +181,6 @@ def test_what_a_device_skips_before_sample_0_is_no_loss():
     assert (bench.pump.read("LOST"), bench.pump.read("UNDERRUNS")) == (0, 0)
     bench.block(64, 10)
     assert bench.pump.read("LOST") == 10
-
-
-def test_what_was_told_is_told_once():
-    """Rows as they were processed, then none."""
-    bench = Bench(squeeze(), Recorded(fingers(1000))).begun(1000)
-    pump = bench.pump
-    for n in (64, 7):
-        pump.block(n)
-        assert (len(pump.motion()), len(pump.frames())) == (n, n)
-        assert (len(pump.motion()), len(pump.frames())) == (0, 0)
-    assert [kind for _, kind, _ in pump.events()] == ["set"] and pump.events() == []
 
 
 def test_fades_have_room_where_changes_have_none():
