@@ -13,10 +13,12 @@ that take turns, so that a busy machine meets both.
 from __future__ import annotations
 
 import statistics
+import threading
 import time
+from typing import Any
 
 from bench import TIMES, Row, main, row
-from devices.servers import Jackd, busy, no_jack
+from devices.servers import Jackd, no_jack
 
 from stimlib.devices.jack import JackSink
 from stimlib.motion.generators import minimum_jerk
@@ -24,6 +26,32 @@ from stimlib.scenes import squeeze
 
 FS, BLOCK = 8000, 64
 HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
+
+
+def hog(over: threading.Event) -> None:
+    """A thread that keeps the interpreter to itself for some 20 ms at a time, as long
+    calls into C do.
+    """
+    while not over.is_set():
+        sum(range(1_000_000))
+
+
+def busy(server: Jackd, compiled: bool, seconds: float = 3.0) -> Any:
+    """Report of a session in real time while another thread holds the interpreter."""
+    over = threading.Event()
+    thread = threading.Thread(target=hog, args=(over,))
+    with JackSink(
+        squeeze(), 50.0, motion=HAND, server=server.name, realtime=False, compiled=compiled
+    ) as sink:
+        sink.open(server.rate)
+        thread.start()
+        try:
+            sink.start(seconds)
+            sink.wait(seconds + 20)
+        finally:
+            over.set()
+            thread.join()
+    return sink.report()
 
 
 def freewheel(server: Jackd, seconds: float = 120.0) -> float:

@@ -195,7 +195,7 @@ def pytest_collection_modifyitems(config, items):
 
 WAITING = (
     "jack",
-    "tests/devices/test_null.py",
+    "tests/devices/test_sinks.py",
     "tests/devices/test_portaudio.py",
     "tests/live/test_asking.py",
     "browser",

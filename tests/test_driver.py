@@ -46,12 +46,8 @@ def test_changes_act_from_their_sample_on_at_every_block(block):
 
 def test_it_goes_on_from_a_sample():
     """What was changed before has been; what is due at that very sample has not."""
-    proc = compiled()
-    y = [
-        samples(proc, X, 7, CHANGES),
-        samples(proc, X, 30, CHANGES, 7),
-        samples(proc, X, 100, CHANGES, 30),
-    ]
+    proc, ends = compiled(), (7, 30, 100)
+    y = [samples(proc, X, end, CHANGES, at) for at, end in zip((0, *ends), ends, strict=False)]
     assert np.array_equal(np.hstack(y), samples(compiled(), X, 100, CHANGES))
 
 

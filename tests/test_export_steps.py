@@ -1,12 +1,13 @@
 """Steps of users in C: what Python means, or a refusal with file and line."""
 
+import runpy
 import shutil
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from exported import GCC, compared
+from exported import GCC, EveryNodeOfAStep, EveryNodeOfATile, compared
 from refusals import refused
 
 import stimlib
@@ -20,6 +21,9 @@ from stimlib.export.translate import Unit
 from stimlib.export.values import DOUBLE, FLOATS
 
 LESS, MANY = -3, 100000
+EDGES = [0.0, -0.0, 1.0, -1.0, 1.5, -2.0, 2.5, -2.5, -3.0, 5.0, -7.5, 1e-190, -1e-190, 1e-191]
+EDGES += [-1e-189, -0.3, 0.3, 99.5, -99.5, -6.0, 6.0, 2.0, 3.0]
+needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
 
 
 class P(NamedTuple):
@@ -189,7 +193,13 @@ class ByAttribute(Block):
         return s
 
 
-@pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
+def same(scene, way, folder, *checks):
+    samples = export_c(scene, 1000, folder, {"x": way}, seconds=len(way) / 1000).samples
+    said = compared(folder, "stimulus", GCC, options=[*checks, "-lm"])
+    assert said == f"0 of {samples} samples differ\n"
+
+
+@needs_gcc
 def test_steps_mean_in_c_what_they_mean_in_python(tmp_path):
     @dataclass(frozen=True, eq=False)
     class Local(Block):  # its name in Python has <locals>
@@ -203,108 +213,61 @@ def test_steps_mean_in_c_what_they_mean_in_python(tmp_path):
     x, way = Input("x"), 1.3 * np.sin(np.arange(200) / 7)
     blocks = [make(x) for make in (WholeNumbers, Places, Names, Choices, Kinds, Local)]
     scene = Scene({f"y{k}": block for k, block in enumerate(blocks)})
-    samples = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.2).samples
-    checks = ["-fsanitize=undefined", "-fno-sanitize-recover"]
-    said = compared(tmp_path, "stimulus", GCC, options=[*checks, "-lm"])
-    assert said == f"0 of {samples} samples differ\n"
+    same(scene, way, tmp_path, "-fsanitize=undefined", "-fno-sanitize-recover")
 
 
-@pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
-def test_each_and_pairs_by_attribute_run_in_the_processor_and_in_c(tmp_path):
-    scene, way = Scene({"y": ByAttribute(Input("x"))}), np.sin(np.arange(100) / 7)
-    y = [compile(scene, 1000, target).process(way[None].copy()) for target in ("python", "numba")]
-    assert y[0].tobytes() == y[1].tobytes() and np.ptp(y[0]) > 0.1
-    samples = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.1).samples
-    said = compared(tmp_path, "stimulus", GCC, options=["-lm"])
-    assert said == f"0 of {samples} samples differ\n"
+@needs_gcc
+@pytest.mark.parametrize("block", [ByAttribute, EveryNodeOfAStep, EveryNodeOfATile])
+def test_nodes_have_the_bits_of_the_interpreter_in_the_processor_and_in_c(block, tmp_path):
+    made = block(Input("x"))
+    scene = Scene({n: getattr(made, n) for n in block.outputs} or {"y": made})
+    way = np.resize(EDGES, 300)
+    first, other = (
+        compile(scene, 1000, target).process(way[None, :46].copy())
+        for target in ("python", "numba")
+    )
+    assert first.tobytes() == other.tobytes() and np.unique(first).size > 10
+    same(scene, way, tmp_path)
 
 
-@pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
+@needs_gcc
 def test_a_long_delay_has_no_table_of_its_zeros(tmp_path):
     x = Input("x", "m")
     off = x > stimlib.constant(0.0, "m")
     scene = Scene({"y": delay(x, samples=90000), "v": springpot(x, 1.0, 0.5, contact=off)})
-    way = np.sin(np.arange(300) / 7)
-    samples = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.3).samples
+    same(scene, np.sin(np.arange(300) / 7), tmp_path)
     assert (tmp_path / "stimulus.c").stat().st_size < 40000
-    said = compared(tmp_path, "stimulus", GCC, options=["-lm"])
-    assert said == f"0 of {samples} samples differ\n"
 
 
-def contained(x, a):
-    return x in (1.0, 2.0)
-
-
-def whole_arrays(x, a):
-    return a * x
-
-
-def every_second(x, a):
-    return a[::2]
-
-
-def shape(x, a):
-    return a.ndim
-
-
-def index_float(x, a):
-    return a[x]
-
-
-def shifted_float(x, a):
-    return (x > 0.0) << x
-
-
-def unpacked(x, a):
-    y, z = a
-    return y + z
-
-
-def compared_kinds(x, a):
-    return maths.bits(x) > -1
-
-
-def rest_of_word(x, a):
-    return maths.bits(x) % 7
-
-
-def shifted_by_64(x, a):
-    return maths.as_float(maths.bits(x) >> np.uint64(64))
-
-
-def shifted_by_a_signal(x, a):
-    return maths.as_float(1 << np.int64(x))
-
-
-def kind_in_a_loop(x, a):
-    u = np.uint64(1)
-    for _ in range(2):
-        u = x
-    return u
+BITS = "maths.bits(x)"
 
 
 @pytest.mark.parametrize(
-    "step, why",
+    ("body", "says"),
     [
-        (contained, "is and in have no form in C"),
-        (whole_arrays, "arithmetic with an array or a tuple"),
-        (every_second, "a slice with a step"),
-        (shape, "ndim has no form in C"),
-        (index_float, "an index that is, or becomes, a float"),
-        (shifted_float, "<< of a float"),
-        (unpacked, "parts of an array"),
-        (compared_kinds, "a uint64 beside a whole number"),
-        (shifted_by_64, "by 64 or more, << and >> differ between targets"),
-        (shifted_by_a_signal, "by 64 or more, << and >> differ between targets"),
-        (rest_of_word, "% differs between targets; beside a uint64"),
+        ("return x in (1.0, 2.0)", "is and in have no form in C"),
+        ("return maths.where(x is not a, 1.0, 2.0)", "is and in have no form in C"),
+        ("return a * x", "arithmetic with an array or a tuple"),
+        ("return a[::2]", "a slice with a step"),
+        ("return a.ndim", "ndim has no form in C"),
+        ("return abs(np.sin(x))", "a call of sin has no form in C"),
+        ("return a[x]", "an index that is, or becomes, a float"),
+        ("return (x > 0.0) << x", "<< of a float"),
+        ("y, z = a", "parts of an array"),
+        (f"return {BITS} > -1", "a uint64 beside a whole number"),
+        (f"return {BITS} + np.int64(x)", "a uint64 and a whole number differ between targets"),
+        (f"return {BITS} % 7", "% differs between targets; beside a uint64"),
+        (f"return {BITS} >> np.uint64(64)", "by 64 or more, << and >> differ"),
+        ("return maths.as_float(1 << np.int64(x))", "by 64 or more, << and >> differ"),
+        ("for i in range(0, 4, np.int64(x)): x += i", "the step of a range must be"),
+        ("a[1:3] = a[2:4] = maths.words(a)[1:3]", "a slice of another kind"),
+        ("u = np.uint64(1)\n    for _ in range(2):\n        u = x", "u changes its kind"),
     ],
 )
-def test_what_c_has_no_form_for_is_refused_with_its_line(step, why):
-    line = step.__code__.co_firstlineno + 1
-    refused(SceneError, f":{line}: {step.__name__}: {why}", Unit().function, step, [DOUBLE, FLOATS])
-
-
-def test_a_kind_that_changes_in_a_loop_is_refused_with_its_line():
-    line = kind_in_a_loop.__code__.co_firstlineno + 3
-    says = f":{line}: kind_in_a_loop: u changes its kind"
-    refused(SceneError, says, Unit().function, kind_in_a_loop, [DOUBLE, FLOATS])
+def test_what_c_has_no_form_for_is_refused_with_its_line(body, says, tmp_path):
+    path = tmp_path / "own.py"
+    head = "import numpy as np\nfrom stimlib.core import maths\ndef f(x, a):\n"
+    path.write_text(f"{head}    {body}\n    return x\n")
+    f, line = runpy.run_path(str(path))["f"], 4 + body.count("\n")
+    error = refused(SceneError, f"own.py:{line}: f: {says}", Unit().function, f, [DOUBLE, FLOATS])
+    assert "so it cannot be exported" in str(error)

@@ -5,6 +5,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from refusals import refused
 
 import stimlib
 from stimlib import devices
@@ -33,37 +34,24 @@ def test_every_class_of_a_sink_has_an_entry():
 
 
 @pytest.mark.parametrize("name", SINKS)
-def test_an_entry_names_arguments_of_its_class(name):
-    cls, kind = class_of(name), SINKS[name]
+def test_a_sink_is_made_by_its_name_with_its_options_and_shown(name):
+    cls, kind, scene = class_of(name), SINKS[name], stimlib.Scene({"y": stimlib.constant(1.0)})
     assert cls.device == name, f"{cls.__name__}.device: write {name!r}, its name in SINKS"
     unknown = set(kind.takes.values()) - set(inspect.signature(cls).parameters)
     assert not unknown, f"{WHERE}, {name}: takes has {unknown}, which {cls.__name__} does not take"
     assert bool(kind.device) == ("device" in kind.takes), f"{WHERE}, {name}: device is a help text"
-
-
-@pytest.mark.parametrize("name", SINKS)
-def test_a_sink_is_made_by_its_name_and_shown(name):
-    cls, scene = class_of(name), stimlib.Scene({"y": stimlib.constant(1.0)})
     assert type(available.make(name, scene, 1.0)) is cls
     assert {d.sink for d in available.devices("none_of_this_name")} == SINKS.keys()
     page = (ROOT / "docs" / "howto" / "hardware.rst").read_text()
-    assert getattr(devices, cls.__name__, None) is cls, (
-        f"stimlib/devices/__init__.pyi: add {cls.__name__}"
-    )
-    assert f".. autoclass:: stimlib.devices.{cls.__name__}\n" in page, (
-        f"docs/howto/hardware.rst: add `.. autoclass:: stimlib.devices.{cls.__name__}`"
-    )
-
-
-@pytest.mark.parametrize("name", SINKS)
-@pytest.mark.parametrize("option", ["device", "client", "connect", "fast"])
-def test_an_option_reaches_the_class_or_is_refused(name, option):
-    takes = SINKS[name].takes
-    if option in takes:
-        assert available.option(name, option, "it") == {takes[option]: "it"}
-    else:
-        with pytest.raises(BadValue, match=f"^--{option}: is for --sink .*, not for {name}$"):
-            available.option(name, option, "it")
+    where, line = "stimlib/devices/__init__.pyi", f".. autoclass:: stimlib.devices.{cls.__name__}\n"
+    assert getattr(devices, cls.__name__, None) is cls, f"{where}: add {cls.__name__}"
+    assert line in page, f"docs/howto/hardware.rst: add `{line}`"
+    for option in ("device", "client", "connect", "fast"):
+        if option in kind.takes:
+            assert available.option(name, option, "it") == {kind.takes[option]: "it"}
+        else:
+            says = f"^--{option}: is for --sink .*, not for {name}$"
+            refused(BadValue, says, available.option, name, option, "it")
 
 
 def test_a_number_is_the_number_of_a_device():

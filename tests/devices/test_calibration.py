@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 from contextlib import suppress
 from pathlib import Path
 from tempfile import mkdtemp
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 from actuators import ACTUATORS, Played, figures
 from commands import ran
-from scipy.signal import lfilter
+from devices.servers import played
+from refusals import refused
+from scipy.signal import freqz, lfilter
 
 import stimlib
 from stimlib import BadValue, RecordingError, SinkError, UnitError
@@ -21,7 +24,6 @@ from stimlib.devices import (
     calibrate,
     check_level,
     load_calibration,
-    record_sweep,
 )
 from stimlib.devices.calibration import difference
 from stimlib.experiments import Experiment, Stimulus, Timing, Trial, choice
@@ -49,6 +51,10 @@ def response(f, fs=FS):
     return b[0] / np.polyval(a[::-1], np.exp(-2j * np.pi * f / fs))
 
 
+F = np.arange(80.0, 401.0)
+MADE = Calibration(F, response(F), 0 * F, "m/s^2")
+
+
 def taken(rng, noise, takes=5, seconds=4.0):
     n = int(seconds * FS)
     t = np.arange(n) / FS
@@ -59,14 +65,14 @@ def taken(rng, noise, takes=5, seconds=4.0):
 
 def test_the_uncertainty_holds_in_95_of_100_runs():
     """Each run its own noise, 20 dB below the signal; at three frequencies."""
-    rng = np.random.default_rng(4)
+    rng, runs = np.random.default_rng(4), 100 if os.environ.get("STIMLIB_STRESS") else 30
     inside = np.zeros(3)
-    for _ in range(100):
+    for _ in range(runs):
         found = calibrate(taken(rng, 0.3), "m/s^2", BAND)
         for k, f in enumerate((120.0, 180.0, 300.0)):
             true = abs(response(f))
             inside[k] += abs(found.full_scale(f) / true - 1) <= found.error(f) + 1e-3
-    assert (inside >= 90).all() and inside.mean() < 99.5, inside
+    assert (inside >= 0.86 * runs).all() and inside.mean() < runs - 0.2, inside
 
 
 def test_without_noise_it_is_the_response():
@@ -76,63 +82,42 @@ def test_without_noise_it_is_the_response():
     assert found.band == BAND and found.freq[0] < 60 and found.freq[-1] > 440
     both = calibrate(taken(np.random.default_rng(0), 0.0), "m/s^2", BAND, sensor=0.02)
     assert both.error(100.0) == pytest.approx(0.02, abs=2e-3)
+    monday, friday = (Calibration(BAND, g * np.ones(2), [0.01] * 2, "N") for g in (2.0, 1.7))
+    assert difference(monday, friday, 100.0) == pytest.approx([-0.15])
 
 
-def test_it_comes_of_sweeps_through_a_sink():
-    seconds, rest = 3.0, 0.5
-    chirp = stimlib.Scene({"u": stimlib.blocks.chirp(50.0, 450.0, seconds)})
-    u = stimlib.render(chirp, fs=FS, seconds=seconds + rest)["u"]
-    rng = np.random.default_rng(2)
-    answers = iter(lfilter(*actuator(), u) + 0.01 * rng.normal(size=(3, u.size)))
-
-    def sink(scene, safety, motion, **options):
-        return NullSink(scene, safety, motion={"response": next(answers)}, clocked=False, **options)
-
-    sweep = record_sweep(
-        sink,
-        1.0,
-        np.zeros(u.size),
-        FS,
-        (50.0, 450.0),
-        seconds,
-        rest,
-        points=range(3),
-        ready=lambda k, place, error: None,
-    )
-    found = calibrate(sweep, "m/s^2", BAND, on="2026-11-25", parts={"actuator": "BM3C 0042"})
-    assert found.full_scale(180.0) == pytest.approx(abs(response(180.0)), rel=0.01)
-    assert repr(found) == "Calibration(m/s² from 80 to 400 Hz, 2026-11-25)"
-
-
-def felt(scene, fs=FS, seconds=1.5):
-    """What the actuator makes of it, in the middle."""
-    y = stimlib.render(scene, fs=fs, seconds=seconds)["signal"]
-    return lfilter(*actuator(fs), y)[int(0.5 * fs) : int(fs)]
-
-
-def test_an_amplitude_that_is_asked_for_arrives():
-    made = calibrate(taken(np.random.default_rng(1), 0.02), "m/s^2", BAND)
-    for f in (100.0, 180.0, 350.0):
-        wanted = tone(freq=f, amplitude=0.5, duration=1.4, period=1.5, unit="m/s^2")
-        scale = made.full_scale(f)  # of a sink: value / scale goes to the device
-        y = stimlib.render(wanted, fs=FS, seconds=1.5)["signal"] / scale
-        reached = np.abs(lfilter(*actuator(), y)[2000:4000]).max()
-        assert reached == pytest.approx(0.5, rel=made.error(f) + 2e-3)
-        drive = made.drive(wanted, FS)
-        assert str(drive.outputs["signal"].dim) == "1"
-        assert np.abs(felt(drive)).max() == pytest.approx(0.5, rel=made.error(f) + 5e-3)
+def test_few_taps_make_nothing_outside_of_the_band_larger():
+    device, f = ACTUATORS["180 Hz, Q 12"], np.arange(60.0, 601.0)
+    made = Calibration(f, device.gain(f), 0 * f, "m/s^2", band=BAND)
+    gain = np.abs(freqz(made.inverse(FS, 345), 1, f, fs=FS)[1] * device.gain(f))
+    assert gain[(f < BAND[0]) | (f > BAND[1])].max() <= 1.005
 
 
 def test_the_inverse_filter_keeps_the_shape():
     """Noise in the band comes out as it was asked for, later by half the taps."""
-    made = Calibration(f := np.arange(80.0, 401.0), response(f), 0 * f, "m/s^2")
     noise = stimlib.blocks.band_noise(120.0, 300.0, psd=1e-3, seed=3, order=8)
     wanted = stimlib.Scene({"signal": stimlib.constant(1.0, "m/s^2") * noise})
+    drive = MADE.drive(wanted, FS)
     y = stimlib.render(wanted, fs=FS, seconds=3.0)["signal"]
-    got = lfilter(*actuator(), stimlib.render(made.drive(wanted, FS), fs=FS, seconds=3.0)["signal"])
-    late = made.inverse(FS).size // 2
-    apart = got[4000 + late :] - y[4000:-late]
-    assert np.std(apart) < 5e-3 * np.std(y)
+    got = lfilter(*actuator(), stimlib.render(drive, fs=FS, seconds=3.0)["signal"])
+    late = MADE.inverse(FS).size // 2
+    assert np.std(got[4000 + late :] - y[4000:-late]) < 5e-3 * np.std(y)
+    assert str(drive.outputs["signal"].dim) == "1"
+
+
+@pytest.mark.parametrize("fs", [1200.0, 4000.0])
+def test_the_error_that_is_stated_holds_for_the_filter_and_for_the_model(fs):
+    """At 1200 Hz the shortest causal response is a tenth off."""
+    device, f = ACTUATORS["180 Hz, Q 12"], np.arange(60.0, 601.0)
+    made = Calibration(f, device.gain(f), 0 * f, "m/s^2", band=BAND)
+    scene = stimlib.Scene({"y": stimlib.constant(1.0, "m/s^2")})
+    stated = made.safety(scene, Safety(1.0), fs).inverse
+    gain, inside = device.gain(f), (f >= BAND[0]) & (f <= BAND[1])
+    model = np.abs(freqz(stated.response, 1, f, fs=fs)[1] / gain - 1)[inside]
+    late = np.exp(-2j * np.pi * f * (len(stated.taps) // 2) / fs)
+    whole = np.abs(freqz(stated.taps, 1, f, fs=fs)[1] * gain / late - 1)[inside]
+    assert 0.9 * np.quantile(model, 0.9) <= stated.error < 0.25
+    assert whole.max() <= stated.error and (np.quantile(model, 0.9) > 0.05) == (fs < 2000)
 
 
 def test_a_file_is_the_calibration(tmp_path):
@@ -157,12 +142,6 @@ def test_a_file_is_the_calibration(tmp_path):
         load_calibration(tmp_path / "nothing.json")
 
 
-def test_a_change_is_seen():
-    f = np.array([80.0, 400.0])
-    monday, friday = (Calibration(f, g * np.ones(2), [0.01, 0.01], "N") for g in (2.0, 1.7))
-    assert difference(monday, friday, 100.0) == pytest.approx([-0.15])
-
-
 def rig(rng, noise, gain=1.0):
     """Return a sink whose input hears what the actuator makes of its output."""
 
@@ -178,7 +157,8 @@ def rig(rng, noise, gain=1.0):
 def test_the_right_device_passes_and_one_of_1_db_more_or_less_is_refused():
     """Each run its own noise, in the calibration and in the check."""
     rng, passed = np.random.default_rng(7), 0
-    for k in range(100):
+    runs = 100 if os.environ.get("STIMLIB_STRESS") else 20
+    for k in range(runs):
         made = calibrate(taken(rng, 0.05), "m/s^2", BAND)
         tone = (FS, *((180.0, 2.0), (300.0, 0.3))[k % 2])
         with suppress(RecordingError):
@@ -188,12 +168,11 @@ def test_the_right_device_passes_and_one_of_1_db_more_or_less_is_refused():
             changed = rig(rng, 0.05, 10 ** ((-0.05, 0.05)[k // 2 % 2]))
             with pytest.raises(RecordingError, match="check_level"):
                 check_level(made, changed, None, *tone)
-    assert passed >= 95, passed
+    assert passed >= 0.95 * runs, passed
 
 
 def test_a_level_says_what_it_is_and_what_it_should_be():
-    f, rng = np.arange(80.0, 401.0), np.random.default_rng(8)
-    made = Calibration(f, response(f), 0.02 + 0 * f, "m/s^2")
+    rng, made = np.random.default_rng(8), dataclasses.replace(MADE, uncertainty=0.02 + 0 * F)
     low, high = (10 ** (db / 20) for db in (-1, 0.5))
 
     def checked(gain=1.0, noise=0.0, freq=180.0, level=2.0, **options):
@@ -222,26 +201,16 @@ def test_a_level_says_what_it_is_and_what_it_should_be():
 
 
 def test_limits_are_in_the_unit_of_the_calibration():
-    made = Calibration([80.0, 400.0], [2.0, 2.0], [0.01, 0.01], "m/s^2")
     scene = tone(freq=100.0, amplitude=3.0, unit="m/s^2")  # more than the actuator makes
-    with NullSink(scene, Safety(made.full_scale(100.0)), clocked=False) as sink:
-        sink.open(FS)
-        sink.start(0.2)
-        sink.wait()
-    assert sink.report().clips["clip"]["signal"] > 10
     beside = Calibration([80.0, 100.0, 200.0, 400.0], [9.0, 2.0, 3.0, 9.0], np.zeros(4), "m/s^2")
     within = dataclasses.replace(beside, band=(100.0, 200.0))
-    assert within.limits(scene).full_scale == {"signal": 3.0}
+    assert within.limits(scene).full_scale == {"signal": 3.0} and within.full_scale(100.0) == 2.0
 
 
 def displayed(scene, tmp_path, **options):
     """Play and return the report, and what the device got, for sample 0 on."""
-    tmp_path.mkdir(exist_ok=True)
     log = Path(mkdtemp(dir=tmp_path))
-    with NullSink(scene, log=log, clocked=False, **options) as sink:
-        sink.open(FS)
-        sink.start(1.5)
-        sink.wait()
+    sink = played(NullSink(scene, log=log, clocked=False, **options), 1.5, fs=FS)
     assert verify_log(read_log(log)).passed
     assert replay(read_log(log), tmp_path / "played.wav").matches
     frames = read(tmp_path / "played.wav")[0]
@@ -250,72 +219,42 @@ def displayed(scene, tmp_path, **options):
 
 def test_a_sink_makes_what_the_scene_asks_for(tmp_path):
     """Its limits are in the calibration's unit; a pulse without one stays beside it."""
-    made = Calibration(f := np.arange(80.0, 401.0), response(f), 0 * f, "m/s^2")
     wanted = tone(freq=100.0, amplitude=0.5, duration=1.4, period=1.5, unit="m/s^2")
     beside = stimlib.blocks.burst(0.25, 0.1)
     scene = stimlib.Scene({**wanted.outputs, "trigger": beside})
     y = stimlib.render(scene, fs=FS, seconds=1.5)
-    report, (drive, trigger) = displayed(scene, tmp_path, calibration=made)
-    late = made.inverse(FS).size // 2
+    report, (drive, trigger) = displayed(scene, tmp_path, calibration=MADE)
+    late = MADE.inverse(FS).size // 2
     reached = lfilter(*actuator(), drive)
     assert np.abs(reached[late + 400 : 5600] - y["signal"][400 : 5600 - late]).max() < 4e-3
     assert np.array_equal(trigger[late:], y["trigger"][:-late])
     assert report.clips == {}
     limited = Safety({"signal": 0.2, "trigger": 1.0})
-    report, (drive, _) = displayed(scene, tmp_path, calibration=made, safety=limited)
+    report, (drive, _) = displayed(scene, tmp_path, calibration=MADE, safety=limited)
     assert set(report.clips) == {"clip", "skin"}  # a clipped tone has a larger fundamental
     assert 0.19 < np.abs(lfilter(*actuator(), drive)).max() < 0.2 * 1.01
 
 
 def test_more_than_the_device_has_is_limited_and_counted(tmp_path):
-    made = Calibration(f := np.arange(80.0, 401.0), response(f), 0 * f, "m/s^2")
     wanted = tone(freq=100.0, amplitude=1.9, duration=1.4, period=1.5, unit="m/s^2")
-    report, (drive,) = displayed(wanted, tmp_path, calibration=made)  # at 100 Hz it makes 1.1
+    report, (drive,) = displayed(wanted, tmp_path, calibration=MADE)  # at 100 Hz it makes 1.1
     assert report.clips["drive"]["signal"] > 1000 and np.abs(drive).max() == 1.0
 
 
 EVERY = [
-    pytest.param(n, 200, marks=() if n.startswith(("180 Hz, Q 2", "420")) else pytest.mark.stress)
+    pytest.param(
+        n, 200 if n[:3] != "420" else 50, marks=() if n[:3] == "420" else pytest.mark.stress
+    )
     for n in ACTUATORS
 ]
 
 
-@pytest.mark.parametrize(
-    ("name", "stimuli"), [("180 Hz, Q 12", 10), ("250 Hz, Q 20", 5), *EVERY], ids=str
-)
+@pytest.mark.parametrize(("name", "stimuli"), [("180 Hz, Q 12", 10), *EVERY], ids=str)
 def test_what_is_felt_stays_within_what_is_stated(name, stimuli):
     """By a simulation of its own: gain in and outside of the band, value and slew."""
     part, outside, stated, value, slew, _ = figures(name, stimuli)
     assert part <= 1.0 and outside <= 1.0 + stated
     assert value <= 1.0 + stated and slew <= 1.06 + stated
-
-
-@pytest.mark.parametrize(
-    ("asked", "limit", "felt_before", "felt_now"),
-    [
-        (lambda t, rng: 0.5 * np.sin(2 * np.pi * 180 * t), 0.5, 0.5, (0.49, 0.51)),
-        (lambda t, rng: 0.5 * np.sign(np.sin(2 * np.pi * 150 * t)), None, 4.6, (0.4, 0.75)),
-        (lambda t, rng: 1.0 * (t % 0.5 < 0.005), None, 2.7, (0.3, 0.6)),
-        (lambda t, rng: 0.2 * np.sin(2 * np.pi * 500 * t), 0.5, 4.7, (0.0, 0.2)),
-        (lambda t, rng: 0.2 * rng.normal(size=t.size), None, 4.3, (0.2, 0.8)),
-    ],
-    ids=["tone", "square", "pulse", "500 Hz", "noise"],
-)
-def test_nothing_outside_of_the_band_is_made_larger(asked, limit, felt_before, felt_now):
-    """The inverse of version 0.1 was free outside of its band.
-
-    ``felt_before`` is the largest that was found for such requests.
-    """
-    device, rng = ACTUATORS["180 Hz, Q 12"], np.random.default_rng(5)
-    made = device.calibrated(rng)
-    y = asked(np.arange(int(1.5 * FS)) / FS, rng)
-    z, watch = Played(device, made, limit or 4.0)(y)
-    low, high = felt_now
-    assert low <= np.abs(z).max() <= high < max(felt_before, 0.6)
-    told = watch.outside()["y"]
-    if limit == 0.5 and felt_before > 1:  # the tone of 500 Hz, where half of it is left
-        assert told["level"] == pytest.approx(0.1, rel=0.2) and told["samples"] > 4000
-    assert watch.counts().keys() <= {"drive", "skin"}
 
 
 def test_a_tone_at_its_limit_passes_and_one_above_reaches_it():
@@ -346,14 +285,11 @@ def test_the_error_stated_covers_the_bias_of_the_resolution():
 def test_what_lies_outside_is_in_the_report_the_log_and_its_check(tmp_path):
     made = ACTUATORS["180 Hz, Q 12"].calibrated(np.random.default_rng(5))
     scene = tone(freq=700.0, amplitude=0.2, duration=1.9, period=2.0, unit="m/s^2")
-    report, _ = displayed(scene, tmp_path / "x", calibration=made)
+    report, _ = displayed(scene, tmp_path, calibration=made)
     told = report.outside["signal"]
     assert told["level"] == pytest.approx(0.2, rel=0.1) and told["samples"] > 4000
-    assert f"{told['samples']} samples of signal outside of the calibrated band, up to 0.2" in str(
-        report
-    )
-    folder = next(p for p in (tmp_path / "x").iterdir() if p.is_dir())
-    log = read_log(folder)
+    assert f"{told['samples']} samples of signal outside" in str(report)
+    log = read_log(next(p for p in tmp_path.iterdir() if p.is_dir()))
     last = [e for e in log.events if e.kind == "clip"][-1]
     assert last.data["outside"] == report.outside == log.report["outside"]
     for wrong in ({"outside": {}}, {"clips": {"skin": {"signal": 1}}}):
@@ -373,8 +309,7 @@ def vibration():
 def test_commands_take_the_file(tmp_path, monkeypatch):
     """A level in RMS, through the calibration's file, in a log and in a sound file."""
     monkeypatch.chdir(tmp_path)
-    f = np.arange(80.0, 401.0)
-    Calibration(f, response(f), 0 * f, "m/s^2").save("a.json")
+    MADE.save("a.json")
     Path("own.py").write_text(ACTUATOR)
     words = ["own.py:vibration", "--calibration", "a.json", "--fs", "4000", "--seconds", "1.5"]
     words += ["--set", "amplitude=0.3 m/s^2 rms"]
@@ -382,14 +317,12 @@ def test_commands_take_the_file(tmp_path, monkeypatch):
     assert replay(read_log("b.stimlog"), "b.wav").matches
     ran(["render", *words, "--out", "c.wav"])
     assert verify("c.wav").passed
-    for name, scale in (("b.wav", np.abs(response(f)).max()), ("c.wav", 1.0)):
+    for name, scale in (("b.wav", np.abs(MADE.gain).max()), ("c.wav", 1.0)):
         felt = lfilter(*actuator(), read(name)[0][0] / scale)[2000:4000]
         assert np.std(felt) == pytest.approx(0.3, rel=0.01)
 
 
 def test_an_experiment_on_a_calibrated_device_is_recorded_in_its_unit(tmp_path):
-    f = np.arange(80.0, 401.0)
-    made = Calibration(f, response(f), 0 * f, "m/s^2")
     wanted = tone(freq=100.0, duration=0.3, period=1.0, repeats=1, unit="m/s^2")
     trial = Trial("loud", (Stimulus("tone", {"amplitude": 0.4}),), ("felt",))
     timing = Timing(before=0.2, interval=0.5, ramp=0.02)
@@ -401,10 +334,10 @@ def test_an_experiment_on_a_calibrated_device_is_recorded_in_its_unit(tmp_path):
     marks = []
     plain, with_it = (
         present(e, trial, "null", tmp_path / str(k), calibration=c, send=s)
-        for k, c, s in ((0, None, ()), (1, made, marks.append))
+        for k, c, s in ((0, None, ()), (1, MADE, marks.append))
     )
     assert with_it["peak"] == plain["peak"] and with_it["rms"] == plain["rms"]
-    late = made.inverse(FS).size // 2
+    late = MADE.inverse(FS).size // 2
     assert {m.name: m.sample for m in marks} == {
         "trial": 0,
         "stimulus": with_it["intervals"][0][0] + late,
@@ -442,9 +375,7 @@ def test_an_experiment_on_a_calibrated_device_is_recorded_in_its_unit(tmp_path):
             "at fs = 1000 Hz no response fits .* give a higher sample rate",
         ),
         (
-            lambda c: Calibration(c.freq, 1 + np.sin(c.freq), 0 * c.freq, "N").drive(
-                tone(unit="N"), FS, 5
-            ),
+            lambda c: c.drive(tone(unit="m/s^2"), FS, 5),
             BadValue,
             "5 taps invert .* error of",
         ),
@@ -460,9 +391,7 @@ def test_an_experiment_on_a_calibrated_device_is_recorded_in_its_unit(tmp_path):
     ],
 )
 def test_bad_use(call, error, says):
-    f = np.arange(80.0, 401.0)
-    with pytest.raises(error, match=says):
-        call(Calibration(f, response(f), 0 * f, "m/s^2"))
+    refused(error, says, call, MADE)
 
 
 @pytest.mark.parametrize(
@@ -478,5 +407,4 @@ def test_bad_use(call, error, says):
 )
 def test_bad_sweeps(change, says):
     sweep = taken(np.random.default_rng(0), 0.1, takes=change.pop("takes", 3))
-    with pytest.raises(BadValue, match=says):
-        calibrate(sweep, "m/s^2", **({"band": BAND} | change))
+    refused(BadValue, says, calibrate, sweep, "m/s^2", **({"band": BAND} | change))

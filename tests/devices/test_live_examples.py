@@ -8,7 +8,6 @@ import sys
 import threading
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -65,21 +64,3 @@ def test_half_of_a_trial_needs_no_psychopy(tmp_path):
     assert [np.asarray(log.motion).max() for log in logs] == pytest.approx(
         [0.011] * 2
     ) and "psychopy" not in sys.modules
-
-
-def test_the_other_half_asks_psychopy_for_what_it_has(monkeypatch):
-    """A stand-in with the calls that the example makes: positions within the window
-    become metres.
-    """
-    mouse = SimpleNamespace(getPos=lambda: (0.0, -0.5))
-    drawn = SimpleNamespace(draw=lambda: None, pos=None)
-    event = SimpleNamespace(Mouse=lambda win: mouse, waitKeys=lambda keyList: keyList[1:])
-    visual = SimpleNamespace(
-        Circle=lambda *a, **k: drawn, TextStim=lambda *a, **k: drawn, Window=lambda **k: "window"
-    )
-    monkeypatch.setitem(sys.modules, "psychopy", SimpleNamespace(event=event, visual=visual))
-    example = runpy.run_path(str(EXAMPLES / "psychopy_trial.py"))
-    window = SimpleNamespace(flip=lambda: time.sleep(0.001))
-    places = list(example["psychopy_hand"](window, seconds=0.02))
-    assert example["psychopy_window"]() == "window" and example["psychopy_answer"](window) == "2"
-    assert places and set(places) == {0.015} and drawn.pos == (0, -0.5)

@@ -25,24 +25,16 @@ def cable(seed=1, slow=False):
     return played, heard, np.arange(-200, 5800), np.ones(4000, bool)
 
 
-def test_delay_and_gain_of_a_cable():
-    played, heard, index, given = cable()
-    lag, gain, residual, compared = through(heard, index, played, given, 1800)
-    assert (lag, compared) == (937, 4000)
-    assert gain == pytest.approx(-0.25, rel=1e-6) and residual < 1e-6
-    heard += 0.025 * np.random.default_rng(2).normal(size=heard.shape).astype(np.float32)
-    lag, gain, residual, _ = through(heard, index, played, given, 1800)
-    assert lag == 937 and residual == pytest.approx(np.sqrt(1.45 * 0.01), rel=0.1), (
-        "noise of a tenth, also where nothing played"
-    )
-
-
 @pytest.mark.parametrize("slow", [False, True])
 def test_frames_that_either_side_lost_say_nothing_of_the_cable(slow):
     """What a device gives for frames that the sink lost is anything; what the recording
     client missed is not there.
     """
     played, heard, index, given = cable(slow=slow)
+    if not slow:
+        lag, gain, residual, compared = through(heard, index, played, given, 1800)
+        assert (lag, compared, gain) == (937, 4000, pytest.approx(-0.25, rel=1e-6))
+        assert residual < 1e-6
     given[1000:1128] = False
     heard[1137 + 1000 : 1137 + 1128] = 0.7
     here = np.ones(6000, bool)
@@ -59,6 +51,9 @@ def test_a_cable_that_is_not_there():
     assert through(heard, index, played, ~given, 1800)[2:] == (1.0, 0)
     noise = np.random.default_rng(3).normal(size=heard.shape).astype(np.float32)
     assert through(noise, index, played, given, 1800)[2] > 0.9
+    lag, _, residual, _ = through(heard + 0.025 * noise, index, played, given, 1800)
+    # noise of a tenth, also where nothing played
+    assert lag == 937 and residual == pytest.approx(np.sqrt(1.45 * 0.01), rel=0.1)
 
 
 def test_the_verdict():

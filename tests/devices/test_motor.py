@@ -1,5 +1,7 @@
 """Force per current of a motor: a simulated rig with load cells is recovered."""
 
+import os
+
 import numpy as np
 import pytest
 from refusals import refused
@@ -40,30 +42,24 @@ MILLI = {"current": "mA", "position": "mm", "force": "N"}
 
 
 def test_the_interval_holds_in_95_of_100_rigs():
-    """Of 400 rigs, each with its own readings; the share is over 5 positions, and the
-    zero of the cell, 2400 intervals whose errors are hardly correlated."""
+    """Each rig has its own readings; the share is over 5 positions, and the zero of the
+    cell, intervals whose errors are hardly correlated."""
     rng, inside, errors, zeros = np.random.default_rng(3), [], [], []
-    for _ in range(400):
+    stress = bool(os.environ.get("STIMLIB_STRESS"))
+    for _ in range(400 if stress else 60):
         found = calibrate_motor(rig(rng))
-        at = np.arange(0, found.position.size, FINE_APART)
+        at = np.arange(0, found.position.size, 10)
         true = NB * gamma(found.position[at])
         inside.append((found.low[at] <= true) & (true <= found.high[at]))
         errors.append((found.table[at] - true) / found.error[at])
         zeros.append((found.zero - ZERO) / found.zero_error)
-    share, spread = np.mean(inside, axis=0), np.std(errors, axis=0)
-    assert (np.abs(share - 0.95) < 0.035).all() and abs(np.mean(share) - 0.95) < 0.012, share
-    assert (np.abs(spread - 1) < 0.12).all(), spread
-    assert np.std(zeros) == pytest.approx(1, abs=0.12) and abs(np.mean(zeros)) < 0.2
-
-
-FINE_APART = 10
-
-
-def test_few_readings_have_as_much_noise_as_many():
-    """The mean square of what 60 readings leave, 47 of them free, is right to 2 %."""
-    rng = np.random.default_rng(9)
-    found = [calibrate_motor(rig(rng, n=60, even=True), knots=12).residual for _ in range(100)]
-    assert np.mean(np.square(found)) == pytest.approx(NOISE**2, rel=0.08)
+    share, slack = np.mean(inside), 1.0 if stress else 2.6
+    assert abs(share - 0.95) < 0.012 * slack, share
+    assert (np.abs(np.std(errors, axis=0) - 1) < 0.12 * slack).all()
+    assert abs(np.std(zeros) - 1) < 0.12 * slack and abs(np.mean(zeros)) < 0.2 * slack
+    # the mean square of what 60 readings leave, 47 of them free, has no bias
+    few = [calibrate_motor(rig(rng, n=60, even=True), knots=12).residual for _ in range(100)]
+    assert np.mean(np.square(few)) == pytest.approx(NOISE**2, rel=0.08)
 
 
 def test_a_file_in_other_units_gives_the_same(tmp_path):
@@ -77,6 +73,13 @@ def test_a_file_in_other_units_gives_the_same(tmp_path):
     assert found.residual == pytest.approx(NOISE, rel=0.15) and abs(found.pattern) < 4
     assert found.motor_constant == pytest.approx(NB, rel=0.01)
     assert "N/A" in repr(found) and "from 0 to 0.04 m" in repr(found)
+    raw = rows | {"position": rows["position"] / 2e-5 + 1472}
+    found = calibrate_motor(raw, position="(position - 1472)*2e-5")
+    np.testing.assert_allclose(found.table, same.table, rtol=1e-9)
+    for unit, told, factor in (("V", "N/V", 1.0), ("", "N", 1.0), ("mV", "N/V", 1e3)):
+        found = calibrate_motor(rows, units=MILLI | {"current": unit, "position": "m"})
+        assert found.unit == told
+        assert found.motor_constant == pytest.approx(NB * factor, rel=0.01)
 
 
 def test_without_noise_it_is_the_motor():
@@ -98,22 +101,6 @@ def test_more_than_noise_is_seen_in_the_residuals():
     assert calibrate_motor(drift).pattern > 8  # of the zero, whatever the current
 
 
-def test_a_column_is_scaled_and_shifted():
-    rows = rig(np.random.default_rng(1))
-    raw = rows | {"position": rows["position"] / 2e-5 + 1472}
-    found = calibrate_motor(raw, position="(position - 1472)*2e-5")
-    np.testing.assert_allclose(found.table, calibrate_motor(rows).table, rtol=1e-9)
-    np.testing.assert_allclose(found.position[[0, -1]], [0.0, 0.04], atol=1e-12)
-
-
-def test_a_command_in_volts_gives_its_force():
-    rows = rig(np.random.default_rng(5))
-    for unit, told, factor in (("V", "N/V", 1.0), ("", "N", 1.0), ("mV", "N/V", 1e3)):
-        found = calibrate_motor(rows, units=MILLI | {"current": unit, "position": "m"})
-        assert found.unit == told
-        assert found.motor_constant == pytest.approx(NB * factor, rel=0.01)
-
-
 def test_the_blocks_take_it_as_it_is():
     found = calibrate_motor(rig(np.random.default_rng(6)))
     F, X = stimlib.Input("F", "N"), stimlib.Input("x", "m")
@@ -127,15 +114,6 @@ def test_the_blocks_take_it_as_it_is():
     assert stimlib.verify(scene, motion, y).passed
     given = NB * gamma(motion["x1"](y.t)) * y["current1"]
     assert np.abs(given - y["force1"]).max() < 0.01 * 60
-
-
-def test_a_wrong_geometry_is_refused_by_the_law():
-    scene = squeeze(fingers=1, motor_constant=10.0, geometry=([0.0, 0.04], [1.0, 0.5]))
-    other = squeeze(fingers=1, motor_constant=10.0, geometry=([0.0, 0.04], [1.0, 0.51]))
-    bad = stimlib.Scene(other.outputs, scene.parts)
-    motion = {"x1": minimum_jerk()}
-    checks = stimlib.verify(bad, motion, stimlib.render(bad, motion, 8000, 0.5)).checks
-    assert [c.name for c in checks if not c.passed] == ["current1: I = F/(n B Gamma)"]
 
 
 @pytest.mark.parametrize(
@@ -158,22 +136,23 @@ def test_a_bad_file_is_refused_with_its_place(tmp_path, text, says):
     assert str(path) in str(error)
 
 
-def test_readings_that_say_too_little_are_refused():
-    rng = np.random.default_rng(7)
-    rows = rig(rng)
-    held = rows | {"current": 0 * rows["current"]}
-    refused(RecordingError, "do not tell", calibrate_motor, held)
-    same = rows | {"current": np.full(300, 2.0)}  # of which the zero is a part
-    refused(RecordingError, "do not tell", calibrate_motor, same)
-    gap = {n: v[np.abs(rows["position"] - 0.02) > 0.006] for n, v in rows.items()}
-    refused(RecordingError, "no reading lies between", calibrate_motor, gap)
-    refused(RecordingError, "take 5 or more", calibrate_motor, rig(rng, n=29))
-    turned = rows | {"force": -rows["force"]}
-    refused(RecordingError, "count the force", calibrate_motor, turned)
-    far = rows | {"position": 1e3 * rows["position"]}  # in mm, and read as m
-    error = refused(RecordingError, "the positions span 40 m", calibrate_motor, far)
-    assert '"position": "mm"' in str(error)
-    refused(RecordingError, "cannot be read", calibrate_motor, "nowhere.csv")
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda rows: {"current": 0 * rows["current"]}, "do not tell"),
+        (lambda rows: {"current": np.full(300, 2.0)}, "do not tell"),  # the zero is a part of it
+        (lambda rows: {"force": -rows["force"]}, "count the force"),
+        (lambda rows: {n: v[:29] for n, v in rows.items()}, "take 5 or more"),
+        (lambda rows: {"position": 1e3 * rows["position"]}, '40 m.*"position": "mm"'),
+        (
+            lambda rows: {n: v[np.abs(rows["position"] - 0.02) > 0.006] for n, v in rows.items()},
+            "no reading lies between",
+        ),
+    ],
+)
+def test_readings_that_say_too_little_are_refused(change, says):
+    rows = rig(np.random.default_rng(7))
+    refused(RecordingError, f"(?s){says}", calibrate_motor, rows | change(rows))
 
 
 def test_units_of_another_quantity_are_refused():
@@ -182,4 +161,5 @@ def test_units_of_another_quantity_are_refused():
     refused(UnitError, "unknown unit", calibrate_motor, rows, units=MILLI | {"force": "newt0n"})
     refused(BadValue, "units of force", calibrate_motor, rows, units={"force": "N"})
     refused(BadValue, "knots = 3", calibrate_motor, rows, knots=3)
+    refused(RecordingError, "cannot be read", calibrate_motor, "nowhere.csv")
     assert constant(1.0, calibrate_motor(rows).unit).dim is not None

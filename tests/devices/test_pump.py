@@ -11,7 +11,7 @@ import stimlib
 from stimlib import Input, Param, Scene
 from stimlib.devices.engine import Pump
 from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals
-from stimlib.run.safety import GAIN, Safety, protect, to_device
+from stimlib.run.safety import Safety, protect, to_device
 from stimlib.scenes import squeeze
 
 FS = 8000
@@ -92,6 +92,17 @@ def cuts(kind, n):
     return sizes
 
 
+def test_what_was_told_is_told_once():
+    """Rows as they were processed, then none."""
+    bench = Bench(squeeze(), Recorded(fingers(1000))).begun(1000)
+    pump = bench.pump
+    for n in (64, 7):
+        pump.block(n)
+        assert (len(pump.motion()), len(pump.frames())) == (n, n)
+        assert (len(pump.motion()), len(pump.frames())) == (0, 0)
+    assert [kind for _, kind, _ in pump.events()] == ["set"] and pump.events() == []
+
+
 @pytest.mark.parametrize("kind", [1, 16, 64, 100, 256, 1000, "mixed"])
 def test_the_samples_do_not_depend_on_the_block(kind):
     x = fingers(3000)
@@ -124,52 +135,52 @@ def test_the_samples_do_not_depend_on_the_block(kind):
     )
 
 
-@pytest.mark.parametrize("before", [0, 50, 159, 160, 200])
-def test_a_stop_before_sample_0_goes_back_at_once(before):
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun(1000, np.array([50.0]))
+STEADY = Scene({"y": stimlib.constant(50.0)})
+
+
+def is_smooth(y):
+    """From silence to silence in steps of less than a hundredth."""
+    assert np.abs(np.diff(y, prepend=0)).max() < 0.01 and not y[-1]
+
+
+@pytest.mark.parametrize("before", [0, 50, 159, 160, 200, 160 + 960])
+def test_a_stop_goes_back_from_where_it_is_but_not_beyond_the_end(before):
+    """Before sample 0 it goes back at once; close to the end no sample more is made."""
+    bench = Bench(STEADY, None).begun(1000, np.array([50.0]))
     bench.block(before)
     bench.pump.stop("stop")
-    bench.block(400)
-    y, native = bench.heard()[:, 0], bench.pump.native
-    assert (
-        np.abs(np.diff(y, prepend=0)).max() < 0.01 and not y[before + 161 + before // 160 :].any()
-    )
-    assert bench.pump.state == native.DONE and (bench.pump.index == 0) == (before < 160)
+    bench.block(500)
+    y, index = bench.heard()[:, 0], bench.pump.index
+    is_smooth(y)
+    assert not y[1320 if before > 1000 else before + 161 + before // 160 :].any()
+    assert bench.pump.state == bench.pump.native.DONE
+    assert index == 1000 if before > 1000 else (index == 0) == (before < 160)
 
 
-def test_a_stop_close_to_the_end_makes_no_sample_more():
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun(1000, np.array([50.0]))
-    bench.block(160 + 960)
-    bench.pump.stop("stop")
-    bench.block(400)
-    y = bench.heard()[:, 0]
-    assert (
-        bench.pump.index == 1000
-        and np.abs(np.diff(y)).max() < 0.01
-        and not y[160 + 1000 + 160 :].any()
-    )
+def test_a_stop_fades_from_the_next_block_or_from_the_earliest_sample():
+    for length, at, more in ((None, 80, {}), (100, 100, {}), (None, 300, {"earliest": 700})):
+        bench = Bench(STEADY, None).begun(length)
+        bench.block(at)
+        bench.pump.stop("error", **more)
+        bench.block(1000)
+        is_smooth(bench.heard()[:, 0])
+        at = more.get("earliest", at)
+        assert length or (at, "stop", {"reason": "error"}) in bench.events
+        assert length or bench.pump.index == at + 160
+    assert bench.heard()[699, 0] == 1 > bench.heard()[701, 0]
 
 
 def test_what_a_device_skips_before_sample_0_is_no_loss():
-    bench = Bench(squeeze(), Recorded(fingers(1000))).begun(1000, np.zeros(2))
+    bench = Bench(squeeze(), Recorded(fingers(1000)))
+    bench.block(64, lost=1000)
+    assert not bench.heard().any() and bench.pump.index == 0
+    bench.begun(1000, np.zeros(2))
     for lost in (0, 64, 1000):
         bench.block(64, lost)
-    assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("UNDERRUNS")) == (
-        3 * 64 - 160,
-        0,
-        0,
-    )
+    assert bench.pump.index == 3 * 64 - 160
+    assert (bench.pump.read("LOST"), bench.pump.read("UNDERRUNS")) == (0, 0)
     bench.block(64, 10)
     assert bench.pump.read("LOST") == 10
-
-
-def test_silent_before_the_start_and_after_the_end():
-    bench = Bench(squeeze(), Recorded(fingers(500)))
-    bench.block(64)
-    assert not bench.heard().any() and bench.pump.index == 0
-    bench.pump.start(500)
-    bench.blocks([64] * 12)
-    assert not bench.out[-1].any() and bench.pump.index == 500
 
 
 def test_fades_have_room_where_changes_have_none():
@@ -178,7 +189,7 @@ def test_fades_have_room_where_changes_have_none():
     """
     bench = Bench(Scene({"y": Param("level", 1.0) * 1}), None, full_scale=1.0)
     fill = lambda: sum(bench.pump.set("level", 1.0, 1) for _ in range(300))  # noqa: E731
-    assert fill() == 256
+    assert fill() == 256 == bench.pump.native.COMMANDS
     bench.pump.start(None)
     bench.block(512)
     assert bench.out[-1][-1] == 1
@@ -216,78 +227,8 @@ def test_lost_frames_are_produced_and_told():
     assert (p.read("LOST"), p.read("UNDERRUNS")) == (2103, 3)
 
 
-def test_the_end_may_fall_into_what_is_lost():
-    bench = Bench(squeeze(), Recorded(fingers(1000))).begun(1000)
-    bench.block(900)
-    bench.block(64, lost=500)
-    assert (bench.pump.index, bench.pump.read("LOST"), bench.pump.read("DELIVERED")) == (
-        1000,
-        100,
-        900,
-    )
-    bench.block(160)
-    assert bench.out[-2].all() and not bench.out[-1][95:].any(), "it falls from the last sample"
-
-
-def test_changes_take_effect_at_the_index_that_is_told():
-    x = fingers(2000)
-    bench = Bench(squeeze(), Recorded(x)).begun(2000)
-    bench.block(500)
-    assert bench.pump.set("k", 1000.0, 37) and bench.pump.set("A", 0.0, 1)
-    bench.block(300)
-    bench.pump.set("k", 3000.0, 800)
-    bench.blocks([60] * 20)
-    named = [(at, e["name"]) for at, kind, e in bench.events if kind == "set" and e["name"] != GAIN]
-    assert named == [(500, "k"), (500, "A"), (800, "k")]
-    assert np.array_equal(bench.heard(), bench.reference(x))
-
-
-def test_stop_fades_from_the_next_block():
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun()
-    bench.block(300)
-    bench.pump.stop("stop")
-    bench.block(1000)
-    y = bench.heard()[:, 0]
-    assert (300, "stop", {"reason": "stop"}) in bench.events
-    assert np.abs(np.diff(y)).max() < 0.01 and y[299] == 1 and not y[460:].any()
-    assert bench.pump.index == 460
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun()
-    bench.block(300)
-    bench.pump.stop("error", earliest=700)
-    bench.block(1000)
-    assert (700, "stop", {"reason": "error"}) in bench.events and bench.heard()[
-        699, 0
-    ] == 1 > bench.heard()[701, 0]
-
-
-def test_a_stop_during_the_fade_in_has_no_step():
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun()
-    bench.block(80)
-    bench.pump.stop("stop")
-    bench.block(300)
-    assert np.abs(np.diff(bench.heard()[:, 0])).max() < 0.01
-
-
-def test_a_session_shorter_than_its_fades_has_no_step():
-    bench = Bench(Scene({"y": stimlib.constant(50.0)}), None).begun(100)
-    bench.block(300)
-    y = bench.heard()[:, 0]
-    assert np.abs(np.diff(y)).max() < 0.01 and not y[259:].any()
-
-
 def live(keep=0.05):
     return Bench(Scene({"y": 1.0 * Input("x")}), Live(keep), full_scale=1.0)
-
-
-def test_live_motion_is_taken_in_order():
-    bench = live().begun()
-    sent = np.linspace(0.1, 0.9, 1000)
-    for k in range(0, 1000, 50):
-        assert bench.pump.put_motion(sent[None, k : k + 50]) == 50
-        bench.block(50)
-    assert np.array_equal(np.concatenate(bench.motion)[:, 0], sent)
-    assert bench.events[0][1] == "fresh", "the gain rises with the first motion"
-    assert np.array_equal(bench.heard(), bench.reference(sent[None]))
 
 
 def test_motion_that_stays_away_is_held_then_faded():
@@ -318,6 +259,9 @@ def test_a_slow_tracker_is_held_between_its_reports():
         bench.block(64)  # 125 reports a second
     assert np.array_equal(np.concatenate(bench.motion)[:, 0], np.repeat(0.01 * np.arange(20), 64))
     assert "stale" not in [kind for _, kind, _ in bench.events]
+    size = bench.pump.read("M_SIZE")
+    assert bench.pump.put_motion(np.zeros((1, size + 5))) == size, "a full ring takes no more"
+    assert bench.pump.put_motion(np.zeros((1, 5))) == 0
 
 
 def test_no_delay_grows_behind_a_live_motion():
@@ -329,13 +273,6 @@ def test_no_delay_grows_behind_a_live_motion():
     assert bench.pump.read("SKIPPED") == 5000 - 50 * 64 - (
         bench.pump.read("M_WRITE") - bench.pump.read("M_READ")
     )
-
-
-def test_a_full_ring_takes_no_more():
-    bench = live()
-    size = bench.pump.read("M_SIZE")
-    assert bench.pump.put_motion(np.zeros((1, size + 5))) == size
-    assert bench.pump.put_motion(np.zeros((1, 5))) == 0
 
 
 def test_a_scripted_column_belongs_to_its_sample():
@@ -381,45 +318,10 @@ def test_a_motion_that_is_not_finite_never_reaches_the_device(wrong):
     assert heard[600:700, 0].any() and not heard[900:, 0].any() and heard[900:1700, 1].any()
 
 
-def test_what_is_beyond_full_scale_stays_at_it():
-    bench = Bench(
-        Scene({"y": Input("x") * 1e9}), Recorded(np.ones((1, 1000))), full_scale=3.0
-    ).begun(1000)
-    bench.block(1000)
-    assert bench.heard().max() == 1.0
-
-
 def test_a_log_that_is_not_read_says_what_it_lacks():
-    bench = Bench(
-        Scene({"y": Param("a", 0.5) * Input("x")}),
-        Recorded(np.ones((1, 10**5))),
-        fs=1000,
-        full_scale=1.0,
-    ).begun()
-    size = bench.pump.read("L_SIZE")
-    for _ in range(size // 1000 + 3):
-        bench.pump.block(1000)
-    n = bench.pump.index
-    bench.drain()
-    gaps = [(at, e["frames"]) for at, kind, e in bench.events if kind == "gap"]
-    assert (
-        sum(g for _, g in gaps)
-        == bench.pump.read("UNLOGGED")
-        == n - sum(map(len, bench.logged))
-        > 0
-    )
-    assert sum(map(len, bench.motion)) == sum(map(len, bench.logged))
-    bench.block(1000)
-    assert sum(map(len, bench.logged)) == n - sum(g for _, g in gaps) + 1000
-
-
-def test_gaps_and_losses_do_not_overlap():
-    bench = Bench(
-        Scene({"y": Param("a", 0.5) * Input("x")}),
-        Recorded(np.ones((1, 10**5))),
-        fs=2000,
-        full_scale=1.0,
-    ).begun()
+    """Gaps and losses do not overlap, and what comes after is logged again."""
+    scene, x = Scene({"y": Param("a", 0.5) * Input("x")}), np.ones((1, 10**5))
+    bench = Bench(scene, Recorded(x), fs=2000, full_scale=1.0).begun()
     size = bench.pump.read("L_SIZE")
     bench.pump.block(4096)
     bench.pump.block(size - 4096 - 300)
@@ -432,23 +334,13 @@ def test_gaps_and_losses_do_not_overlap():
     for at, k in lost + [g[:2] for g in gaps]:
         told[at : at + k] += 1
     logged = sum(map(len, bench.logged))
-    assert (
-        told.max() == 1
-        and not told[: size - 300].any()
-        and told[size - 300 :].all()
-        and logged == size - 300
-    )
+    assert told.max() == 1 and not told[: size - 300].any() and told[size - 300 :].all()
     assert bench.pump.read("LOST") == 1000 and sum(k for _, k in lost) == 256
-    assert sum(map(len, bench.motion)) == size - 300 + 256 == n - bench.pump.read("UNLOGGED")
-
-
-def test_command_ring_refuses_when_full():
-    bench = Bench(squeeze(), Recorded(fingers(1000)))
-    taken = sum(bench.pump.set("k", 1000.0 + k, 1) for k in range(300))
-    assert taken == bench.pump.native.COMMANDS
-    bench.pump.start(None)  # its own change finds no room; the gain stays 0 rather than jump
-    bench.block(64)
-    assert bench.pump.set("k", 1.0, 1)
+    assert logged == size - 300
+    unlogged = bench.pump.read("UNLOGGED")
+    assert sum(map(len, bench.motion)) == size - 300 + 256 == n - unlogged
+    bench.block(1000)
+    assert sum(map(len, bench.logged)) == logged + 1000
 
 
 def test_percentiles_of_block_times():
