@@ -11,9 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from experiments.some import SPRING, experiment
 from refusals import refused
 
-from experiments.some import SPRING, experiment
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
     Answer,

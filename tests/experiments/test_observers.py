@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from experiments.some import TASK, experiment
 from laws import STRESS
 from refusals import refused
 from scipy.special import ndtr
@@ -13,7 +14,6 @@ from statsmodels.genmod.families import Binomial, links
 from statsmodels.genmod.generalized_linear_model import GLM
 
 import stimlib
-from experiments.some import TASK, experiment
 from stimlib.blocks import white_noise
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
