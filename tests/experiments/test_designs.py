@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from experiments.some import SPRING, experiment
+from laws import STRESS
 from refusals import refused
 
 from stimlib.errors import BadValue, UnknownName
@@ -277,6 +278,59 @@ def test_quest_goes_on_after_many_answers_and_after_a_slip():
     sharp = Quest(PAIR, (1.0, 2.0, 3.0), (1.5, 2.5), (1e-3,), lapses=(0.0,))
     slip = {"seed": 1, "levels": [1.0, 2.0, 1.0], "outcomes": [0, 1, 1]}
     assert 1.5 <= sharp.estimate(slip)["mean"].value <= 2.5
+
+
+FELT = TwoInterval("felt", "which", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A")
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", ["comparison", "detection", "weibull", "yes-no"])
+def test_quest_has_the_levels_and_estimates_of_the_package_questplus(kind):
+    """Levels equal, estimates to rounding: 1000 runs of these kinds were, by hand."""
+    from questplus import QuestPlus
+
+    rng = stream(3, kind)
+    for _ in range(6 if STRESS else 2):
+        rows = {
+            "levels": np.sort(rng.uniform(0.1, 3.0, rng.integers(3, 12))),
+            "means": np.sort(rng.uniform(0.2, 2.5, rng.integers(1, 9))),
+            "lapses": rng.uniform(0.0, 0.1, 2),
+        }
+        wide = rng.uniform(0.1, 1.0, 3)
+        steep = kind in ("weibull", "yes-no")
+        rows |= {"slopes": 5 * wide} if steep else {"deviations": wide}
+        rows |= {"guesses": (0.0, 0.1, 0.2)} if kind == "yes-no" else {}
+        design = Quest(FELT if kind in ("detection", "weibull") else PAIR, **rows, trials=15)
+        low = {"comparison": {}, "yes-no": {"lower_asymptote": [0.0, 0.1, 0.2]}}
+        theirs = QuestPlus(
+            stim_domain={"intensity": list(design.levels)},
+            param_domain={
+                "threshold" if steep else "mean": list(design.means),
+                "slope" if steep else "sd": list(design.slopes or design.deviations),
+                "lapse_rate": list(design.lapses),
+                **low.get(kind, {"lower_asymptote": [0.5]}),
+            },
+            outcome_domain={"response": ["yes", "no"]},
+            func="weibull" if steep else "norm_cdf_2" if kind == "comparison" else "norm_cdf",
+            stim_scale="linear",
+        )
+        state = design.init(1)
+        while (trial := design.next(state)) is not None:
+            assert trial.level == theirs.next_stim["intensity"]
+            more = bool(rng.random() < 0.6)
+            theirs.update(
+                stim={"intensity": trial.level}, outcome={"response": "yes" if more else "no"}
+            )
+            state = {
+                **state,
+                "levels": [*state["levels"], trial.level],
+                "outcomes": [*state["outcomes"], int(more)],
+            }
+        np.testing.assert_allclose(
+            [found.value for found in design.estimate(state).values()],
+            list(theirs.param_estimate.values()),
+            rtol=1e-12,
+        )
 
 
 @pytest.mark.parametrize("n", [3, 4, 5, 7, 8, 9, 10, 12, 14, 18, 22, 26, 30, 32])
