@@ -21,6 +21,7 @@ import importlib
 import json
 import os
 import random
+import re
 import resource
 import select
 import signal
@@ -38,7 +39,8 @@ KEPT = Path(os.environ.get("KILLS", "/tmp/kills"))
 PACKAGE = ROOT / "stimlib"
 EQUAL = Path(__file__).parents[1] / "results" / "kills_living.csv"  # id, change, reason
 LEAST = 15  # mutants of a room, where it has so many; the rest by lines of code
-BUDGET, MOST, LIMIT = 30.0, 60, 150.0  # CPU seconds and number of tests, seconds until it hangs
+BUDGET = float(os.environ.get("BUDGET", "30"))  # CPU seconds of the tests of a mutant
+MOST, LIMIT = 2 * int(BUDGET), 150.0 + BUDGET  # their number, and seconds until it hangs
 TWICE = "constant", "comparison", "sign"
 EDGE = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
 OTHER = {ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.In: ast.NotIn, ast.NotIn: ast.In}
@@ -220,6 +222,12 @@ def draw(count: int, seed: int) -> list[Row]:
 
 
 # Lines and CPU of each test -----------------------------------------------------------
+def plain(test: str) -> str:
+    """A test without the group that pytest-xdist adds to its name."""
+    name, at, group = test.rpartition("@")
+    return name if at and (group.endswith(".py") or group in ("jack", "browser")) else test
+
+
 class Mapped:
     """A plugin that notes for each test that passes its lines and the CPU it took."""
 
@@ -237,7 +245,7 @@ class Mapped:
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_protocol(self, item: Any) -> Any:
-        self.lines.switch_context(item.nodeid.partition("@")[0])
+        self.lines.switch_context(plain(item.nodeid))
         began = spent()
         result = yield
         if item.nodeid not in self.failed:
@@ -272,7 +280,7 @@ def mapped() -> tuple[dict[str, dict[int, list[int]]], list[str], list[float]]:
     from coverage import CoverageData
 
     seconds = {
-        test.partition("@")[0]: s
+        plain(test): s
         for path in sorted(KEPT.glob("*.json"))
         if path.with_suffix(".lines").exists()
         for test, s in json.loads(path.read_text())
@@ -317,6 +325,14 @@ class Chosen:
         found = {k for line in at for k in of_file.get(line, ())}
         if not found:  # a line that runs at import alone: whoever runs any line of its file
             found = {k for tests in of_file.values() for k in tests}
+        if not found:  # code that is compiled by numba: whoever runs a file that imports it
+            found = {
+                k
+                for path in PACKAGE.rglob("*.py")
+                if re.search(rf"\b{Path(row['file']).stem}\b", path.read_text())
+                for tests in self.lines.get(path.relative_to(ROOT).as_posix(), {}).values()
+                for k in tests
+            }
         doubtful, chosen, total = Counter[str](), [], 0.0
         order = []
         for k in sorted(found, key=lambda k: (self.seconds[k], k)):
@@ -351,7 +367,7 @@ class First:
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         if report.failed and not self.failed:
-            self.failed.append(report.nodeid.partition("@")[0])
+            self.failed.append(report.nodeid)
             self.why = str(getattr(report.longrepr, "reprcrash", None) or report.longrepr)[-300:]
 
     pytest_collectreport = pytest_runtest_logreport
