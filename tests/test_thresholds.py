@@ -4,7 +4,6 @@ that use nothing of the code under test.
 
 import numpy as np
 import pytest
-from laws import STRESS
 from refusals import refused
 
 import stimlib
@@ -160,30 +159,6 @@ def test_what_is_outside_of_the_ranges_does_not_count_and_is_told():
     assert silence.level == -np.inf and silence.outside == 0 and "not felt" in str(silence)
     slow = sensation_level(0.01 * T, FS, "m")  # a hand that moves
     assert slow.level < -60
-
-
-def test_the_level_of_a_constant_squeeze_is_the_integral_over_its_spectrum():
-    """Force noise of the density (A k tau^2 v 2 pi)^2 f/pi on 0.1 kg, over the squared
-    acceleration at the threshold, in closed form from 40 to 250 and on to 320 Hz.
-    """
-    density = (3.4 * 2000.0 / 8000**2 * 0.1 * 2 * np.pi) ** 2 / np.pi / 0.1**2
-    threshold = (1e-7 * (2 * np.pi * 250) ** 2) ** 2 / 2
-    band = (250**2 - 40**2) / 2 + 250**2 / 2 * (1 - (250 / 320) ** 2)
-    wanted = 10 * np.log10(density * band / threshold)
-    assert wanted == pytest.approx(-7.0, abs=0.1)
-    # 10 mN rms from 20 to 1000 Hz, of docs/howto/sweep.rst
-    share = 0.01**2 * 2 / (1000**2 - 20**2) * band / threshold
-    levels = [10 * np.log10(share / mass**2) for mass in (0.1, 0.017)]
-    assert levels == pytest.approx([-15.5, 0], abs=0.2)
-    motion = {"x1": 0.1 * np.arange(3200) / FS}
-    found = [
-        stimlib.render(squeeze(fingers=1), motion, FS, seed=seed).felt()
-        for seed in range(12 if STRESS else 6)
-    ]
-    mean = 10 * np.log10(np.mean([10 ** (f.pacinian / 10) for f in found]))
-    ends = 10 * np.log10(1 - np.exp(-0.4 / 0.2))  # the largest sum over time is above the mean
-    assert wanted + ends < mean < wanted + ends + 1.5
-    assert all(f.outside > 0.8 for f in found)
 
 
 # Scenes and reports -------------------------------------------------------------------

@@ -698,15 +698,6 @@ def test_what_the_experimenter_sees_is_blinded(tmp_path):
     assert blinded(session.seed, "secret") in told["conditions"]
 
 
-def test_columns_have_the_trials_that_count(tmp_path):
-    pairs = ((TASK, 4.0), (TASK, 1.0))
-    parts = {"learn": ConstantStimuli(pairs, training=True), "test": ConstantStimuli(pairs, 2)}
-    simulate(tmp_path, experiment(design=Sequential(parts)), pilot=True)
-    found = sessions("pair", tmp_path, pilot=True)
-    assert columns(found)["number"] == [3, 4, 5, 6] and not any(columns(found)["training"])
-    assert columns(found, training=True)["training"] == 2 * [True] + 4 * [False]
-
-
 @pytest.mark.parametrize("sink", ["offline", "file", partial(NullSink, clocked=False), "null"])
 def test_times_of_a_sink_without_a_clock_are_unknown(tmp_path, sink):
     """Trial 1 would end at 1.7 s and trial 2 begin at 0.7 s, because nobody waits."""
@@ -795,14 +786,3 @@ def test_a_rest_is_counted_from_the_last_answer_also_after_a_resume(tmp_path):
         for passed, left in ((40, 20), (70, 0), (-30, 60)):
             object.__setattr__(record, "ended", (now - timedelta(seconds=passed)).isoformat())
             assert session.rest(session.due()) == pytest.approx(left, abs=2)
-
-
-def test_a_design_may_depend_on_the_participant(tmp_path):
-    def of(participant, session):
-        return ConstantStimuli(((TASK, float(participant[1:]) + session),))
-
-    made = experiment(design=of)
-    for code, number, level in (("P01", 1, 2.0), ("P02", 1, 3.0), ("P02", 2, 4.0)):
-        with Session(made, tmp_path, code, number) as session:
-            assert session.due().level == level
-    assert len(sessions("pair", tmp_path)) == 3
