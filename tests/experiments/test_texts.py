@@ -181,11 +181,6 @@ def test_a_resumed_session_says_where_it_goes_on_and_repeats_nothing(tmp_path):
 
 
 # Right answers ------------------------------------------------------------------------
-def two(standard, comparison, **other):
-    made = TwoInterval("c", "softer", Stimulus("spring", standard), comparison, "k", **other)
-    return {level: made.trial(level, 1, 0) for level in (1.0, 2.0, 3.0)}
-
-
 @pytest.mark.parametrize(
     ("standard", "comparison", "more", "right"),
     [
