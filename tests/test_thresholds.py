@@ -4,7 +4,6 @@ that use nothing of the code under test.
 
 import numpy as np
 import pytest
-from laws import STRESS
 from refusals import refused
 
 import stimlib
@@ -162,30 +161,6 @@ def test_what_is_outside_of_the_ranges_does_not_count_and_is_told():
     assert slow.level < -60
 
 
-def test_the_level_of_a_constant_squeeze_is_the_integral_over_its_spectrum():
-    """Force noise of the density (A k tau^2 v 2 pi)^2 f/pi on 0.1 kg, over the squared
-    acceleration at the threshold, in closed form from 40 to 250 and on to 320 Hz.
-    """
-    density = (3.4 * 2000.0 / 8000**2 * 0.1 * 2 * np.pi) ** 2 / np.pi / 0.1**2
-    threshold = (1e-7 * (2 * np.pi * 250) ** 2) ** 2 / 2
-    band = (250**2 - 40**2) / 2 + 250**2 / 2 * (1 - (250 / 320) ** 2)
-    wanted = 10 * np.log10(density * band / threshold)
-    assert wanted == pytest.approx(-7.0, abs=0.1)
-    # 10 mN rms from 20 to 1000 Hz, of docs/howto/sweep.rst
-    share = 0.01**2 * 2 / (1000**2 - 20**2) * band / threshold
-    levels = [10 * np.log10(share / mass**2) for mass in (0.1, 0.017)]
-    assert levels == pytest.approx([-15.5, 0], abs=0.2)
-    motion = {"x1": 0.1 * np.arange(3200) / FS}
-    found = [
-        stimlib.render(squeeze(fingers=1), motion, FS, seed=seed).felt()
-        for seed in range(12 if STRESS else 6)
-    ]
-    mean = 10 * np.log10(np.mean([10 ** (f.pacinian / 10) for f in found]))
-    ends = 10 * np.log10(1 - np.exp(-0.4 / 0.2))  # the largest sum over time is above the mean
-    assert wanted + ends < mean < wanted + ends + 1.5
-    assert all(f.outside > 0.8 for f in found)
-
-
 # Scenes and reports -------------------------------------------------------------------
 def test_the_default_squeeze_is_not_felt_and_what_makes_it_felt():
     """The figures of the docstring, and of docs/reference/felt.rst."""
@@ -202,16 +177,13 @@ def test_the_default_squeeze_is_not_felt_and_what_makes_it_felt():
 def test_the_report_says_what_is_felt_and_what_rounding_costs(tmp_path):
     scene, motion = squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
     y = stimlib.render(scene, motion, FS, 1.0)
-    lines = [n for n in stimlib.verify(scene, motion, y).evidence.numbers if "dB SL" in n]
-    assert [n.split(":")[0] for n in lines] == ["force1", "force2"]
-    assert str(y.felt()) in lines[0] and "mass 0.1, area 0.00029" in lines[0]
     y.save(tmp_path / "a.wav", full_scale=50.0, subtype="PCM_16")
-    report = stimlib.verify(tmp_path / "a.wav")
-    line = next(n for n in report.evidence.numbers if n.startswith("force1: Pacinian"))
-    cost = float(line.partition("PCM_16 changes it by ")[2].split()[0])
+    numbers = stimlib.verify(tmp_path / "a.wav").evidence.numbers
+    one, two = (n for n in numbers if ": Pacinian" in n)
+    assert (one[:7], two[:7]) == ("force1:", "force2:")
+    assert "mass 0.1, area 0.00029" in one
+    cost = float(one.partition("PCM_16 changes it by ")[2].split()[0])
     assert cost == pytest.approx(-38, abs=1)
-    report.to_html(tmp_path / "a.html")
-    assert "PCM_16 changes it by" in (tmp_path / "a.html").read_text()
 
 
 def test_of_a_combined_scene_each_output_has_its_device():

@@ -67,7 +67,7 @@ def test_every_trial_is_a_row(signals):
     )
     for name, kind in (("number", int), ("level", float), ("softer", str)):
         assert [kind(v) for v in column[name]] == table[name]
-    assert set(column["chance"]) == {"n/a"}
+    assert set(column["chance"]) == {"n/a"} and columns([saved])["number"] == [3, 4, 5]
     assert column["training"] == ("true",) * 2 + ("false",) * 3
     told = json.loads(place.with_suffix(".json").read_text())
     assert set(head) <= set(told) and told["softer"]["Description"].startswith("Which one")

@@ -5,7 +5,6 @@ that are plain data.
 import dataclasses as dc
 import json
 import math
-from collections import Counter
 from functools import partial
 from itertools import pairwise
 
@@ -222,19 +221,6 @@ def shown(design, seed=3):
     return [t for t, _ in observed(design, seed, lambda t, r: Answer({"q": 1}), stream(1))]
 
 
-def test_listed_trials_come_each_as_often_as_asked():
-    items = tuple((Rate(f"{i}", ("q",), Stimulus("bumps")), None) for i in range(8))
-    names, each, other = (
-        [t.condition for t in shown(ConstantStimuli(items, 3, how), seed)]
-        for how, seed in (("all", 3), ("each", 3), ("each", 4))
-    )
-    assert [sorted(each[i : i + 8]) for i in (0, 8, 16)] == 3 * [[str(i) for i in range(8)]]
-    assert each[:8] != each[8:16] != names[8:16] and other != each, "another participant"
-    assert Counter(names) == {str(i): 3 for i in range(8)} and names[:8] != sorted(names[:8])
-    listed = [t.condition for t in shown(ConstantStimuli(items, 2, "none"))]
-    assert listed == 2 * [str(i) for i in range(8)]
-
-
 def test_parts_rest_between_and_nowhere_else():
     items = ((Rate("a", ("q",), Stimulus("bumps")), None),)
     part = ConstantStimuli(items, repeats=2, training=True)
@@ -350,10 +336,6 @@ def test_streams_are_their_words():
     assert stream(1, "a").random() == 0.24298954765102643
     assert seed_of(1, "x") == 2552818200496343
     assert sorted(shuffled(1, "x", ["a", "b", "c"])) == ["a", "b", "c"]
-
-
-def test_turns_go_by_the_number_of_the_participant():
-    assert [turn_of(f"P{i}", 3) for i in (1, 2, 3, 4)] == [0, 1, 2, 0] and turn_of("G2-P03", 4) == 2
 
 
 @pytest.mark.parametrize(

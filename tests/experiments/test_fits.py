@@ -13,7 +13,7 @@ from laws import STRESS
 from refusals import refused
 from scipy.optimize import minimize
 from scipy.special import ndtr, xlogy
-from scipy.stats import chi2, f, gumbel_l, kstest, weibull_min
+from scipy.stats import chi2, f
 from statsmodels.genmod.families import Binomial, links
 from statsmodels.genmod.generalized_linear_model import GLM
 
@@ -39,7 +39,6 @@ from stimlib.experiments.likelihood import (
     Model,
     Sets,
     curve,
-    ends,
     maximum,
     probability,
 )
@@ -90,47 +89,8 @@ def test_a_profile_interval_is_where_a_held_parameter_costs_so_much(dispersion):
     assert fit.pse_interval[0] < fit.pse < fit.pse_interval[1]
     assert fit.sigma_interval[0] < fit.sigma < fit.sigma_interval[1]
     assert fit(np.array([fit.pse, 1e9])) == pytest.approx([0.74, 0.98])
-
-
-def test_ends_are_found_where_a_function_is_bent_and_infinite_where_there_is_none():
-    assert ends(lambda x, rows: x**8 - 0.5, np.zeros(1), 1.0) == pytest.approx(
-        0.5 ** (1 / 8), abs=1e-6
-    )
-    assert list(ends(lambda x, rows: 0 * x - 1, np.zeros(2), np.array([1.0, -1.0]))) == [
-        np.inf,
-        -np.inf,
-    ]
-    asked = []
-
-    def line(x, rows):  # the second is nowhere above 0
-        asked.extend(rows.tolist())
-        return np.where(rows == 0, x - 0.5, -1.0)
-
-    assert ends(line, np.zeros(2), 1.0).tolist() == [0.5, np.inf]
-    assert (asked.count(0), asked.count(1)) == (
-        3,
-        2 + 14,
-    ), "only what is still looked for is computed"
-
-
-@pytest.mark.parametrize("guess", [None, 0.5])
-def test_the_likelihood_neither_rises_nor_falls_with_the_rate_of_lapses_that_is_found(guess):
-    """Of 48 people; the search alone ended on a grid of rates, up to 0.003 below the
-    maximum.
-    """
-    low = 0.04 if guess is None else guess
-    p = low + (0.96 - low) * ndtr((LEVELS - 2.0) / 0.5)
-    yes = dict(enumerate(np.random.default_rng(3).binomial(40, p, (48, 6))))
-    sets = {k: (LEVELS, v, 2 * ASKED) for k, v in yes.items()}
-    fits = psychometrics(sets, lapse="free", guess=guess, interval="none")
-    inside = [k for k, fit in fits.items() if 0 < fit.lapse < 0.1 and not fit.problems]
-    for k in inside:
-        F, q = ndtr((LEVELS - fits[k].pse) / fits[k].sigma), fits[k](LEVELS)
-        gain = np.sum((yes[k] / q - (40 - yes[k]) / (1 - q)) * (1 - 2 * F if guess is None else -F))
-        # the slope of the log-likelihood over the rate; hundreds within a step of the
-        # grid
-        assert abs(gain) < 1e-5
-    assert len(inside) >= 20
+    few = [chi2.ppf(0.95, 1), 2 * f.ppf(0.95, 1, 1), 2 * f.ppf(0.95, 1, 2)]
+    assert allowed([2.0, 2.0, 2.0], [0, 1, 2]) == pytest.approx(few)
 
 
 def test_many_at_once_have_the_bits_that_each_has_alone(monkeypatch):
@@ -173,25 +133,6 @@ def test_differences_and_scales():
 
 
 # Against the truth --------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("link", LINKS)
-def test_where_there_is_one_peak_steps_are_newtons(link, monkeypatch):
-    """The error of each is the square of the one before, and few are needed."""
-    asked, score = [], likelihood._score
-
-    def counted(at, *given):
-        asked.append(len(at))
-        return score(at, *given)
-
-    monkeypatch.setattr(likelihood, "_score", counted)
-    people = np.random.default_rng(1).binomial(ASKED, ndtr(LEVELS - 2.2), (50, 6))
-    found = maximum(Sets(LEVELS, people, ASKED), 2.2, Model(link))
-    assert len(asked) <= 10 and np.isfinite(found.loglik).all()
-    # a slope is held that makes the answer at 1785 impossible; the others are certain
-    x, n = np.array([0.01, 1.5, 378.0, 1785.0]), np.array([40, 2, 1, 2])
-    steep = maximum(Sets(x, 0 * n, n), 88.0, b=0.03)
-    assert steep.loglik == pytest.approx(2 * np.log(1e-15))
 
 
 @pytest.mark.parametrize(
@@ -246,14 +187,6 @@ def test_intervals_hold_the_truth_of_people_who_drift(nu, low, high, binomial):
 
 
 def test_dispersion_is_that_of_the_answers():
-    """Variance n p q (1 + (n - 1)/(nu + 1)) of a beta-binomial count.
-
-    It comes out up to a tenth lower where levels with few of one answer scatter most.
-    """
-    for nu, off in ((15, 0.12), (50, 0.08), (np.inf, 0.02)):
-        sets, c = drifting(nu, 4000, levels=9, asked=40), np.full(4000, 2.0)
-        mean = np.mean(dispersion(sets, c, PROBIT, maximum(sets, c)))
-        assert mean == pytest.approx(1 + 39 / (nu + 1), rel=off)
     rng, at = np.random.default_rng(5), np.linspace(0, 4, 40)  # one answer a level
     single = Sets(at, (rng.random(40) < ndtr(at - 2)).astype(float), np.ones(40))
     found = maximum(single, 2.0)
@@ -267,7 +200,7 @@ def test_dispersion_is_that_of_the_answers():
 
 
 def test_goodness_of_fit_is_that_of_refitted_draws():
-    """It is p with every draw fitted anew, and uniform if the curve is true."""
+    """It is p with every draw fitted anew."""
     one = Sets(*(v[0] for v in drifting(15, 1)))
     found = maximum(one, 2.0)
     p = probability(found.a + found.b * (one.x - 2), "probit")[0]
@@ -279,14 +212,6 @@ def test_goodness_of_fit_is_that_of_refitted_draws():
     refitted = deviance(drawn, maximum(one._replace(yes=drawn), 2.0).loglik)
     larger = np.mean(refitted >= deviance(one.yes, found.loglik))
     assert goodness(one, 2.0, PROBIT, found) == pytest.approx(larger, abs=0.02)
-    people = 400 if STRESS else 40
-    steady = drifting(np.inf, people)
-    best = zip(*maximum(steady, np.full(people, 2.0)), strict=True)
-    each = [
-        goodness(Sets(*yes), 2.0, PROBIT, Found(*of))
-        for yes, of in zip(zip(*steady, strict=True), best, strict=True)
-    ]
-    assert kstest(each, "uniform").pvalue > 0.01
 
 
 @pytest.mark.parametrize("interval", ["profile", "bootstrap"])
@@ -311,22 +236,6 @@ def test_answers_that_scatter_are_named_and_their_intervals_are_wider(interval):
 
 
 # Links and rates ----------------------------------------------------------------------
-def test_weibull_and_gumbel_are_what_they_are_called():
-    """Scipy's distributions, and one curve over levels and over their logarithms."""
-    yes, how = [12, 11, 15, 18, 20, 20], {"guess": 0.5, "lapse": 0.01}
-    fit = psychometric(LEVELS, yes, ASKED, link="weibull", **how)
-    assert (fit.link, fit.log) == ("weibull", True) and fit(fit.pse) == pytest.approx(0.745)
-    scale = float(fit.level(0.5 + 0.49 * (1 - np.exp(-1))))
-    at = weibull_min(1 / (fit.sigma * np.log(10)), scale=scale)
-    assert fit(LEVELS) == pytest.approx(0.5 + 0.49 * at.cdf(LEVELS), rel=1e-12)
-    other = psychometric(LEVELS, yes, ASKED, link="gumbel", log=True, **how)
-    assert (other.pse, other.pse_interval) == (fit.pse, fit.pse_interval)
-    plain = psychometric(LEVELS, YES, ASKED, link="gumbel")
-    at = gumbel_l(plain.pse - plain.sigma * np.log(np.log(2)), plain.sigma)
-    assert plain(LEVELS) == pytest.approx(at.cdf(LEVELS), rel=1e-12)
-    assert plain.jnd == pytest.approx(at.ppf(0.75) - at.ppf(0.5))
-
-
 # threshold, and width from 5 to 95 % of the curve, of psignifit 4.3 with flat priors
 PSIGNIFIT = {
     "probit": (2.401870752563032, 1.1853488130537215),
@@ -353,9 +262,12 @@ def test_a_link_is_a_distribution(link):
     assert np.isfinite([f(np.array([-1e3, 1e3])) for f in (of.F, of.density, of.upper)]).all()
     yes, asked = [11, 13, 16, 25, 29, 30], [30] * 6
     fit = psychometric(LEVELS, yes, asked, link=link, guess=0.5, interval="none")
+    jnd = fit.pse * (1 + fit.jnd) if fit.log else fit.pse + fit.jnd
+    assert fit.log == (link == "weibull") and fit(jnd) == pytest.approx(0.875)
     at = fit.level(0.5 + 0.5 * np.array([0.05, 0.5, 0.95]))
     low, middle, high = np.log10(at) if link == "weibull" else at
     assert (middle, high - low) == pytest.approx(PSIGNIFIT[link], rel=1e-4)
+    assert np.isnan(fit.level([0.0, 0.5, 1.0])).all()
 
 
 @pytest.mark.parametrize(
@@ -436,9 +348,6 @@ def test_a_likelihood_ratio_is_chi_squared_or_f():
         scatter = max(1, (each[0].dispersion + each[1].dispersion) / 2)
         p = chi2.sf(gain, 2) if yes is ONE else f.sf(gain / 2 / scatter, 2, 8)
         assert found.p == pytest.approx(p) and (scatter > 1) == (yes is ROUGH)
-    uneven = [each[0], dc.replace(each[1], levels=12, dispersion=5.0)]  # 4 and 10 of freedom
-    scatter = (4 * each[0].dispersion + 10 * 5.0) / 14
-    assert likelihood_ratio([both], uneven).p == pytest.approx(f.sf(gain / 2 / scatter, 2, 14))
 
 
 @pytest.mark.parametrize("log", [False, True])
@@ -578,23 +487,6 @@ def test_a_table_of_answers_is_taken_whole():
     mixed = rows | {"chance": [0.5] * 3 + [None] * 3}
     refused(BadValue, "chance levels .*by itself", psychometric, mixed)
     refused(UnknownName, "no column 'outcome'", psychometric, {"level": [1, 2]})
-
-
-def test_an_interval_takes_the_dispersion_that_is_given():
-    wide, narrow = (psychometric(LEVELS, YES, ASKED, dispersion=v) for v in (1.0, 0.25))
-    for name in ("pse_interval", "sigma_interval"):
-        (low, high), (inner_low, inner_high) = getattr(wide, name), getattr(narrow, name)
-        assert low < inner_low < inner_high < high
-        assert (inner_high - inner_low) / (high - low) == pytest.approx(0.5, abs=0.06)
-    wanted = [chi2.ppf(0.95, 1), 2 * f.ppf(0.95, 1, 1), 2 * f.ppf(0.95, 1, 2)]
-    assert allowed([2.0, 2.0, 2.0], [0, 1, 2]) == pytest.approx(wanted)
-
-
-def test_a_level_is_where_the_curve_has_a_probability():
-    fit = psychometric([1.0, 2.0, 3.0, 4.0], [11, 14, 19, 20], [20] * 4, guess=0.5, lapse=0.01)
-    p = np.array([0.51, 0.75, 0.98])
-    assert fit(fit.level(p)) == pytest.approx(p)
-    assert np.isnan(fit.level([0.0, 0.5, 0.99, 1.0])).all()
 
 
 @pytest.mark.parametrize("number", [np.float32, np.float64, Fraction])

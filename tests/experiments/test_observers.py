@@ -27,7 +27,6 @@ from stimlib.experiments import (
     Trial,
     TwoInterval,
     distances,
-    paired,
     power,
     simulate,
     stream,
@@ -135,35 +134,6 @@ def test_a_participant_more_changes_no_other():
 
 
 FELT = Psychometric(2.34, 0.3)
-
-
-def test_power_bias_and_length():
-    """By the mean of each staircase's last levels: a PSE of 2.6 is told from 2, and 2
-    seldom.
-    """
-
-    def analyse(columns):
-        level, who = np.array(columns["level"]), np.array(columns["participant"])
-        means = [level[who == p][-8:].mean() for p in dict.fromkeys(columns["participant"])]
-        return float(np.mean(means)), paired(means, np.full(len(means), 2.0)).p
-
-    found, nothing = (
-        power(
-            experiment(),
-            lambda rng, pse=pse: Psychometric(pse, 0.2),
-            analyse,
-            3,
-            truth=pse,
-            experiments=8 if STRESS else 4,
-            progress=False,
-        )
-        for pse in (2.6, 2.0)
-    )
-    assert found.found > 0.7 > 0.4 > nothing.found
-    assert found.interval[0] < found.found <= found.interval[1]
-    assert abs(found.bias) < 0.15 and found.bias == pytest.approx(found.estimate - 2.6)
-    assert found.failed == 0 and found.spread < 0.3
-    assert 16 < found.trials[0] <= found.trials[1] < 200
 
 
 def test_power_counts_all_experiments_and_everybody_is_somebody_else():

@@ -11,8 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stimlib.experiments.fits import psychometrics
-
 ROOT = Path(__file__).parents[2]
 
 
@@ -35,27 +33,6 @@ def test_the_truth_is_the_curve_averaged_over_the_session(bench):
     drawn = middle + wide * np.log(2)  # where the average curve is at 75 %
     F = 1 - 2.0 ** -np.exp(drawn - 0.5 * np.random.default_rng(1).normal(size=200_000))
     assert F.mean() == pytest.approx(0.75, abs=2e-3)
-
-
-@pytest.mark.parametrize("task", ["COMPARISON", "DETECTION"])
-def test_a_truth_inside_is_one_between_the_ends_of_the_interval(bench, task):
-    of, kind = getattr(bench, task), bench.KINDS["scattering, nu = 15"]
-    tracks = list(bench.DESIGNS[of].values())[1]()
-    data = {
-        k: bench.session(tracks, bench.person(of, kind, np.random.default_rng(k)), k)
-        for k in range(4)
-    }
-    model = bench.Model(of.link, of.guess)
-    fits = psychometrics(data, log=True, **model._asdict()).values()
-    good = [fit for fit in fits if math.isfinite(fit.pse)]
-    seen = bench.inside(good, model, 0.02, of.sigma)
-    ends = [
-        (fit.pse_interval[0] < 10**0.02 < fit.pse_interval[1], low < of.sigma < high)
-        for fit in good
-        for low, high in [fit.sigma_interval]
-    ]
-    assert np.transpose(seen).tolist() == [list(v) for v in ends]
-    assert 0 < np.sum(seen[0]) < len(good) or 0 < np.sum(seen[1]) < len(good)
 
 
 @pytest.mark.stress

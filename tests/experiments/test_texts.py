@@ -16,7 +16,6 @@ import stimlib.experiments.texts
 from stimlib.cli import terminal
 from stimlib.errors import BadValue
 from stimlib.experiments import (
-    OneInterval,
     Quest,
     Rate,
     Session,
@@ -102,21 +101,24 @@ def test_texts_that_are_not_whole_are_refused(tmp_path, changed, why):
 def test_a_german_session_in_a_terminal(tmp_path, monkeypatch, capsys):
     rated = rating("rough", "Wie rau?", "glatt", "rau", 11)
     task = Rate("c", ("rough",), Stimulus("spring"), {"rough": 7})
+    free = Rate("d", ("rough",), Stimulus("spring"))  # nothing is right of it
     made = experiment(
-        design=ConstantStimuli(((task, None),), training=True),
+        design=ConstantStimuli(((task, None), (free, None)), shuffle="none", training=True),
         questions=(rated,),
         feedback=True,
         language="de",
     )
-    monkeypatch.setattr(terminal.sys, "stdin", StringIO("\n12\n7\n"))
+    monkeypatch.setattr(terminal.sys, "stdin", StringIO("\n12\n7\n\n8\n"))
     with Session(made, tmp_path, "P01") as session, terminal.terminal(made.texts) as face:
         run(session, face, lambda trial, folder: {})
     assert capsys.readouterr().out.splitlines() == [
-        "Durchgang 1 von 1, zur Übung: beliebige Taste = Weiter",
+        "Durchgang 1 von 2, zur Übung: beliebige Taste = Weiter",
         "Wie rau? 1 = glatt, 11 = rau",
         "Bitte geben Sie eine ganze Zahl von 1 bis 11 an.",
         "Wie rau? 1 = glatt, 11 = rau",
         "Richtig",
+        "Durchgang 2 von 2, zur Übung: beliebige Taste = Weiter",
+        "Wie rau? 1 = glatt, 11 = rau",
         "Das war der letzte Durchgang. Vielen Dank.",
     ]
 
@@ -179,11 +181,6 @@ def test_a_resumed_session_says_where_it_goes_on_and_repeats_nothing(tmp_path):
 
 
 # Right answers ------------------------------------------------------------------------
-def two(standard, comparison, **other):
-    made = TwoInterval("c", "softer", Stimulus("spring", standard), comparison, "k", **other)
-    return {level: made.trial(level, 1, 0) for level in (1.0, 2.0, 3.0)}
-
-
 @pytest.mark.parametrize(
     ("standard", "comparison", "more", "right"),
     [
@@ -244,23 +241,3 @@ def test_feedback_without_a_right_answer_is_refused_at_once(tmp_path, task):
         refused(BadValue, "but no trial", experiment, design=design, **more)
         later = experiment(design=lambda who, session, of=design: of, **more)
         refused(BadValue, "but no trial", Session, later, tmp_path, "P01")
-
-
-def test_feedback_is_told_after_every_trial_that_has_a_right_answer(tmp_path):
-    """It is right where every answer of the trial is."""
-    two = TwoInterval("c", "softer", Stimulus("spring", {"k": 2.0}), Stimulus("spring"), "k")
-    named = {"first": Stimulus("spring"), "second": Stimulus("spring", {"k": 3.0})}
-    right = {"softer": "first", "rough": 6}
-    both = Rate("f", tuple(right), Stimulus("spring"), right)
-    items = [(two, 3.0), (two, 2.0), (Rate("d", ("softer",), Stimulus("spring")), None)]
-    items += [(OneInterval("e", "softer", named), "second"), (both, None)]
-    design = ConstantStimuli(tuple(items), shuffle="none")
-    asked = rating("rough", "How rough?", "smooth", "coarse")
-    made = experiment(design=design, questions=(QUESTION, asked), feedback=True)
-    for code, rough, last in (("P01", 5, "Wrong"), ("P02", 6, "Right")):
-        face = Scripted("first", "first", "first", "first", "first", rough)
-        with Session(made, tmp_path, code) as session:
-            run(session, face, lambda trial, folder: {})
-        told = [text for text in face.noted if text in ("Right", "Wrong")]
-        first = session.records[0].trial.correct["softer"] == "first"
-        assert told == ["Right" if first else "Wrong", "Wrong", last]
