@@ -22,7 +22,7 @@ from commands import ran, refuses
 from devices.servers import Jackd, needs_jack
 
 import stimlib
-from stimlib import cli, demo, errors
+from stimlib import demo
 from stimlib.analysis.listening import vibration
 from stimlib.cli import app
 from stimlib.cli.scene import _ours, scene_of
@@ -180,15 +180,6 @@ def test_every_command_has_help_and_refuses_options_and_files_that_are_not_there
     assert {p.name for p in here.iterdir()} == THERE
 
 
-def test_every_command_ends_so():
-    """``command`` alone makes commands, and runs each within ``friendly``."""
-    texts = {p.name: p.read_text() for p in Path(cli.__file__).parent.glob("*.py")}
-    made = {name: text.count(".command(") for name, text in texts.items() if ".command(" in text}
-    assert made == {"app.py": 1}
-    assert "of.command(name)(sharing(friendly(options)(function), shared))" in texts["app.py"]
-    assert len(COMMANDS) == sum(text.count("\n@command(") for text in texts.values())
-
-
 @pytest.mark.parametrize(
     "words", ["render own.py:odd --out a.wav --motion minimum_jerk()", "show own.py:odd"]
 )
@@ -227,6 +218,7 @@ ALL = f"{LISTED}, ready"
         ("show sqeeze", "no scene 'sqeeze': use one of bump_grid"),
         ("show squeeze(fingers='a')", "squeeze: fingers = 'a' must be a whole number"),
         ("show squeeze(fingers=None)", "a whole number"),
+        (f"show squeeze(fingers='{200 * 'y'}')", f"fingers = '{76 * 'y'}... must be"),
         ("show squeeze(fingers=10000000)", "limits.scene_blocks"),
         ("show squeeze(k=1e999)", "not finite"),
         ("show squeeze(contact=1)", "True or False"),
@@ -344,20 +336,11 @@ def test_a_mistake_gets_one_line_and_leaves_nothing(here, log, words, says):
     assert sys.modules["numpy"] is np
 
 
-def test_a_long_error_keeps_its_beginning_and_its_remedy():
-    whole = "x" * errors.LONGEST
-    assert str(errors.BadValue(whole)) == whole
-    said = str(errors.BadValue(f"begin{whole}remedy"))
-    assert said.startswith("begin") and said.endswith("remedy") and len(said) < len(whole)
-    assert errors.shortened("y" * 200) == f"'{'y' * 76}..."
-
-
 @pytest.mark.filterwarnings("ignore:touch_screen. at the top of a bump")
 @pytest.mark.parametrize("make", stimlib.scenes.SHIPPED.values())
 def test_any_argument_of_a_shipped_scene_is_a_scene_or_an_error_of_ours(make):
     odd = [
-        *(None, True, "a", "", -1, 0, 0.5, 1e308, 10**400, [1], [], [[1]], {}, {"a": 1}),
-        *(b"x", 1j, (1, 2), 2**70, np.nan, object()),
+        *(None, True, "a", -1, 0, 1e308, 10**400, [], [[1]], {"a": 1}, 1j, np.nan),
     ]
     for name in inspect.signature(make).parameters:
         for value in odd:
@@ -368,9 +351,9 @@ def test_any_argument_of_a_shipped_scene_is_a_scene_or_an_error_of_ours(make):
 
 
 # Starts, streams and signals ----------------------------------------------------------
-@pytest.mark.parametrize("words", ["show squeeze", "list --json", "list"])
+@pytest.mark.parametrize("words", ["show squeeze", "list"])
 def test_a_reader_that_goes_away_is_no_defect(words):
-    """At once, at the end, and in the middle of a table."""
+    """At once, and in the middle of a table."""
     whole = [sys.executable, "-m", "stimlib", *words.split()]
     with subprocess.Popen(whole, stdout=-1, stderr=-1, text=True) as job:
         job.stdout.close()
@@ -438,7 +421,12 @@ def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("what", "wanted"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+    ("what", "wanted"),
+    [
+        (signal.SIGINT, 130),
+        pytest.param(signal.SIGTERM, 143, marks=pytest.mark.stress),
+        (signal.SIGHUP, 129),
+    ],
 )
 def test_play_fades_out_when_it_is_told_to_end(tmp_path, what, wanted):
     log = tmp_path / "a.stimlog"
@@ -483,14 +471,12 @@ def test_render_writes_and_draws_what_the_library_renders(tmp_path):
     assert drawn.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("source", ["own.py:soft", "own.py:ready", "saved.json"])
+@pytest.mark.parametrize("source", ["own.py:ready", "saved.json"])
 def test_scene_from_own_code_and_from_a_file(here, source):
     scene_of("own.py:soft").save("saved.json")
     words = f"render {source} --motion constant_speed(0.1,0.02) --seconds 0.1 --quiet"
-    ran(f"{words} --out a.wav")
-    assert file.read("a.wav")[0].max() == pytest.approx(500 * 0.1 * 0.1, rel=0.01)
-    ran(f"{words} --out b.wav --set k=2")
-    assert file.read("b.wav")[0].max() == pytest.approx(2 * 0.1 * 0.1, rel=0.01)
+    ran(f"{words} --out a.wav --set k=2")
+    assert file.read("a.wav")[0].max() == pytest.approx(2 * 0.1 * 0.1, rel=0.01)
 
 
 def test_show_prints_the_plan_draws_and_saves(tmp_path):
@@ -659,10 +645,8 @@ def test_a_tablet_in_milliseconds_and_equal_times(here):
     ran(f"{words} {how}")
     y, sidecar = file.read("a.wav")
     assert y[0, [0, 64, 96]] == pytest.approx([0.5, 0.75, 1.0], rel=1e-9)
-    told = sidecar["motion"]["x"]
-    for word in ("time='t_ms*1e-3'", "repeats='spread'", "max_gap=0.1", "reports='on_change'"):
-        assert word in told
-    assert "max_gap=0.1" in told and "max_speed=2.0" in told
+    words = "time='t_ms*1e-3' repeats='spread' max_gap=0.1 max_speed=2.0 reports='on_change'"
+    assert all(word in sidecar["motion"]["x"] for word in words.split())
 
 
 # Sessions -----------------------------------------------------------------------------
