@@ -195,10 +195,13 @@ def command_line():
     ran("play b.wav --full-scale 50 --fast --log b.stimlog")
     ran("replay b.stimlog --out c.wav")
     ran("experiment status harder.py:harder --data data")
-    ran("sweep spring.py:spring --axis k=1:2:2 --motion minimum_jerk() --seconds 0.1 --workers 1")
-    start = [sys.executable, "-m", "stimlib", "devices"]
-    done = subprocess.run(start, capture_output=True, timeout=300)
-    assert done.returncode == 0, (done.stdout[-400:], done.stderr[-1500:])
+    for words in (
+        "devices",
+        "sweep spring.py:spring --axis k=1:2:2 --motion minimum_jerk() --seconds 0.1 --workers 1",
+    ):
+        start = [sys.executable, "-m", "stimlib", *words.split()]
+        done = subprocess.run(start, capture_output=True, timeout=300)
+        assert done.returncode == 0, (words, done.stdout[-400:], done.stderr[-1500:])
 
 
 STEPS = (
