@@ -33,17 +33,6 @@ def test_a_program_draws_and_sounds(program, tmp_path, monkeypatch):
     assert len(lines) <= 21, "longer than a look takes"
 
 
-def test_every_scene_and_family_of_blocks_has_a_program():
-    for room in ("blocks", "scenes"):
-        pages = {p.stem for p in (ROOT / "docs" / "reference" / room).glob("*.rst")} - {"index"}
-        shown = {p.stem.removeprefix("plot_") for p in (GALLERY / room).glob("plot_*.py")}
-        if room == "blocks":  # plot_filters_fir.py is of the page of filters
-            shown = {name.partition("_")[0] for name in shown}
-        missing = [f"examples/gallery/{room}/plot_{name}.py" for name in pages - shown]
-        assert not missing, f"write {', '.join(missing)}: a dozen lines, as those beside it"
-        assert room == "scenes" or shown == pages
-
-
 def test_a_sound_stands_in_the_page_itself(tmp_path, monkeypatch):
     """So that whoever reads it offline hears it; and nothing is left beside the
     program.

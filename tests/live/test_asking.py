@@ -24,7 +24,6 @@ from websockets.exceptions import ConnectionClosed
 
 import stimlib
 from stimlib.cli import terminal
-from stimlib.errors import SinkError
 from stimlib.experiments.answer_keys import Prompt
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Timing
@@ -296,36 +295,6 @@ def test_a_server_that_ends_before_the_session_is_told(tmp_path):
     assert closed.value.rcvd.code == 4400
     assert "the server of the page has ended before the session" in str(running.errors[0])
     assert read(tmp_path / FOLDER).records == []
-
-
-def test_a_session_that_stops_tells_the_page(tmp_path, monkeypatch):
-    def full(*_):
-        raise SinkError("no space")
-
-    monkeypatch.setattr(Session, "put", full)
-    with asked(tmp_path, SHORT) as running, welcome(running.server) as client:
-        client.whole(["", "1"])
-        assert (
-            "The session has stopped. All answers are kept." in client.until(phase="end")["told"][0]
-        )
-        with pytest.raises(ConnectionClosed) as closed:
-            client.next()
-    assert closed.value.rcvd.code == 4410 and str(running.errors[0]) == "no space"
-
-
-def test_a_state_is_told_once():
-    """Also where a page is opened while it is on its way: the answer would be given
-    again, to the next.
-    """
-    face, page_ = ExperimentPage(lambda text: None), Page()
-    face._become("rest", seconds=1.0)
-    face.join(page_)
-    page_.texts.clear()
-    face._spread()
-    assert not page_.texts
-    face._become("wait")
-    face._spread()
-    assert len(page_.texts) == 1
 
 
 def test_a_page_is_closed_when_it_has_taken_the_last_words():

@@ -487,25 +487,6 @@ def test_what_a_module_of_the_page_computes(first, module):
     assert first.js(f"import('./{module}.js').then(m => {script})") == wanted
 
 
-def test_the_camera_and_its_inverse_and_shades(first):
-    out = first.js(
-        """import('./surface.js').then(m => {
-        const c = m.camera(0.12, 0.1, 10, 20, 800, 300), [px, py] = c.to(0.03, 0.07, 0);
-        return [c.from(px, py), c.to(0, 0, 0), c.to(0.12, 0, 0), c.to(0, 0.1, 0),
-                ...[0, 1, -1].map(s => m.shade(s, 0))]; })"""
-    )
-    assert out[0] == pytest.approx([0.03, 0.07], abs=1e-12)
-    (left, low, near), (right, *_), (far_left, top, far) = out[1:4]
-    assert 10 - 1e-9 <= left < far_left and right <= 810 + 1e-9
-    assert (top, low) == pytest.approx((20, 320))
-    away, tilt = 4.563 * np.sqrt(0.12**2 + 0.1**2 + 0.026**2), 0.05 * np.sqrt(0.5)
-    assert far / near == pytest.approx((away - tilt) / (away + tilt))
-    lit = [
-        0.25 + 0.75 * max(0.0, -0.5 * -s + 0.7071) / np.sqrt(s * s + 1) / 0.7071 for s in (0, 1, -1)
-    ]
-    assert out[4:] == pytest.approx([min(1.0, v) for v in lit])
-
-
 def test_a_curve_that_grew_is_the_curve_drawn_at_once(first):
     """Two with dashes and a gap, one that has gone through the window twice, and one
     with fewer samples than pixels.

@@ -130,20 +130,6 @@ def test_a_session_is_driven_heard_and_recorded(server):
     assert np.array_equal(frames_of(log), y)
 
 
-def test_each_session_awaits_its_own_motion(server):
-    with greeted(server) as client:
-        for moves, says in ((1, ""), (0, "page: no motion was received: no pointer moved")):
-            client.say("start")
-            client.until(phase="running")
-            for _ in range(moves):
-                client.ws.send(MOVE)
-            client.hear(5)
-            why = stopped(client)["why"]
-            assert why.startswith(says) and bool(why) == bool(says)
-            last = [m for m in client.texts if m["is"] == "report"][-1]
-            assert last["silent"] in why and bool(last["silent"]) == bool(says)
-
-
 def test_a_server_is_started_once(server, monkeypatch):
     """In a notebook ``with scene.live() as page`` starts one that runs: two loops over
     one stream ended the process.
@@ -209,6 +195,13 @@ def test_a_page_that_disappears_lets_the_stimulus_fade(server, source, k):
 
 
 def test_a_page_that_does_not_answer_is_gone(server, monkeypatch):
+    """Its session awaits a motion of its own."""
+    with greeted(server) as client:
+        client.say("start")
+        client.until(phase="running")
+        client.ws.send(MOVE)
+        client.hear(5)
+        assert not stopped(client)["why"]
     monkeypatch.setattr("stimlib.live.site.SILENT", 0.3)
     with ExitStack() as stack:
         client, _ = named(stack, server, "a")

@@ -130,17 +130,12 @@ def as_windows():
     time.sleep = lambda s: real_sleep(math.ceil(s / TICK) * TICK)
 
     # the console and locks
-    keys = list(os.environ.get("STIMLIB_KEYS", ""))
-    locked = set()
-
     def locking(fd, mode, size):
         if os.lseek(fd, 0, os.SEEK_CUR) < 2**40:
             raise AssertionError("the lock of Windows would keep others from reading")
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
-    sys.modules["msvcrt"] = types.SimpleNamespace(
-        LK_NBLCK=2, locking=locking, kbhit=lambda: False, getwch=lambda: keys.pop(0), locked=locked
-    )
+    sys.modules["msvcrt"] = types.SimpleNamespace(LK_NBLCK=2, locking=locking)
 
     # C: no functions of the process itself, and the clock of the system
     real_library = ctypes.CDLL
