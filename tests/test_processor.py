@@ -154,18 +154,6 @@ def test_more_memory_than_is_allowed_is_an_error_before_it_is_taken(target, bloc
     refused(BadValue, "limits.state_bytes.*STIMLIB_LIMITS", make, {"y": block}, target=target)
 
 
-@pytest.mark.parametrize(("room", "good"), [(0, True), (-1, False)])
-def test_the_memory_of_the_lead_is_counted(monkeypatch, room, good):
-    """A row of it for every input and output; 64 words for each of three blocks, and
-    the guard's own four.
-    """
-    monkeypatch.setattr(stimlib.limits, "state_bytes", 8 * (2 * lead(48000) + 3 * 64 + 4) + room)
-    if good:
-        make({"y": -x}, fs=48000)
-    else:
-        refused(BadValue, "state_bytes", make, {"y": -x}, fs=48000)
-
-
 @both
 def test_seeds_are_keys_of_all_noise(target):
     scene = {"a": blocks.white_noise(1), "b": blocks.pink_noise(1.0, 2, f_low=20.0), "c": x}
@@ -345,12 +333,14 @@ def test_response_of_what_has_none():
 # plan, fault --------------------------------------------------------------------------
 def test_the_plan_tells_what_runs_and_what_does_not():
     noise = blocks.enabled(blocks.pink_noise(1.0, 1, f_low=20.0), by=x > 0.0)
-    proc = make({"y": x * noise + 0.0 * blocks.white_noise(2)}, target="numba")
+    empty = blocks.enabled(0.0 * blocks.white_noise(3), by=x)
+    proc = make({"y": x * noise + 0.0 * blocks.white_noise(2) + empty}, target="numba")
     text = str(proc.plan)
     assert "at 1000 Hz" in text and "enabled 1" in text and "PinkNoise" in text
     assert repr(proc) == "Processor(x -> y, fs=1000, numba)"
     assert "no input" in repr(make({"y": constant(1.0)}))
     assert "removed: White(2, 0, False): multiplied by a literal 0" in text
+    assert "nothing in it" in text
     assert len(proc.plan.rows) == len(proc.program.instances)
     # white noise and the filter behind it are one segment
     assert sum(r.segment.startswith("White_") for r in proc.plan.rows) == 2
