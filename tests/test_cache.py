@@ -158,29 +158,6 @@ def test_an_entry_is_named_by_all_that_is_compiled_into_it(monkeypatch):
     assert salt.__wrapped__() != usual, "vectors of another width"
 
 
-LEAN = """
-import gc, sys
-from stimlib.targets.numba.cache import load
-half, total = sys.argv[1:]
-assert load(half, "half").twice(21.0) == 42.0 and "numba.np.linalg" not in sys.modules
-assert gc.isenabled()
-import numpy as np
-assert load(total, "total").total(np.arange(5.0)) == 10.0 and "numba.np.linalg" in sys.modules
-assert gc.isenabled()
-"""
-TOTAL = """
-from numba import njit, types
-@njit(types.float64(types.float64[::1]), cache=True)
-def total(x):
-    return x.sum()
-"""
-
-
-def test_arithmetic_is_compiled_without_most_of_numba_and_the_rest_with_it(tmp_path):
-    (tmp_path / "lean.py").write_text(LEAN)
-    run(tmp_path / "lean.py", tmp_path / "cache", TWICE, TOTAL)
-
-
 def machine_code(folder, block, ours):
     """The instructions of a block's segment, compiled in this folder."""
     name = next(filter(None, stimlib.compile(Scene({"y": block}), 8000)._engine.segments))

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from laws import assert_same, run
+from laws import assert_same
 from refusals import refused
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.core.graph import Block, Guard
+from stimlib.core.graph import Block
 from stimlib.core.program import lead
 from stimlib.errors import BadValue, SceneError, StimlibError, UnknownName
 
@@ -202,36 +202,6 @@ def test_a_ramp_may_turn_on_the_way(target):
 
 
 @both
-def test_what_has_stood_moves_with_every_change_of_a_parameter(target):
-    """Maps of parameters, here and in a gate, follow each set, ramp, state and
-    reset.
-    """
-    a = Param("a", 1.0)
-    proc = make({"a": a, "y": 2.0 * a + 1.0, "z": blocks.enabled(a * a, by=x)}, target=target)
-
-    def said(n=70):
-        y = proc.process(np.ones((1, n)))
-        assert_same(y[1:], np.stack([2.0 * y[0] + 1.0, y[0] * y[0]]))
-        return y[0]
-
-    fresh = proc.state
-    for change, wanted in (
-        (lambda: proc.set("a", 3.0, 0.0), 3.0), (lambda: setattr(proc, "state", fresh), 1.0),
-        (lambda: proc.set("a", 5.0, 0.0), 5.0), (proc.reset, 1.0),
-        (lambda: proc.set("a", 0.5, 0.0), 0.5),
-    ):  # fmt: skip
-        assert (said() == said()).all()
-        change()
-        assert proc.params == {"a": wanted}
-        assert (said() == wanted).all()
-    # samples of ramp: some are left at the end of a tile, or of a call
-    for n in (2, 3, 64, 65, 66, 100):
-        wanted = proc.params["a"] + np.minimum(np.arange(1, 131) / n, 1.0)
-        proc.set("a", proc.params["a"] + 1.0, n / 1000)
-        np.testing.assert_allclose([*said(1), *said(129)], wanted, rtol=1e-14)
-
-
-@both
 @pytest.mark.parametrize(
     ("args", "error", "words"),
     [
@@ -361,21 +331,6 @@ def test_a_fault_names_output_and_sample_and_fades_from_the_one_before(target, a
     np.testing.assert_allclose(y[2, at : at + 21], 0.25 * np.arange(20, -1, -1) / 20, rtol=1e-15)
     proc.reset()
     assert proc.fault is None
-
-
-@pytest.mark.parametrize("at", [0, 63, 64, 200])
-def test_a_fault_is_found_wherever_it_is_in_a_tile(at):
-    """Of outputs that share a guard, and of one whose guard another block reads."""
-    outputs = {"z": z, "x": x, "same": x, "behind": 2.0 * Guard(x), "again": z, "sum": x + z}
-    one, other = (make(outputs, 250.0, target) for target in ("numba", "python"))
-    u = np.random.default_rng(at).standard_normal((2, 300))
-    u[one.inputs.index("x"), at], u[one.inputs.index("z"), 250] = np.nan, np.inf
-    wanted = other.process(u)
-    for n in (300, 64, 100):
-        one.reset()
-        assert_same(run(one, u, range(0, 300, n)), wanted, f"calls of {n}")
-        assert_same(one.state, other.state, f"calls of {n}: state")
-        assert one.fault == other.fault
 
 
 # state --------------------------------------------------------------------------------
