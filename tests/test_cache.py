@@ -20,7 +20,7 @@ import pytest
 
 import stimlib
 from stimlib import Input, Scene
-from stimlib.blocks import envelope, friction, oscillator, springpot, velocity
+from stimlib.blocks import envelope, friction, oscillator
 from stimlib.core import maths
 from stimlib.core.steps import source
 from stimlib.system import cache_folder
@@ -158,87 +158,6 @@ def test_an_entry_is_named_by_all_that_is_compiled_into_it(monkeypatch):
     assert salt.__wrapped__() != usual, "vectors of another width"
 
 
-LEAN = """
-import gc, sys
-from stimlib.targets.numba.cache import load
-half, total = sys.argv[1:]
-assert load(half, "half").twice(21.0) == 42.0 and "numba.np.linalg" not in sys.modules
-assert gc.isenabled()
-import numpy as np
-assert load(total, "total").total(np.arange(5.0)) == 10.0 and "numba.np.linalg" in sys.modules
-assert gc.isenabled()
-"""
-TOTAL = """
-from numba import njit, types
-@njit(types.float64(types.float64[::1]), cache=True)
-def total(x):
-    return x.sum()
-"""
-
-
-def test_arithmetic_is_compiled_without_most_of_numba_and_the_rest_with_it(tmp_path):
-    (tmp_path / "lean.py").write_text(LEAN)
-    run(tmp_path / "lean.py", tmp_path / "cache", TWICE, TOTAL)
-
-
-DRAWN = """
-import sys
-from pathlib import Path
-from numba.core.compiler import Compiler
-from numba.core.compiler_machinery import PassManager
-import stimlib
-from stimlib.targets.numba import cache, engine, segments, vectors
-engine.runtime()
-drawn, passes, whole = [], [], Compiler.define_pipelines
-draw, run_pass = vectors._draw, PassManager._runPass
-vectors._draw = lambda *a: (drawn.append(a[-1]), draw(*a))
-PassManager._runPass = lambda *a: (passes.append(a[2].name()), run_pass(*a))[1]
-scene = stimlib.Scene({"y": stimlib.blocks.white_noise(seed=1)})
-instance = next(q for q in scene.program.instances if q.kind == "block")
-p, s = instance.block.design(8000.0)
-kinds = type(p), segments.kinds(p), type(s), segments.kinds(s)
-text, _ = segments.written(segments.Form(type(instance.block), (), *kinds, 0))
-Path("white.py").write_text(text)
-cache._compiled(Path(), text, "white")
-assert sorted(drawn) == [2, 16, 32] and Compiler.define_pipelines is whole
-assert "native_lowering" in passes and "nopython_rewrites" not in passes
-"""
-
-
-def test_noise_is_drawn_by_one_function_and_compiled_in_few_passes(tmp_path):
-    """However often a tile calls it; numba's passes are put back.
-
-    In a process of its own, as a program's first scene: where it cannot be compiled so,
-    it is compiled with all of numba.
-    """
-    subprocess.run([sys.executable, "-c", DRAWN], cwd=tmp_path, check=True)
-
-
-def test_noise_behind_a_filter_calls_the_segment_of_noise_alone():
-    scene = stimlib.Scene({"y": stimlib.blocks.pink_noise(1.0, seed=1, f_low=10)})
-    addresses = {a for a in engine._white().table[:, 0].tolist() if a > 1 << 20}
-    assert addresses & {*stimlib.compile(scene, 8000)._engine.A.tolist()}
-
-
-def test_parts_of_the_runtime_are_compiled_when_a_scene_needs_them(monkeypatch):
-    asked, real = [], engine._part
-
-    def part(piece, *names):
-        asked.append(piece[1])
-        return real(piece, *names)
-
-    monkeypatch.setattr(engine, "_part", part)
-    x, touch = Input("x"), Input("touch")
-    for y, parts in (
-        (velocity(x), []),
-        (velocity(x, contact=touch), ["stretches"]),
-        (springpot(x, 1.0, 0.5), ["slow_modes"]),
-    ):
-        asked.clear()
-        stimlib.compile(Scene({"y": y}), 1000)
-        assert sorted({*asked} - {"runtime"}) == parts
-
-
 def machine_code(folder, block, ours):
     """The instructions of a block's segment, compiled in this folder."""
     name = next(filter(None, stimlib.compile(Scene({"y": block}), 8000)._engine.segments))
@@ -343,10 +262,7 @@ time.sleep(60)
 """
 
 
-@pytest.mark.parametrize("end", ["killed", "stopped"])
-def test_who_compiles_an_entry_is_waited_for_until_it_ends_or_for_long(
-    twice, tmp_path, monkeypatch, end
-):
+def test_who_compiles_an_entry_is_waited_for_not_for_ever(twice, tmp_path, monkeypatch):
     text = f"# {tmp_path}{TWICE}"
     lock = tmp_path / "cache" / f"twice_{caches._sum((text + salt()).encode())[:20]}.lock"
     lock.parent.mkdir(mode=0o700)
@@ -357,20 +273,15 @@ def test_who_compiles_an_entry_is_waited_for_until_it_ends_or_for_long(
         real(seconds)
 
     monkeypatch.setattr(caches.time, "sleep", sleeps)
-    if end == "stopped":
-        monkeypatch.setattr(caches, "WAIT", 0.1)
+    monkeypatch.setattr(caches, "WAIT", 0.1)
     with subprocess.Popen([sys.executable, "-c", HOLDS, lock], stdout=subprocess.PIPE) as holder:
         holder.stdout.read(4)
         with ThreadPoolExecutor(1) as thread:
             loading = thread.submit(twice, lock.parent)
             assert waiting.wait(60)
-            if end == "killed":
-                assert [p.name for p in lock.parent.iterdir()] == [lock.name], "nothing is compiled"
-                holder.kill()
             assert loading.result(60) == 42.0
-        left = {lock.stem} if end == "killed" else {lock.stem, lock.name}
         # who has no lock does not remove its file
-        assert {p.name for p in lock.parent.iterdir()} == left
+        assert {p.name for p in lock.parent.iterdir()} == {lock.stem, lock.name}
         holder.kill()
 
 
@@ -527,9 +438,7 @@ def test_an_edit_is_never_served_stale(tmp_path, cache):
         ({}, [12, 18]),
         ({"step": "p.gain * FACTOR * helper(x) + s.last"}, [12, 19]),
         ({"helper": "x + 2.0"}, [18, 24]),
-        ({"factor": "5.0"}, [20, 30]),
         ({"helper": "other(x)", "top": "def other(x):\n    return x * 10.0"}, [60, 120]),
-        ({"helper": "other(x)", "top": "def other(x):\n    return x * 20.0"}, [120, 240]),
         ({"helper": "other(x)", "top": "DEEP = 4.0\ndef other(x):\n    return x * DEEP"}, [24, 48]),
         ({"helper": "other(x)", "top": "DEEP = 8.0\ndef other(x):\n    return x * DEEP"}, [48, 96]),
     ]

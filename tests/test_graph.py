@@ -105,7 +105,7 @@ def test_a_unit_is_a_text_that_can_be_shown(text):
 
 
 @pytest.mark.filterwarnings("ignore::SyntaxWarning", "ignore::DeprecationWarning")
-@settings(max_examples=1000 if STRESS else 150)
+@settings(max_examples=1000 if STRESS else 50)
 @given(
     st.one_of(
         st.text(max_size=30),
@@ -184,11 +184,6 @@ def test_units_print_as_the_field_writes_them():
 def test_a_live_number_in_a_design_field_is_an_error_that_names_it(make, field):
     error = refused(BadValue, "multiplied", make, Param("live", 1.0))
     assert field in str(error) and "Param('live', 1.0" in str(error)
-
-
-def test_an_input_inside_enabled_is_named():
-    deep = blocks.white_noise(1) * blocks.delay(2 * Input("finger"), 3)
-    refused(SceneError, "'finger'.*after the gate", blocks.enabled, deep, by=n)
 
 
 @pytest.mark.parametrize("value", [np.nan, -np.inf])
@@ -327,27 +322,6 @@ def test_outputs_that_are_none(outputs):
 # Python's own operators ---------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [np.float64(2), np.float32(2), np.uint8(2), 2])
-def test_numbers_on_either_side(number):
-    for left, right in ((number * n, n * number), (number + n, n + number)):
-        assert type(left) is type(right) and isinstance(left, Block)
-    assert isinstance(number / n, Block) and isinstance(number - n, Block)
-    assert type(number > n).__name__ == type(n < number).__name__ == "Greater"
-    assert type(number <= n).__name__ == type(n >= number).__name__ == "AtLeast"
-    proc = stimlib.compile(
-        Scene({"a": number - n, "b": number / n, "c": number > n, "d": n > number}), 1000, "python"
-    )
-    np.testing.assert_array_equal(
-        proc.process(np.array([[1.0, 4.0]])), [[1, -2], [2, 0.5], [1, 0], [0, 1]]
-    )
-
-
-def test_blocks_are_what_they_are():
-    assert len({x, v, x, Input("x", "m")}) == 3 and {x: 1}[x] == 1 and [v, x].index(v) == 0
-    with pytest.raises(AttributeError):
-        x.name = "other"
-
-
 # Classes ------------------------------------------------------------------------------
 def test_final_and_abstract_classes_and_their_names():
     with pytest.raises(TypeError, match="Mul is final"):
@@ -429,8 +403,8 @@ def mixed_chain(length):
 
 
 def test_thousands_of_blocks(tmp_path):
-    block, y = mixed_chain(3000)
-    assert len(reach([block])) > 3000
+    block, y = mixed_chain(1500)
+    assert len(reach([block])) > 1500
     assert len(repr(block)) < 80
     scene = Scene({"y": block})
     assert "y [1]" in repr(scene)
@@ -441,8 +415,8 @@ def test_thousands_of_blocks(tmp_path):
     for target, size in (("numba", 40), ("python", 3)):
         proc = stimlib.compile(again, 1000, target)
         np.testing.assert_array_equal(proc.process(u[:, :size].copy())[0], y[:size])
-    assert len(str(proc.plan).splitlines()) > 3000
-    assert proc.latency["y", "n"] == (600, 600)
+    assert len(str(proc.plan).splitlines()) > 1500
+    assert proc.latency["y", "n"] == (300, 300)
 
 
 def test_a_wide_diamond_is_not_walked_twice():

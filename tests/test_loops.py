@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from laws import STRESS, assert_same, impulse_response, pair, rows, run
+from laws import STRESS, assert_same, impulse_response, mostly, pair, rows, run
 from refusals import refused
 
 import stimlib
@@ -189,6 +189,7 @@ CASES = {
     },
     "an output of a loop": lambda: {"y": Turn(loop(lambda y: 0.5 * y + x)).far},
 }
+LIKE_OTHERS = {"low-pass", "start", "two poles", "carrier", "table", "noise", "fir", "velocity"}
 # the table and generated graphs have others
 JAX = {"comb", "contact", "enabled", "enabled by noise", "pendulum", "outputs"}
 TILES = {"gate", "fir", "tiles in a nest", "outputs of a tile", "contact beside a tile"}
@@ -200,7 +201,7 @@ def scene_of(outputs):
     return scene
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", mostly(set(CASES) - LIKE_OTHERS, CASES))
 @pytest.mark.longer
 def test_every_target_every_cut(name):
     outputs = CASES[name]()
@@ -214,7 +215,7 @@ def test_every_target_every_cut(name):
         fast.reset()
         assert_same(run(fast, u, range(0, N, size)), y)
         assert_same(slow.state, fast.state)
-    for out, wanted in zip(outputs, y, strict=True):
+    for out, wanted in zip(outputs, y, strict=True) if len(y) > 1 else ():
         alone = stimlib.compile(Scene({out: outputs[out]}), FS)
         assert_same(alone.process(rows(alone, u, list(fast.inputs)))[0], wanted, f"{out} alone")
     if name in TILES:

@@ -14,7 +14,7 @@ from refusals import refused
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.core.graph import Add, Block, Const, Guard, Map, Mul, reach
+from stimlib.core.graph import Block, Const, Guard, Map, reach
 from stimlib.core.program import lower
 from stimlib.errors import SceneError
 from stimlib.system.limits import limits
@@ -63,16 +63,6 @@ def test_numbers_are_folded_with_their_units():
 def test_a_number_that_folds_to_nothing_finite():
     for bad in (constant(1.0) / 0.0, blocks.sqrt(constant(-1.0)), blocks.exp(constant(1e4))):
         refused(SceneError, "with the plain numbers", Scene, {"y": x * bad})
-
-
-def test_the_plan_says_why_something_is_gone():
-    for block in (x + 0.0 * NOISE, x + blocks.enabled(0.0 * NOISE, by=x)):
-        proc = stimlib.compile(Scene({"y": block}), 1000, "python")
-        assert "literal 0" in str(proc.plan) or "nothing in it" in str(proc.plan)
-        assert (proc.process(np.ones((1, 3))) == 1.0).all()
-    proc = stimlib.compile(Scene({"y": 0.0 * x}), 1000, "python")
-    proc.process(np.array([[np.nan]]))
-    assert proc.fault == ("y", 0)
 
 
 def test_equal_parts_run_once():
@@ -138,18 +128,6 @@ def test_rewriting_changes_no_value(seed):
         np.testing.assert_array_equal(proc.process(point)[:, 0], wanted)
 
 
-def test_order_of_running_is_children_first():
-    noise = blocks.enabled(blocks.fir(WHITE, [1, 1]), by=blocks.first_order(x, 0.1) > 0.0)
-    program = lower({"y": noise * x, "z": noise})
-    assert all(a < i for i, q in enumerate(program.instances) for a in q.args)
-    opened = [q.child for q in program.instances if q.kind == "open"]
-    assert opened == [2] and program.parents == [-1, -1, 1]
-    live = Param("a", 1.0)
-    program = lower({"y": blocks.enabled(live * WHITE, by=x) + live})
-    clocks = {type(q.block): q.clock for q in program.instances}
-    assert (clocks[Param], clocks[Mul], clocks[Add]) == (0, 2, 1)
-
-
 def low(y, tau=0.01):
     return blocks.first_order(y, tau)
 
@@ -186,22 +164,6 @@ def test_two_recursions_side_by_side_are_what_each_is_alone(block):
     assert_same(fast.state, slow.state)
     assert_same(fast.process(u), slow.process(u))
     assert_same(fast.state, slow.state)
-
-
-def test_what_runs_before_sample_0_is_what_no_input_reaches():
-    """A filter of noise has settled at sample 0; one of an input is at rest."""
-    proc = stimlib.compile(
-        Scene(
-            {"n": blocks.fir(blocks.white_noise(1), np.ones(100)), "x": blocks.fir(x, np.ones(100))}
-        ),
-        1000,
-    )
-    y = proc.process(np.ones((1, 200)))
-    white = stimlib.compile(Scene({"n": blocks.white_noise(1)}), 1000)
-    late = white.process(np.empty((0, 200)))[0]
-    np.testing.assert_allclose(y[0, 150], late[51:151].sum(), rtol=1e-12)
-    assert y[0, 0] != late[0]
-    np.testing.assert_array_equal(y[1, :100], np.arange(1, 101))
 
 
 # Copies of what is gated --------------------------------------------------------------

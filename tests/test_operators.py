@@ -111,6 +111,9 @@ def test_other_powers():
         lambda v: np.divide(1.0, v),
         lambda v: np.float32(2.0) - v,
         lambda v: np.array(3.0) * v,
+        lambda v: np.float64(2.0) / v,
+        lambda v: 1.0 * (np.uint8(2) > v) + 2.0 * (v > np.float64(2.0)),
+        lambda v: 1.0 * (np.float64(1.0) <= v) + 2.0 * (v >= np.float32(1.0)),
     ],
 )
 def test_numpy_functions_are_blocks(f):

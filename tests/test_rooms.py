@@ -18,12 +18,17 @@ MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in ST
 
 
 @cache
+def tree(module: str) -> ast.Module:
+    return ast.parse(MODULES[module].read_text())
+
+
+@cache
 def imports(module: str) -> set[tuple[str, str]]:
     """(module, name) of everything that a module imports of stimlib, also inside
     functions and for type checkers.
     """
     found = set()
-    for node in ast.walk(ast.parse(MODULES[module].read_text())):
+    for node in ast.walk(tree(module)):
         if isinstance(node, ast.ImportFrom):
             target = node.module or ""
             if node.level:
@@ -86,8 +91,7 @@ def test_no_module_names_another_one_in_a_text():
     """What lower rooms call of upper ones is stated in the package; see above.py."""
     named = {"stimlib." + m.removesuffix(".__init__") for m in MODULES}
     for module in MODULES.keys() - {"__init__"}:
-        tree = ast.parse(MODULES[module].read_text())
-        texts = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)}
+        texts = {n.value for n in ast.walk(tree(module)) if isinstance(n, ast.Constant)}
         assert not texts & named, module
 
 

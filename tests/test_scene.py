@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from contract import TABLE
-from laws import assert_same, mostly, rows
+from laws import STRESS, assert_same, mostly, rows
 from refusals import refused
 
 import stimlib
@@ -33,7 +33,7 @@ def test_a_file_gives_back_the_scene(entry, tmp_path):
     assert again.to_dict() == scene.to_dict()
     fs = entry.rates[0]
     procs = [stimlib.compile(s, fs, "python") for s in (scene, again)]
-    u = rows(procs[0], entry.x(100, fs), entry.inputs)
+    u = rows(procs[0], entry.x(30, fs), entry.inputs)
     assert procs[0].inputs == procs[1].inputs
     assert_same(*(p.process(u) for p in procs))
     assert_same(*(p.state for p in procs))
@@ -357,8 +357,8 @@ def test_any_json_in_any_field_is_a_scene_or_an_error_of_ours(name):
         if name != "Guard"
         else data["blocks"][-1]
     )
-    for field, kept in entry["fields"].items():
-        for value in ODD:
+    for place, (field, kept) in enumerate(entry["fields"].items()):
+        for value in ODD if STRESS else ODD[(place + len(name)) % 2 :: 2]:
             entry["fields"][field] = value
             try:
                 assert Scene.from_dict(json.loads(json.dumps(data))).hash

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from contract import TABLE as TABLE_OF_BLOCKS, ours
+from contract import TABLE as TABLE_OF_BLOCKS
 from laws import assert_same, cut_at, pair, played, rows, run
 from refusals import refused
 
@@ -422,15 +422,6 @@ def test_what_a_step_may_use_has_the_same_bits_everywhere():
     procs = pair(scene, 1000)
     assert_same(*(p.process(u) for p in procs))
     assert_same(*(p.state for p in procs))
-
-
-def test_every_step_and_tile_we_ship_is_straight_line():
-    written = {(f, f is c.tile) for c in ours().values() for f in (c.step, c.tile) if f is not None}
-    assert len(written) > 20
-    for f, tile in written:
-        steps.check(f, tile)
-    without = {name.split(".")[-1] for name, c in ours().items() if c.step is c.tile is None}
-    assert without <= set("Input Const Enabled Segment Pick Loop Last Tap".split())
 
 
 def test_a_step_changed_in_place_is_compiled_again():
