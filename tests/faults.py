@@ -1,5 +1,5 @@
 """Faults that a verifier must see: put into a block, into delivered samples, into what
-a file says, into its storage.
+a file says.
 
 ``FAULTS`` maps the name of each to a function of a folder, which gives the checks that
 failed, or why it was refused.
@@ -608,41 +608,6 @@ def verified(folder, audio, told, name="a.wav"):
     return stimlib.verify(squeeze(), FILE_MOTION, folder / name)
 
 
-def edit_fault(edit):
-    def run(folder):
-        audio, told = honest_file(folder)
-        edit(told)
-        return [c for c in verified(folder, audio, told).checks if not c.passed]
-
-    return run
-
-
-STORAGE = {
-    "FLAC that holds zeros only": ("a.flac", 1e9),
-    "FLAC with steps as large as the vibration": ("a.flac", 1e5),
-    "FLAC of a square wave": ("a.flac", 1e-6),
-    "WAV of denormals": ("a.wav", 1e43),
-    "WAV of zeros": ("a.wav", 1e60),
-}
-
-
-def storage_fault(name, full_scale):
-    def run(folder):
-        file.write(
-            folder / name,
-            stimlib.compile(squeeze(), 8000),
-            FILE_MOTION,
-            1.0,
-            progress=False,
-            full_scale=full_scale,
-        )
-        return [
-            c for c in stimlib.verify(squeeze(), FILE_MOTION, folder / name).checks if not c.passed
-        ]
-
-    return run
-
-
 def step_fault(owner, attribute, replacement, groups):
     def run(folder):
         with patch.object(owner, attribute, replacement):
@@ -657,8 +622,6 @@ FAULTS = (
     | {f"old formula: {name}": old_fault(*fault) for name, fault in OLD.items()}
     | {f"samples: {name}": sample_fault(change) for name, change in SAMPLES.items()}
     | {f"played otherwise: {name}": otherwise_fault(words) for name, words in OTHERWISE.items()}
-    | {f"sidecar: {name}": edit_fault(edit) for name, edit in EDITS.items()}
-    | {f"storage: {name}": storage_fault(*fault) for name, fault in STORAGE.items()}
 )
 
 

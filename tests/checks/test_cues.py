@@ -99,21 +99,6 @@ def test_no_force_is_no_error():
     assert np.isnan([c.loss_factor, c.f_max, c.f_mean, c.k_I]).all()
 
 
-def test_other_components_hardly_leak():
-    """A harmonic and noise beside the dominant component, not a whole number of
-    periods.
-    """
-    n, fs = 10_437, 1000.0
-    w = 2 * np.pi
-    t = np.arange(n) / fs
-    y, v = movement(w, n, fs)
-    y += 0.1 * A * np.sin(3 * w * t + 1) + 1e-5 * np.random.default_rng(1).standard_normal(n)
-    f = 300 * movement(w, n, fs)[0] + 4 * v + 900 * 0.1 * A * np.sin(3 * w * t + 1)
-    c = cues(y, f, fs)
-    assert c.k_S == pytest.approx(300, rel=1e-3) and c.b_L == pytest.approx(4, rel=1e-2)
-    assert c.frequency == pytest.approx(1.0, rel=1e-4)
-
-
 # Time domain --------------------------------------------------------------------------
 @pytest.mark.parametrize("alpha", [0.0, 0.25, 1.0])
 def test_work_over_whole_periods(alpha):
@@ -165,14 +150,6 @@ def test_the_initial_stiffness_is_that_of_the_first_force_peak():
     f = (100 * y + 10 * v) * np.linspace(1.0, 0.5, n)  # it softens
     first = int(np.argmax(f[:1000]))
     assert cues(y, f, fs).k_I == pytest.approx(f[first] / y[first])
-
-
-def test_a_given_velocity_is_used():
-    fs, n = 1000.0, 3000
-    y, v = movement(2 * np.pi, n, fs)
-    c = cues(np.round(y, 4), 300 * y, fs, v=v)
-    assert c.v_max == pytest.approx(A * 2 * np.pi, rel=1e-4)
-    assert cues(np.round(y, 4), 300 * y, fs).v_max > 0.09  # steps
 
 
 def test_a_single_press():

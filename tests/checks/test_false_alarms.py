@@ -460,7 +460,7 @@ def test_springpots_are_proved_at_every_order_rate_and_tolerance():
 
 
 WAYS = {entry.name: entry for entry in TABLE if entry.inputs}
-SOME = "velocity springpot count friction_coulomb wall cursor bump_square midpoint".split()
+SOME = "velocity springpot friction_coulomb cursor".split()
 
 
 @pytest.mark.parametrize("name", mostly(SOME, WAYS))

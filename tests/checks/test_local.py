@@ -258,24 +258,6 @@ def test_a_pulse_before_whose_period_a_stretch_begins_is_held_where_its_jitter_i
         assert train.error == 0 and least <= train.samples <= n - local.LATER
 
 
-def test_what_begins_before_sample_0_is_held_from_there_on(monkeypatch):
-    """Both the noise and what a filter makes of it, 256 samples early; the first of
-    them changed is seen.
-    """
-    run = local.Run(
-        Scene({"y": b.lowpass(b.white_noise(3), 50.0)}), FS, 3, {}, 300, {}, [], [(0, 300)]
-    )
-    found, (part,) = local._held(run)
-    assert [part.rows[id(h.block)].size for h in found] == [556, 556] and max(
-        h.error for h in found
-    ) <= 1
-    noise, filtered = (h.block for h in found)
-    for block in (noise, filtered):
-        row = part.rows[id(block)].copy()
-        row[0] += 1e-3
-        assert local._one(block, run, [part._replace(rows={**part.rows, id(block): row})]).error > 1
-
-
 def test_pink_noise_that_starts_from_another_state_is_refused():
     run = local.Run(Scene({"y": b.pink_noise(1.0, 3)}), FS, 3, {}, 300, {}, [], [(0, 300)])
     found, (part,) = local._held(run)
@@ -355,46 +337,6 @@ def test_an_error_is_the_largest_distance_over_its_tolerance():
         (nan, 1.0, 1.0, inf), (1.0, nan, 1.0, inf), (nan, nan, 1.0, 0.0), (inf, 1.0, 1.0, inf),
     ):  # fmt: skip
         assert local._error(np.array([0.0, y]), [0.0, want], tol) == error
-
-
-def test_a_loop_is_held_to_its_bits_over_all_samples(monkeypatch):
-    x = {"x": np.random.default_rng(1).standard_normal(N)}
-    scene = Scene({"y": b.loop(lambda last: 0.5 * last + Input("x"))})
-    assert {(h.samples, h.error) for h in watched(scene, x)} == {(N, 0.0)}
-    alter(monkeypatch, "Last", slice(None))
-    assert max(h.error for h in watched(scene, x) if type(h.block).__name__ == "Last") > 1
-
-
-def alter(monkeypatch, kind, at):
-    """Let the rows of a class of blocks be seen a little wrong."""
-    seen = local._seen
-
-    def other(run, blocks, *rest):
-        parts, whole = seen(run, blocks, *rest)
-        for block in blocks:
-            if type(block).__name__ == kind:
-                parts[0].rows[id(block)] = parts[0].rows[id(block)].copy()
-                parts[0].rows[id(block)][at] += 1e-9
-        return parts, whole
-
-    monkeypatch.setattr(local, "_seen", other)
-
-
-@pytest.mark.parametrize(
-    ("kind", "at"), [("Segment", 100), ("Segment", 300), ("Enabled", 10), ("Enabled", 1400)]
-)
-def test_a_subsystem_is_held_where_it_runs_and_elsewhere(monkeypatch, kind, at):
-    x = {"x": np.where(np.arange(N) < 700, 1.0, -1.0)}
-    part = (
-        b.segment(Input("x"), 0.01, 0.02)
-        if kind == "Segment"
-        else b.enabled(b.white_noise(1), by=Input("x"))
-    )
-    assert not [h for h in watched(Scene({"y": part}), x) if h.error > 1 or h.why]
-    alter(monkeypatch, kind, at)
-    assert [
-        h.error > 1 for h in watched(Scene({"y": part}), x) if type(h.block).__name__ == kind
-    ] == [True]
 
 
 @pytest.mark.parametrize(("at", "ramp"), [(100, 0.0), (5, 0.01), (5, 0.0)])

@@ -115,16 +115,6 @@ def test_each_outcome_of_a_mutant():
         )
 
 
-def test_an_output_off_contact_alone_refuses_a_mutant():
-    right = stimlib.scenes.bumps(contact=True)
-    motion = {"x": sinusoid(0.02, 20.0), "contact": lambda t: 1.0 * (t > 0.05)}
-    V = right.outputs["voltage"]
-    wrong = {"voltage": blocks.where(Input("contact"), V, constant(1e-300, "V"))}
-    rendering = stimlib.render(right, motion, 4000, 0.1)
-    found = _outcome(lambda: Scene(wrong, right.parts), motion, rendering, None, 0)
-    assert found == ("refused", "(e) voltage: none off contact")
-
-
 def test_the_changes_of_a_number_and_of_many():
     assert [f(4.0) for f in CHANGES.values()] == [4.04, 5.0, -4.0, 0.0, 1.0]
     assert [_applied(4, f) for f in CHANGES.values()] == [5, 5, -4, 0, 1] and _applied(

@@ -27,7 +27,7 @@ from stimlib import (
     constant,
 )
 from stimlib.checks import scenes
-from stimlib.checks.evidence import Check, asked, at_first, gather, ramped
+from stimlib.checks.evidence import asked, gather
 from stimlib.checks.scenes import scene_law
 from stimlib.checks.session import verify_log
 from stimlib.cli import app
@@ -41,7 +41,6 @@ from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
 from stimlib.motion.generators import sinusoid
 from stimlib.motion.text import parse_motion
-from stimlib.run.processor import Change
 from stimlib.run.safety import Safety
 from stimlib.scenes import ROWS, SHIPPED
 
@@ -144,7 +143,7 @@ def combined(names):
     return scene, {f"{name}_{n}": m for name in names for n, m in hands(name).items()}
 
 
-@pytest.mark.parametrize("names", MANY if STRESS else MANY[5:66:10] + MANY[80:270:60], ids="-".join)
+@pytest.mark.parametrize("names", MANY if STRESS else MANY[5:66:20] + MANY[80:270:90], ids="-".join)
 def test_shipped_scenes_combine_and_keep_their_laws(names):
     scene, motion = combined(names)
     report = verified(scene, motion)
@@ -243,15 +242,6 @@ def test_a_law_gives_a_tolerance_for_each_sample_and_has_the_seed(at, passes):
     assert passes or (found.measured, found.limit) == (pytest.approx(5e-4), 0.0)
     seeded = stimlib.render(scene, {"x": np.ones(100)}, FS, seed=1)
     assert not stimlib.verify(scene, {"x": np.ones(100)}, seeded).passed
-
-
-def test_a_wrong_part_is_refused_and_named():
-    both = Scene.combine(edge=SCENES["wall"], knob=SCENES["detents"])
-    motion = {"edge_x": hands("wall")["x"], "knob_angle": hands("detents")["angle"]}
-    bad = Scene(both.outputs | {"knob_torque": 1.001 * both.outputs["knob_torque"]}, both.parts)
-    assert [c.name for c in verified(bad, motion).checks if not c.passed] == [
-        "knob_torque: detents and friction, written again"
-    ]
 
 
 def test_a_part_that_begins_with_another_value_is_refused_and_named():
@@ -415,15 +405,6 @@ def test_an_output_of_which_a_law_of_ones_own_says_nothing_is_listed():
     assert f"extra: {__name__}.doubled returns nothing for it" in report.evidence.skipped
 
 
-def test_what_was_given_by_the_name_of_a_parameter_is_where_it_begins():
-    motion = {"x": sinusoid(0.02, 3.0)}
-    for k, bad in ((200.0, []), (200.5, ["parameters: as they were asked for"])):
-        scene = Scene(lone().outputs, law=slope, given={"at": 0.01, "k": k})
-        assert [
-            c.name for c in verified(scene, motion, params={"k": 150.0}).checks if not c.passed
-        ] == bad
-
-
 def test_a_law_that_is_written_again_is_the_new_one():
     made = []
     for factor in (1.0, 2.0):
@@ -514,32 +495,6 @@ def test_files_and_logs_are_proven_with_and_without_the_module_of_the_law(tmp_pa
             forget(patch)
         log = read_log(tmp_path / "log")
         assert stimlib.verify(path).passed and replay(log).matches and verify_log(log).passed
-
-
-def test_a_law_sees_a_parameter_as_it_was_ramped():
-    """Ramps from sample 0, broken off, of no length, up to the last sample; a change
-    behind it is none.
-    """
-    scene, rows, n = Scene({"y": Param("p", 1.0) * 1.0}), [], 100
-    proc = stimlib.compile(scene, FS, "python")
-    for at, value, long in (
-        (0, 3.0, 20),
-        (10, -1.0, 30),
-        (60, 2.0, 0),
-        (61, 5.0, 7),
-        (99, 0.0, 4),
-        (n, 9.0, 0),
-    ):
-        rows.append(proc.process(at - proc.index)[0])
-        proc.set("p", value, ramp=long / FS)
-    y = np.concatenate(rows)
-    np.testing.assert_allclose(ramped(1.0, proc.log, FS, n), y, rtol=0, atol=1e-14)
-    assert len(set(y)) > 40
-    for long, first in ((0, 3.0), (1, 3.0), (2, 1.0)):
-        assert at_first(stimlib.compile(scene, FS, "python"), [Change(0, "p", 3.0, long / FS)]) == {
-            "p": first
-        }
-    assert at_first(stimlib.compile(scene, FS, "python"), [Change(1, "p", 3.0, 0.0)]) == {"p": 1.0}
 
 
 MISTAKES = {  # what a law returns of x, and what is said of it
@@ -708,19 +663,7 @@ def test_the_law_of_a_scene_holds_in_each_interval_of_a_trial(name):
     assert any("from 0.032" in n for n in held) and any("from 0.282" in n for n in held)
 
 
-@pytest.mark.parametrize("mode", mostly(["frames"], ["vibration", "multipoint", "mouse", "frames"]))
-def test_the_law_of_a_soft_surface_holds_in_a_long_trial_with_steep_ramps(mode):
-    """The window's time is rounded, which a steep ramp makes larger."""
-    words = {"mouse": {"device": "mouse"}, "frames": {"frames": True}}.get(mode, {"mode": mode})
-    e, *_ = trial_of(stimlib.scenes.soft_surface(**words))
-    e = dataclasses.replace(e, fs=500, timing=Timing(12.0, 0.1, 0.0, 0.002))
-    scene, params = program(e, Trial("a", (Stimulus("s"), Stimulus("s")), ("more",)))
-    moves = {n: m for n, m in hands("soft_surface").items() if n in scene.inputs}
-    report = verified(scene, moves, 24.2, 500, params=params)
-    assert report.passed, str(report)
-
-
-@pytest.mark.parametrize("ramp", [0.0, 0.05])
+@pytest.mark.parametrize("ramp", mostly([0.05], [0.0, 0.05]))
 def test_a_wrong_interval_is_refused(ramp):
     _, _, scene, params = trial_of(SCENES["squeeze"], ramp)
     assert verified(scene, hands("squeeze"), 0.55, params=params, seed=3).passed
@@ -744,48 +687,6 @@ def test_each_interval_has_all_laws_of_its_scene_and_its_own_seed():
         for law in ("wall", "detents")
     ]
     assert trial_of(scene)[2].parts == ()  # of a trial within a trial no law knows the time
-
-
-def test_a_law_sees_its_own_interval_alone():
-    """Its samples and parameters, differences as they were displayed; nothing where the
-    window is 0.
-    """
-    _, _, scene, params = trial_of(SCENES["wall"])
-    e, fs = verified(scene, hands("wall"), 0.55, params=params).evidence, float(FS)
-    e.changes.append(Change(1200, "k_2", 500.0, 0.01))
-    first, second = (asked(e, part) for part in scene.parts)
-    assert (first.at, second.at) == (slice(128, 928), slice(1128, 1928))
-    row = ramped(1000.0, [Change(1200, "k_2", 500.0, 0.01)], fs, 2200)[1128:1928]
-    np.testing.assert_array_equal(second.live("k"), row)
-    assert not np.ptp(first.live("k")) and row[71] > row[72] > row[-1] == 500.0
-    np.testing.assert_array_equal(second.x["x"], e.x[0, 1128:1928])
-    t = np.minimum(np.arange(800), 800 - np.arange(800)) / fs
-    window = np.where(t < 0.02, (1 - np.cos(np.pi * t / 0.02)) / 2, 1.0)
-    np.testing.assert_allclose(second.window, window, rtol=0, atol=1e-15)
-    off = -2.0 * np.eye(800)
-    for n in (1, 40, 400, 799):
-        assert second.far(off[n]) == pytest.approx(2 * window[n])
-    nowhere, somewhere = (np.where(np.arange(800) == n, np.nan, 0.0) for n in (0, 1))
-    assert second.far(nowhere) == 0.0 and np.isnan(second.far(somewhere))
-    assert not Check("d", "", second.far(somewhere), 1.0, "").passed
-
-
-def test_an_output_is_held_to_its_tolerance_of_the_largest_value():
-    e = verified(SCENES["wall"], hands("wall")).evidence
-    a, want = asked(e, SCENES["wall"].parts[0]), np.sin(np.arange(1200.0)) * 4
-    at_7 = (np.arange(1200) == 7) * np.abs(want).max()
-    for off, least, passes in (
-        (0.9e-6, 1e-300, True),
-        (1.1e-6, 1e-300, False),
-        (1.1e-6, 5.0, True),
-        (-1.1e-6, 1e-300, False),
-    ):
-        seen = dataclasses.replace(a, y={"force": want + off * at_7})
-        assert seen.near("force", want, 1e-6, "", least).passed is passes
-    assert a.begins({"k": 1000.0}).passed and not a.begins({"k": np.nextafter(1000.0, 0)}).passed
-
-
-# Correct renderings that a law refused ------------------------------------------------
 
 
 # Hostile ------------------------------------------------------------------------------

@@ -108,16 +108,6 @@ def test_no_text_of_a_panel_meets_another_panel():
             )
 
 
-def test_a_spectrum_is_drawn_down_to_twelve_decades_below_its_top():
-    """And the close-up is taken away from the ends, where this tone is largest."""
-    fig, tone = Figure(), np.exp(-3 * T) * np.cos(2 * np.pi * 160 * T)
-    close_by(fig, Signals(stimlib.Scene({"y": 1.0 * X}), FS, {"x": tone}, {"y": tone}), {})
-    low, high = fig.axes[-1].get_ylim()
-    y = fig.axes[-1].lines[0].get_ydata()
-    assert low == pytest.approx(1e-12 * y.max()) and high > y.max()
-    assert 0.5 / CUTOFF <= fig.axes[0].lines[0].get_xdata()[0] < 0.5 / CUTOFF + 2 / 160
-
-
 @pytest.mark.parametrize(("width", "band"), [(1e-6, []), (0.5, ["correct"])])
 def test_the_legend_has_the_band_only_where_it_can_be_seen(width, band):
     f, ax = np.arange(1.0, 300.0), Figure().subplots()
@@ -157,11 +147,10 @@ def test_a_correct_rendering_lies_within_the_band_and_a_wrong_one_does_not(scene
     [
         (0.0 * X, np.linspace(0, 1, 400)),
         (1.0 / (X / stimlib.constant(1.0, "m") - 0.5), np.linspace(0, 1, 401)),
-        (1e300 * X, np.linspace(0, 1, 400)),
     ],
-    ids=["silent", "fault", "huge"],
+    ids=["silent", "fault"],
 )
-def test_silence_a_fault_and_huge_numbers_have_a_page_and_a_picture(tmp_path, y, x):
+def test_silence_and_a_fault_have_a_page_and_a_picture(tmp_path, y, x):
     scene = stimlib.Scene({"y": y})
     r = stimlib.render(scene, {"x": x}, FS, on_fault="ignore")
     report = stimlib.verify(scene, {"x": x}, r)
@@ -241,16 +230,6 @@ def test_a_squeeze_without_vibration_leaves_less_than_a_hundredth_of_it(start):
 )
 def test_a_signal_of_a_few_samples_loses_its_straight_line(y, left):
     np.testing.assert_allclose(vibration(y, 8000), left, atol=1e-12)
-
-
-@pytest.mark.parametrize("n", [100, 2000, 48000])
-def test_what_lies_beyond_the_ends_does_not_matter(n):
-    t = np.arange(n) / n
-    assert np.abs(vibration(3 + 40 * t - 7 * t**2 + t**3, n)).max() < 1e-10
-    if n > 1000:
-        tone, edge = np.cos(2 * np.pi * 4 * CUTOFF * t), round(n / CUTOFF / 4)
-        wrong = np.abs(vibration(40 * t + tone, n) - tone)
-        assert wrong.max() < 0.65 and wrong[edge:-edge].max() < 0.1
 
 
 def test_a_signal_that_starts_with_vibration_has_no_transient():

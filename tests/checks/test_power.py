@@ -106,7 +106,6 @@ ROWS = list(
 SEARCHED = {
     f"{r['check']}, {r['kind']}, {r['seconds']} s": r for r in ROWS if r["how"] == "searched"
 }
-ASKED = {f"{r['check']}, {r['kind']}": float(r["size"]) for r in ROWS if r["how"] == "asked"}
 QUICK = [
     "Differentiator: physical law, delay, 0.05 s",
     "force: full sum, order, 0.5 s",
@@ -134,18 +133,6 @@ def test_the_table_of_the_documentation_is_that_of_ten_seconds(bench):
     assert ("force1: spectrum", "level", "1.1 dB", "95 of 100") in shown and len(shown) == 19
 
 
-def test_a_number_that_the_law_refuses_is_a_fault_that_it_sees():
-    """Two ways to one size: the law told another number, the fault inside."""
-    for asked, searched in (
-        ("law of squeeze, A", "force1: vibration law, level, 2.0 s"),
-        ("law of viscoelastic, firmness", "force: full sum, level, 2.0 s"),
-        ("law of bumps, A", "voltage: envelope times carrier, level, 2.0 s"),
-        ("law of bumps, duty", "voltage: envelope times carrier, duty, 2.0 s"),
-        ("law of bumps, freq", "voltage: envelope times carrier, frequency, 2.0 s"),
-    ):
-        assert ASKED[asked] == pytest.approx(float(SEARCHED[searched]["size"]), rel=0.1), asked
-
-
 # What a report says of its own recording ----------------------------------------------
 def test_what_a_report_excludes_is_what_the_table_says():
     scene, motion = stimlib.scenes.bumps(), {"x": sinusoid(0.05, 1.0)}
@@ -159,27 +146,6 @@ def test_what_a_report_excludes_is_what_the_table_says():
         assert found[name] == pytest.approx(
             float(SEARCHED[f"voltage: envelope times carrier, {kind}, 0.5 s"]["size"]), rel=0.1
         )
-
-
-def test_the_checks_of_chance_are_asked_with_their_alarm_and_band():
-    scene, motion = stimlib.scenes.squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
-    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.5))
-    e = report.evidence
-    e.taps = [dc.replace(e.taps[0], f_low=40.0), dc.replace(e.taps[1], f_high=800.0)]
-    n = min(t.stream.size for t in e.taps)
-    # no law is asked
-    found = {
-        (s.check, s.kind): s.size for s in power.certainty([Check("d", "law", 2.0, 1.0, "")], e)
-    }
-    f = (
-        spectra.bins(e.taps[0].stream.size, 8000, 40.0, e.taps[0].f_high)
-        * 8000
-        / e.taps[0].stream.size
-    )
-    for kind, size, _ in power.of_spectrum(f, e.share):
-        assert found["force1: spectrum", kind] == pytest.approx(size, nan_ok=True)
-    common = power.smallest_share(spectra.bins(n, 8000, 40.0, 800.0).size, e.share)
-    assert found["force1 and force2: independence", "noise in common"] == common < 1
 
 
 @pytest.mark.parametrize("power_of_it", [1, 1.3, 2], ids=["proportional", "steeper", "quadratic"])

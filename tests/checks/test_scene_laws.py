@@ -4,23 +4,18 @@ their outputs against, and what it then catches.
 
 import dataclasses
 import itertools
-from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from checks.test_false_alarms import sliding_on
-from correct import hand
-from hands import DATA
 from laws import mostly
 
 import stimlib
-from stimlib.blocks import contact, track
-from stimlib.checks import laws, local, scenes
+from stimlib.blocks import track
+from stimlib.checks import laws, scenes
 from stimlib.checks.evidence import asked
 from stimlib.checks.families import contact as touch, surfaces
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
-from stimlib.motion.recorded import recording
 from stimlib.run.driver import samples
 from stimlib.run.processor import Change
 from stimlib.scenes import bumps, click, detents, friction, grating, impact, viscoelastic, wall
@@ -181,25 +176,6 @@ def test_bumps_with_limits_and_profiles_are_proved(monkeypatch, name, wrong):
     assert "amplifier 50, wavelength 5.556 mm" in numbers and (wrong or says in numbers)
 
 
-COLUMNS = {
-    "finger_touchpad_horizontal.csv": "x_raw*1e-5",
-    "finger_touchscreen_updown.csv": "y_raw*1e-4",
-    "stylus_drag_pressure.csv": "x_mm*1e-3",
-}
-
-
-@pytest.mark.parametrize("path", mostly(["finger_touchpad_horizontal.csv"], COLUMNS))
-def test_real_fingers_drive_the_bumps_and_lifts_are_silent(path):
-    if not (DATA / "touch-evemu" / path).is_file():
-        pytest.skip("the recordings are not beside the project")
-    finger = recording(DATA / "touch-evemu" / path, {"x": COLUMNS[path]}, reports="on_change")
-    scene = bumps("sine", 18, 0.5, contact=True)
-    r = report(scene, finger.motion_for(tuple(scene.inputs)), finger.duration)
-    assert r.passed, str(r)
-    touching = finger.contact(np.arange(r.evidence.y.shape[1]) / 8000) > 0
-    assert np.all(r.evidence.y[0, ~touching] == 0) and np.abs(r.evidence.y).max() > 1.0
-
-
 def test_a_grating_is_proved_over_lifts_and_caught_off_its_octaves(monkeypatch):
     motion = {"x": sinusoid(0.05, 1.0), "contact": lambda t: 1.0 * (np.sin(90 * t) > -0.3)}
     r = report(grating(contact=True), motion, 0.2, params={"roughness": 0.1})
@@ -263,19 +239,6 @@ def test_a_scene_is_proved_over_lifts(name):
     assert any("written again" in c.name for c in r.checks) and np.ptp(r.evidence.y) > 0.01
 
 
-@pytest.mark.parametrize(
-    "wrong", [lambda z, before, k: z, lambda z, before, k: contact.where(before < k, z * 0.999, z)]
-)
-def test_a_deflection_that_keeps_no_force_as_the_stiffness_grows_is_refused(monkeypatch, wrong):
-    scene, motion = sliding_on("grows and falls")
-    run = local.Run(scene, 1000.0, 0, motion, 2000, {}, [], [(0, 2000)])
-    # which has the step as it is now
-    monkeypatch.setattr(local, "compile", partial(local.compile, target="python"))
-    assert max(h.error for h in local.held(run)) <= 1
-    monkeypatch.setattr(contact, "softened", wrong)
-    assert {type(h.block).__name__ for h in local.held(run) if h.error > 1} == {"StickSlip"}
-
-
 def test_a_law_says_of_another_wall_that_it_does_not_know_it():
     x = stimlib.Input("x", "m")
     scene = stimlib.Scene(
@@ -299,24 +262,6 @@ def test_springs_that_drag_follow_their_limits():
     np.testing.assert_array_equal(touch.stick_slip(0 * x, on, 1.0, half, 0.5, half)[0], 0 * x)
     with np.errstate(all="ignore"):
         assert not np.isfinite(touch.stick_slip(far, on, 1e3, half, 0.5, 0 * x)[0]).all()
-
-
-@pytest.mark.parametrize("seed", mostly([0], range(40)))
-@pytest.mark.parametrize("name", CASES)
-def test_no_correct_rendering_is_doubted(name, seed):
-    """Hands that move, hold, wobble by a code or come in codes, off and on contact, at
-    any rate and with other numbers.
-    """
-    rng = np.random.default_rng([seed, len(name)])
-    make, motion, params = CASES[name]
-    fs, contact = float(rng.choice([2000, 8000, 48000])), bool(rng.integers(2))
-    ((x, moved),) = motion.items()
-    size = 2 * float(np.ptp(moved(np.arange(1000) / 1000)))
-    sources = {x: hand(rng, size)} | (LIFTS if contact else {})
-    given = {p: v * rng.uniform(0.3, 1.0) for p, v in params.items()}
-    scene, seconds = make(contact=contact), min(0.5, 10_000 / fs)
-    r = stimlib.verify(scene, sources, stimlib.render(scene, sources, fs, seconds, given))
-    assert r.passed, str(r)
 
 
 def test_a_wall_that_pulls_a_little_is_caught_by_its_sign():

@@ -198,6 +198,10 @@ def test_the_page_is_whole_and_the_same_each_time(tmp_path, monkeypatch, capsys)
     assert page == (tmp_path / "b.html").read_text()
     # nothing from elsewhere; no code
     assert not re.search(r'(src|href)="(?!#)', page) and "<script" not in page
+    # for a telephone too; pictures first, and each with a name
+    assert '<meta name="viewport" content="width=device-width,initial-scale=1">' in page
+    assert page.count("<svg") == page.count('<svg role="img" aria-label="') > 0
+    assert page.index("<svg") < page.index("What was compared")
     for word in (
         "passed",
         "over position, x1",

@@ -12,7 +12,6 @@ from refusals import refused
 import stimlib
 from stimlib import BadValue, Input, Scene, UnitError, UnknownName
 from stimlib.plate import CONFIGURATIONS, Patch, Plate, amplifier_load, best_patches
-from stimlib.scenes import bumps
 
 GLASS = {"length": 0.206, "width": 0.147, "thickness": 1.4e-3, "E": 70e9, "nu": 0.24, "rho": 2500.0}
 # scikit-fem 12.0.2, ElementTriArgyris on 26 x 19 rectangles; where edges are free
@@ -215,13 +214,6 @@ def test_what_cannot_be_asked_of_a_plate_is_told():
             ask()
 
 
-def test_the_thesis_plate_is_solved_once_for_all_who_ask():
-    """Each scene of a touch screen asks for its modes."""
-    whole = Plate.paper(patches=True)
-    assert Plate.paper(measured=True) is Plate.paper("short", True, patches=True) is not whole
-    assert whole.patches == Plate.paper(patches="C3").patches
-
-
 def test_the_configurations_are_as_the_thesis_says_of_its_own():
     """C3, C4 and C5 move the centre most, next to the clamped edges; and by name they
     are four patches, mirrored.
@@ -279,14 +271,6 @@ def test_a_sinusoid_draws_w_c_v(row, fs, current, rms, slew, power, rel):
     assert (load.current, load.slew) == pytest.approx((current, slew), rel=min(rel, 1e-3))
     assert load.rms_current == pytest.approx(rms, rel=rel)
     assert load.power == pytest.approx(power, rel=rel)
-
-
-def test_a_rendering_is_its_samples():
-    hand = {"x": lambda t: 0.1 * t}
-    r = stimlib.render(bumps("square", 6, 0.5, 7.5), hand, 8000, 0.5)
-    assert amplifier_load(r, C) == amplifier_load(r["voltage"], C, 8000.0)
-    # the half wave of 375 V; an edge that is met at its top may draw more
-    assert amplifier_load(r, C).current >= 2 * np.pi * 158 * 375 * C * 0.999
 
 
 def test_what_is_no_voltage_is_refused():

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from faults import scaled, times
-from hands import DATA
 from laws import played
 from refusals import refused
 
@@ -15,9 +14,8 @@ import stimlib
 from stimlib import BadValue
 from stimlib.blocks.soft import Cursor, CursorFrames, DelayAvatar, FrameAvatar, Vibration
 from stimlib.checks.families import soft as law
-from stimlib.motion.recorded import recording
 from stimlib.scenes import soft_surface
-from stimlib.soft import block, nodules
+from stimlib.soft import nodules
 
 FS, T = 1000, np.arange(1200) / 1000
 MOTION = {
@@ -173,23 +171,3 @@ def test_a_mouse_pushes_as_it_is_told():
 )
 def test_words_that_make_no_sense(words, says):
     refused(BadValue, says, soft_surface, **words)
-
-
-def test_a_recorded_pen_over_three_nodules():
-    path = DATA / "pen-pressure" / "pen_loops.csv"
-    if not path.is_file():
-        pytest.skip("the recordings are not beside the project")
-    columns = {
-        "x": "(x_raw - 4034)*3.404e-6 + 0.008",
-        "y": "(y_raw - 2860)*8.184e-6 + 0.008",
-        "press": "pressure_raw/23825",
-    }
-    pen = recording(path, columns, reports="on_change", max_speed={"press": None})
-    scene = soft_surface("combined", S=block(1.66), contact=True)
-    y = stimlib.render(scene, pen.motion_for(tuple(scene.inputs)), fs=FS, seconds=pen.duration)
-    r = stimlib.verify(scene, y.motion, y)
-    assert r.passed, str(r)
-    touching = pen.contact(y.t) > 0
-    assert not y["force"][~touching].any() and 5.0 < y["force"].max() < 5.5
-    away = np.hypot(*(y[f"{n}1"] - pen.motion[n](y.t) for n in "xy"))[touching]
-    assert 0.005 < away.max() < 0.1 and np.median(away) < 0.02

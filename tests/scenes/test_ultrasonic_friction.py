@@ -51,14 +51,6 @@ def test_a_plate_of_high_quality_answers_late(q):
     assert late == pytest.approx(1.28 * q / (np.pi * 30e3), abs=4e-4)
 
 
-@pytest.mark.parametrize(("factor", "passes"), [(1.0, True), (1.00001, False)])
-def test_the_law_sees_another_force(factor, passes):
-    scene, r = sliding(0.3)
-    changed = Scene({"force": factor * scene.outputs["force"]}, scene.parts)
-    other = stimlib.render(changed, r.motion, 8000, 0.3)
-    assert stimlib.verify(changed, r.motion, other).passed is passes
-
-
 @pytest.mark.parametrize(("A", "normal"), [(12.0, 0.7), (-150.0, 200.0)])
 def test_lifts_and_live_numbers_are_proved(A, normal):
     """The sign of A does not count, up to e^2 = 0.98."""
