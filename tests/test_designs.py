@@ -15,7 +15,6 @@ from refusals import refused
 
 import stimlib
 from stimlib import blocks as b
-from stimlib.design.filters import resampled
 from stimlib.errors import BadValue
 
 HERE = os.path.dirname(__file__)
@@ -104,12 +103,3 @@ def test_a_long_design_can_be_interrupted(make, fs, target):
     time.sleep(0.1)  # it is in the design, or before: either ends
     child.send_signal(signal.SIGINT)
     assert child.communicate(timeout=60)[0] == "interrupted\n"
-
-
-def test_few_phases_give_the_samples_of_many():
-    """48 of 44.1 kHz has 160 phases; next to it are so many that the factors of each
-    sample are made anew.
-    """
-    x = np.random.default_rng(1).standard_normal(3000)
-    few, many = resampled(x, 44100.0, 48000.0), resampled(x, 44100.0, np.nextafter(48000.0, 0))
-    np.testing.assert_allclose(few, many, rtol=0, atol=1e-11)

@@ -75,12 +75,6 @@ def test_every_place_is_stable():
         assert max(np.abs(np.roots(a)).max(), np.abs(np.roots(b)).max()) < 0.97 and deviation >= 0
 
 
-def test_at_a_model_is_that_model():
-    b, a, deviation = LOUD.at(0.05, 1.0)
-    np.testing.assert_array_equal([*b, *a], [*polynomial(LOUD.ma[4]), *polynomial(LOUD.lsf[4])])
-    assert deviation == pytest.approx(1.25 * np.sqrt(MODEL.variance[4])) and deviation > 0
-
-
 def test_images_of_the_interpolator_are_low_and_its_band_is_flat():
     H = np.abs(np.fft.rfft(upsampler(8).ravel("F"), 8000)) / 8  # in the order of time
     assert np.abs(H[:356] ** 2 - 1).max() < 0.01 and abs(H[500] - 0.5) < 1e-4

@@ -316,18 +316,6 @@ def test_the_fractional_maxwell_arm_converges_to_its_stated_order(alpha):
         assert scheme == "gl" or coarse < 2e-3
 
 
-@pytest.mark.parametrize(
-    ("words", "own"), [({"k": K}, F / constant(K, "N/m")), ({"b": 20.0}, compliance(F, 20.0, 1.0))]
-)
-def test_displacements_in_series_add_up(words, own):
-    """Moved along f/k + I^alpha f/chi (or with the integral of f/b), the arm gives f
-    back: the same sums.
-    """
-    force = np.r_[0.0, np.random.default_rng(0).standard_normal(5000).cumsum()]
-    arm = springpot_series(own + compliance(F, CHI, 0.4), CHI, 0.4, scheme="gl", **words)
-    close(played(arm, force), force, 1e-8)
-
-
 def test_limits():
     move = 0.01 * np.sin(np.arange(2000) / 100)
     stiff = played(springpot_series(Y, CHI, 0.5, k=1e14), move)
