@@ -7,7 +7,6 @@ import importlib.util
 import math
 import re
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -114,28 +113,6 @@ def test_what_fails_is_a_row_that_says_so():
     assert all(math.isnan(q.error) and math.isnan(q.ns) for q in points)
     failed = [(q.knob, q.failed) for q in points]
     assert failed == [("1", "ValueError: a package that fails")] * 2 + [("2.5", "not finite")]
-
-
-def test_each_method_has_its_own_time_in_ns_for_a_sample(monkeypatch):
-    """Of what this process computes, not what the machine does meanwhile."""
-    clocks, took = [], {"0": 1e-3, "2": 2e-6}
-
-    def read(jobs, rounds, warm_up, clock):
-        clocks.append(clock)
-        return {name: [took[name]] for name in jobs}
-
-    monkeypatch.setattr(precision, "interleaved", read)
-    points = measure(problem(*(stub(error=e) for e in (0.25, math.inf, 0.5)), samples=500))
-    assert [(p.error, p.failed) for p in points[::2]] == [(0.25, ""), (0.5, "")]
-    assert [p.ns for p in points[::2]] == pytest.approx([2000.0, 4.0])
-    assert points[1].failed == "not finite" and math.isnan(points[1].error + points[1].ns)
-    assert clocks == [time.process_time]
-
-
-@pytest.mark.parametrize(("dtype", "number"), [("float64", float), ("float32", np.float32)])
-def test_on_jax_a_row_has_the_digits_that_it_says(dtype, number):
-    f = precision.own(lambda x, k: k * x, 1000.0, dtype=dtype)(0.1)
-    assert f(np.ones(2)).tolist() == [float(number(0.1))] * 2
 
 
 def test_the_table_has_our_figures_and_theirs():

@@ -1,5 +1,5 @@
-"""White noise: the same at every rate and for all time (its arithmetic and its moments
-are in test_maths.py).  Pink noise: the filter as plain recursions, and a start without
+"""White noise: the same at every rate and for all time (its arithmetic is in
+test_maths.py).  Pink noise: the filter as plain recursions, and a start without
 a transient.
 """
 
