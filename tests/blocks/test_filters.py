@@ -294,11 +294,6 @@ def test_a_steady_start_of_a_noise_is_at_sample_0():
     assert late.tolist() == [now[0], now[0], now[0], now[1]]
 
 
-def test_a_moving_cutoff_stays_steady():
-    rows = {"x": np.full(300, 0.02), "f": np.random.default_rng(2).uniform(1, 490, 300)}
-    np.testing.assert_array_equal(played(b.svf(M, FREQ, 3.0, onset="steady"), rows), 0.02)
-
-
 def tracked(x, fs=FS, **words):
     """Position and velocity of one tracker."""
     return played({"y": track(M, **words), "z": track_velocity(M, **words)}, x, fs=fs)

@@ -229,7 +229,7 @@ def test_its_spectrum_is_the_law(step, slope):
     """S(f) sinc(f step)^2, whose power between the wavelengths is 1, within 0.5 dB in
     each octave.
     """
-    n = 1 << 17
+    n = 1 << 16
     window = np.hanning(n)
     y = np.array([noise(step * np.arange(n) - 3.0, slope, seed) for seed in (1, 2)])
     power = np.mean(np.abs(np.fft.rfft(y * window)) ** 2, axis=0)
