@@ -10,10 +10,9 @@ from typing import NamedTuple
 import mpmath
 import numpy as np
 import pytest
-from laws import STRESS, assert_same, bits, mostly, played
+from laws import STRESS, assert_same, bits, mostly
 from numba import njit
 from refusals import refused
-from scipy import stats
 
 import stimlib
 from stimlib import Scene
@@ -169,7 +168,8 @@ def test_every_name_of_maths_is_tested_here():
     ), "each has a compiled counterpart"
 
 
-@pytest.mark.parametrize("name", UNARY)
+# the others are in test_elementary.py
+@pytest.mark.parametrize("name", ["sqrt", "floor", "flush", "settle"])
 def test_functions_of_one_number(name):
     x = numbers()
     assert_number(compiled_each(name)(x), each(getattr(maths, name), x), name)
@@ -206,24 +206,6 @@ def test_fma_has_one_rounding():
     exact = [float(Fraction(x) * Fraction(y) + Fraction(z)) for x, y, z in np.array([a, b, c]).T]
     np.testing.assert_array_equal(each(maths.fma, a, b, c), exact)
     assert np.any(a * b + c != exact), "the examples do not tell"
-
-
-INF, NAN = np.inf, np.nan
-
-
-@pytest.mark.parametrize(
-    ("a", "b", "c", "y"),
-    [
-        (INF, 0.0, 1.0, NAN),
-        (INF, 1.0, -INF, NAN),
-        (1e308, 10.0, -INF, -INF),
-        (1e308, 10.0, 0.0, INF),
-        (NAN, 1.0, 1.0, NAN),
-    ],
-)
-def test_fma_of_special_numbers(a, b, c, y):
-    np.testing.assert_equal(float(maths.fma(a, b, c)), y)
-    np.testing.assert_equal(float(maths._exact_fma(a, b, c)), y)
 
 
 @njit(error_model="numpy")
@@ -513,7 +495,7 @@ def alike(name, *given):
 @pytest.mark.parametrize("size", range(8, 137, 8))
 def test_fir(size):
     rng = np.random.default_rng(size)
-    for n in [*range(1, 20), 23, 31, 32, 33, 48, 63, 64]:
+    for n in [*range(1, 10), 16, 17, 31, 32, 33, 64]:
         taps = rng.standard_normal(size) * 10.0 ** rng.uniform(-8, 8, size)
         w = rng.standard_normal(n + size - 1)
         y = alike("fir", taps, w, np.empty(n))[-1]
@@ -585,7 +567,7 @@ def test_chebyshev(n, terms, m):
 
 
 def test_a_moderate_exp_is_exp():
-    x = np.concatenate([np.random.default_rng(1).uniform(-700, 700, 3000), [0.0, 700.0, -700.0]])
+    x = np.concatenate([np.random.default_rng(1).uniform(-700, 700, 800), [0.0, 700.0, -700.0]])
     y = compiled_each("exp")(x)
     assert_same(compiled_each("moderate_exp")(x), y)
     assert_same(each(maths.moderate_exp, x), y)
@@ -600,14 +582,6 @@ def test_long_sums_write_nothing_around_their_samples(n):
     compiled_modes(taps, taps, np.zeros(8), 1.0, w[:n], y[1], np.zeros(512))
     compiled_memory(taps, taps, np.zeros(8), np.zeros(0), w[:n], y[2], np.zeros(512))
     assert (room[:, :64] == 7.0).all() and (room[:, 64 + n :] == 7.0).all()
-
-
-@pytest.mark.parametrize("n", [3, 9])
-def test_memory_of_what_is_not_finite(n):
-    """There is no product with a d of 0: inf stays inf."""
-    x = np.r_[np.zeros(n - 1), np.inf]
-    y = alike("memory", np.full(8, 0.5), np.ones(8), np.zeros(8), np.zeros(8), x, np.empty(n))[-1]
-    assert y[-1] == np.inf
 
 
 # Noise --------------------------------------------------------------------------------
@@ -687,14 +661,6 @@ def stream(seed, start, n, run=0):
     return proc.process(np.empty((0, n)))[0]
 
 
-def test_sample_n_is_a_function_of_n():
-    y = stream(3, 0, 700)
-    assert_same(played(white_noise(3), 700), y)
-    for start in (1, 2, 3, 62, 63, 64, 65, 127, 128, 129, 400, 699):
-        assert_same(stream(3, start, 1), y[start : start + 1])
-        assert_same(stream(3, start, 700 - start), y[start:])
-
-
 @pytest.mark.parametrize("middle", [2**32, 2**33, 2**53, 2**63])
 def test_no_seam_where_counters_carry(middle):
     whole = stream(3, middle - 9, 30)
@@ -712,16 +678,6 @@ def test_keys_tell_runs_seeds_streams_and_uses_apart():
     keys = {int(noise.noise_key(*k)) for k in np.ndindex(4, 4, 4, 2)}
     assert len(keys) == 4 * 4 * 4 * 2
     assert noise.noise_key(2**64 - 1, 2**64 - 1, 2**32 - 1, 1) != noise.noise_key(0, 0, 0, 1)
-
-
-def test_moments_and_distribution():
-    y, other = played({"y": white_noise(11), "z": white_noise(12)}, 400_000)
-    n = y.size
-    for moment, expected, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
-        assert abs(np.mean(y**moment) - expected) < 4.5 * math.sqrt(variance / n)
-    for one, later in ((y, other), *((y[k:], y[:-k]) for k in (1, 2, 3, 64, 128))):
-        assert abs(np.mean(one * later)) < 4.5 / math.sqrt(n)
-    assert stats.kstest(y, "norm").pvalue > 1e-3 and 4.2 < np.abs(y).max() < 6
 
 
 HARD = [0.0, -0.0, 5e-324, -5e-324, 1e308, -1e308, 1 + 2**-52, 1 - 2**-53, np.inf, np.nan]

@@ -118,30 +118,6 @@ def test_gain_in_forty_digits(fs, f_low, tol):
     assert 0.9 * modes.error_db < worst <= tol
 
 
-@pytest.mark.parametrize(
-    ("ratio", "n", "slope"),
-    [*((48000, n, 1.0) for n in (1, 2, 5, 8, 13, 17, 24)), (8000, 6, 0.3), (8000, 6, 1.3)],
-)
-def test_error_is_equal_ripple(ratio, n, slope):
-    design, reference = noise._minimax_design(2 * math.pi / ratio, n, slope)
-    ripple = noise._log_ripple(design, reference, slope)
-    assert len(reference) == 2 * n + 2  # one more than two roots for each section and the gain
-    assert np.all(ripple[1:] * ripple[:-1] < 0)
-    assert np.max(np.abs(ripple)) < 1.001 * np.min(np.abs(ripple))
-
-
-def test_pole_at_zero_is_moved_aside():
-    design = np.array([-6.0, -4.0, 0.0, 1.0, 0.0])  # log b = 0 is a pole at zero
-    e, z, gain = noise._leaks_and_gain(design)
-    assert np.min(np.abs(1 - e)) == pytest.approx(1e-8)
-    r, d = noise._partial_fractions(e, z, gain)
-    w = np.linspace(0.01, 3, 50)
-    power = np.abs(noise._response(e, r, d, w)) ** 2 * w
-    np.testing.assert_allclose(
-        power, np.exp(noise._log_ripple(design, np.log(np.tan(w / 2)))), rtol=1e-6
-    )
-
-
 def test_tolerance_out_of_reach_names_the_one_in_reach():
     error = refused(ValueError, "24 sections, which reach", noise_modes, 192000, 0.1, 1e-6)
     reach = float(re.search(r"reach (\S+) dB", str(error))[1])
@@ -174,19 +150,6 @@ def test_cholesky_of_stationary_covariance(fs, f_low, tol):
     exact = np.tril(p / scale * products)
     np.testing.assert_allclose(lower / scale[:, None], exact / scale[:, None], atol=2e-13)
     assert np.all(np.diag(lower) > 0.1 * scale)
-
-
-def test_stationary_covariance_is_stationary():
-    e = noise_modes(8000, 1, 1e-4).e
-    p = stationary_covariance(e)
-    np.testing.assert_allclose((1 - e)[:, None] * p * (1 - e) + 1, p, rtol=1e-14)
-
-
-def test_cholesky():
-    # the upper triangle is not read
-    a = np.array([[4.0, 99.0, 99.0], [2.0, 5.0, 99.0], [6.0, 7.0, 30.0]])
-    full = np.tril(a) + np.tril(a, -1).T
-    np.testing.assert_allclose(cholesky(a), np.linalg.cholesky(full), rtol=1e-14)
 
 
 # --- FIR differentiator ---------------------------------------------------------------

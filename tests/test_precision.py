@@ -7,8 +7,6 @@ import importlib.util
 import math
 import re
 import sys
-import time
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +14,7 @@ import pytest
 from laws import STRESS
 from refusals import refused
 
-from stimlib.blocks import delay
 from stimlib.errors import SinkError, UnknownName
-from stimlib.run.processor import compile
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -102,12 +98,6 @@ def test_every_recorded_table_has_a_problem_and_a_picture():
     assert {p.stem.removeprefix("work_") for p in RECORDED.glob("*.svg")} == names
 
 
-def test_a_response_begins_at_its_impulse():
-    np.testing.assert_allclose(
-        precision.response(lambda x: 2 * x, 8, at=3), 2 * np.ones(5), rtol=1e-15
-    )
-
-
 def bad(knob):
     raise ValueError("a package that fails")
 
@@ -123,42 +113,6 @@ def test_what_fails_is_a_row_that_says_so():
     assert all(math.isnan(q.error) and math.isnan(q.ns) for q in points)
     failed = [(q.knob, q.failed) for q in points]
     assert failed == [("1", "ValueError: a package that fails")] * 2 + [("2.5", "not finite")]
-
-
-def test_time_is_for_a_sample_and_errors_are_not_timed():
-    ran = []
-    (point,) = measure(problem(stub(ran)), rounds=3)
-    assert ran == ["error"] + ["job"] * 4  # one to warm up
-    assert 0 < point.ns < math.inf
-
-
-def test_each_method_has_its_own_time_in_ns_for_a_sample(monkeypatch):
-    """Of what this process computes, not what the machine does meanwhile."""
-    clocks, took = [], {"0": 1e-3, "2": 2e-6}
-
-    def read(jobs, rounds, warm_up, clock):
-        clocks.append(clock)
-        return {name: [took[name]] for name in jobs}
-
-    monkeypatch.setattr(precision, "interleaved", read)
-    points = measure(problem(*(stub(error=e) for e in (0.25, math.inf, 0.5)), samples=500))
-    assert [(p.error, p.failed) for p in points[::2]] == [(0.25, ""), (0.5, "")]
-    assert [p.ns for p in points[::2]] == pytest.approx([2000.0, 4.0])
-    assert points[1].failed == "not finite" and math.isnan(points[1].error + points[1].ns)
-    assert clocks == [time.process_time]
-
-
-@pytest.mark.parametrize(("dtype", "number"), [("float64", float), ("float32", np.float32)])
-def test_on_jax_a_row_has_the_digits_that_it_says(dtype, number):
-    f = precision.own(lambda x, k: k * x, 1000.0, dtype=dtype)(0.1)
-    assert f(np.ones(2)).tolist() == [float(number(0.1))] * 2
-
-
-def test_a_method_of_stimlib_begins_at_sample_0_each_time(monkeypatch):
-    monkeypatch.setattr(precision, "compile", partial(compile, target="python"))
-    f = precision.own(lambda x, n: delay(x, n), 1000.0)(2)
-    for _ in range(2):
-        assert f(np.arange(1.0, 5.0)).tolist() == [0.0, 0.0, 1.0, 2.0]
 
 
 def test_the_table_has_our_figures_and_theirs():

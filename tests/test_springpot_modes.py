@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from laws import mostly
 from refusals import refused
-from scipy.interpolate import BarycentricInterpolator
 
 from stimlib.design import fractional as soe
 from stimlib.errors import BadValue
@@ -90,19 +89,6 @@ def test_the_bound_is_not_far_from_the_error(tol, alpha):
     assert soe.bound(r, alpha) - soe.ROUNDING <= 10 * worst(r, "gl", alpha, lags(1e4, 60))
 
 
-@pytest.mark.parametrize("m", [2, 3, 4])
-@pytest.mark.parametrize("alpha", [0.02, 0.5, 1.0])
-def test_the_part_below_the_grid_is_as_wrong_as_is_stated(alpha, m):
-    """exp(-k/4) at the horizon, of rates k below the grid, through its values at a few
-    nodes: a derivative is at least exp(-1/4) of the largest one.
-    """
-    delta, x = 0.4, np.array(soe._nodes(m))
-    k = np.exp(-delta * np.arange(1, 400))
-    apart = np.abs(np.exp(-k / 4) - BarycentricInterpolator(x, np.exp(-x / 4))(k))
-    real = delta * np.sum((k / 4) ** alpha * apart) / math.gamma(alpha)
-    assert math.exp(-1 / 4) <= real / soe._lump_error(alpha, delta, tuple(x)) <= 1
-
-
 @pytest.mark.parametrize("tol", [*TOLS, 0.1, 3e-5, 1e-13])
 @pytest.mark.parametrize("samples", [1, 500, 1e6, 1e10])
 def test_the_bound_is_below_tol_for_every_order(tol, samples):
@@ -119,16 +105,6 @@ def test_how_many_modes(tol, size):
     assert 0 <= r.fine <= size
     assert r.fine == 0 or r.s[r.fine :].min() >= 16 * U / tol > r.s[r.fine - 1]
     assert np.diff([soe.rates(tol, n).s.size for n in 10.0 ** np.arange(3, 11)]).max() <= 9
-
-
-@pytest.mark.parametrize("alpha", [0.05, 0.3, 0.5, 0.9, 0.999])
-@pytest.mark.parametrize("delta", [0.25, 0.4, 0.8])
-def test_aliasing_is_its_formula(alpha, delta):
-    size = abs(mpmath.gamma(mpmath.mpc(alpha, 2 * mpmath.pi / delta)))
-    assert soe.aliasing(alpha, delta) == pytest.approx(
-        float(2 * size / mpmath.gamma(alpha)), rel=1e-8
-    )
-    assert soe.aliasing(0.0, delta) == 0.0
 
 
 @pytest.mark.parametrize("alpha", [5e-324, 1e-300, 1e-20, 1 - U])

@@ -301,19 +301,6 @@ def test_a_law_is_its_differential_equation(law):
     assert law != "dahl" or np.nanmax(error[straight]) < 1e-9 * C
 
 
-def test_stick_slip_falls_at_its_places():
-    """Each tooth of (static - kinetic) normal/k, whatever the size of a sample; the
-    mean of whole teeth is known.
-    """
-    tooth = (F - F / 2) / K
-    x = C * np.array([0, 1, 1, 1, 1]) + tooth * np.array([0, 0, 0.5, 40.5, 40.75])
-    y, fine = force("stick_slip", x), np.linspace(0.0, x[-1], 40_001)
-    falls = C * np.array([0.0, 0.5, 1, 1, 1]) - tooth * np.array([0.0, 0.0, 0.75, 0.5, 0.375])
-    np.testing.assert_allclose(y, K * falls, atol=1e-13)
-    assert abs(work(force("stick_slip", fine), fine)[-1] - work(y, x)[-1]) < 1e-15
-    np.testing.assert_allclose(force("stick_slip", -x), -y, atol=1e-15)
-
-
 @pytest.mark.parametrize("normal", [1e-6, 1e-12, 1e-100])
 def test_any_number_of_slips_in_a_sample_is_their_mean(normal):
     """From a thousand to 1e97 of them: no digit is lost that the way has."""
@@ -334,18 +321,6 @@ def test_no_motion_and_no_normal_force_takes_energy_out(law):
         assert w[-1] > 0.05
 
 
-@pytest.mark.parametrize("law", ["coulomb", "elastoplastic"])
-@pytest.mark.longer
-def test_a_stiffness_that_follows_the_normal_force_is_passive(law):
-    """The trap: k in proportion to N, as of fingers; with z kept on a rise, 10 s of
-    this give 0.25 mJ.
-    """
-    t = np.arange(80_000) / 8000
-    x, normal = 1e-4 * np.sin(4 * np.pi * t), 1 - 0.8 * np.sin(8 * np.pi * t)
-    w = work(force(law, x, 10 * normal), x)
-    assert w.min() > -1e-18 and 2e-4 < w[-1]
-
-
 @pytest.mark.parametrize("name", MADE)
 def test_no_motion_takes_energy_out(name):
     """From rest at 0: a wall has at most what was put in, a closed way over detents
@@ -356,12 +331,6 @@ def test_no_motion_takes_energy_out(name):
     taken = np.abs(np.diff(w)).sum()
     assert w.min() > -1e-15 * taken
     assert abs(w[-1]) < 1e-15 * taken if name == "detents" else w[-1] > 1e-6 * taken
-
-
-def test_a_press_of_a_button_loses_the_drop_over_the_way_back():
-    x = 1e-3 * np.r_[np.linspace(0, 1.4, 31), np.linspace(1.4, 0, 13)]
-    force = played(MADE["button"], x, fs=8000)
-    assert work(force, x)[-1] == pytest.approx(2.0 * 0.4 * 0.4e-3, rel=1e-12) and force.min() >= 0
 
 
 @pytest.mark.parametrize(
@@ -408,13 +377,6 @@ def test_a_normal_force_or_a_stiffness_that_fades_away_closes_no_guard():
     assert proc.fault is None
     assert (y[:, [3, 13, 23]] > 0.4 * F).all(), "and the surface is there again"
     assert (np.abs(y[4, 4:10]) < 1e-30).all() and (np.abs(y[:, 14:20]) < 1e-30).all()
-
-
-def test_the_least_movement_keeps_the_force():
-    """A product of a way of 5e-324 m and a deflection is 0, and not the force times the
-    way.
-    """
-    assert force("elastoplastic", np.array([-C / 2, 0.0, 5e-324]))[2] == pytest.approx(F / 2)
 
 
 @pytest.mark.parametrize("exponent", [1.0, 1.3, 2.0, 3.0])

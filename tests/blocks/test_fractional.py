@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from laws import assert_same, compiled, cut_at, lawful, mostly, played, raw, refuses, rows, run
+from laws import assert_same, compiled, lawful, mostly, played, raw, refuses, rows
 from scipy.special import rgamma
 
 import stimlib
@@ -136,15 +136,6 @@ def test_a_minute_and_an_hour_to_the_last_digits(given):
         proc = proc_of(order, fs, tol=1e-14)
         check_full(proc, x, alpha, fs, 1e-14, spots(n, 12), largest=largest)
     _full.cache_clear()
-
-
-@extended
-@pytest.mark.parametrize("tol", [1e-4, 1e-8, 1e-12])
-@pytest.mark.parametrize("alpha", [0.05, 0.5, 0.95])
-def test_the_certificate_is_tight_for_what_moves_one_way(alpha, tol):
-    fs, n = 1000.0, 20_000
-    at = sorted({*range(0, 300), *spots(n, 100)})
-    assert check_full(proc_of(alpha, fs, tol=tol), moved("step", n, fs), alpha, fs, tol, at) >= 0.1
 
 
 @extended
@@ -396,24 +387,6 @@ def test_equal_force(a1, a2):
 
 
 # Files, units, errors -----------------------------------------------------------------
-
-
-def test_a_ramp_of_the_order_is_the_same_in_any_pieces():
-    """Weights are made for 16 samples at once. Orders that stay, that move, 0, 1, a
-    jump and a way back within one tile.
-    """
-    rng, stay = np.random.default_rng(3), np.full(70, 0.4)
-    moves = [0.4, 0.5, 0.6], stay[:27], rng.random(90), stay
-    alpha = np.concatenate([np.linspace(0, 1, 90), np.ones(50), *moves])
-    x, scene = moved("smooth", alpha.size, 1000.0), Scene({"f": springpot(Y, 1.0, A, tol=1e-14)})
-    fast, slow = (stimlib.compile(scene, 1000, target) for target in ("numba", "python"))
-    both = rows(fast, np.array([x, alpha]), ["y", "a"])
-    whole = slow.process(both)
-    for cut in (1, 7, 37, alpha.size):
-        fast.reset()
-        assert_same(run(fast, both, cut_at(alpha.size, cut)), whole)
-    fixed = played(springpot(Y, 1.0, 0.4, tol=1e-14), x)
-    np.testing.assert_allclose(whole[0, 260:], fixed[260:], rtol=1e-12)
 
 
 REFUSED = [

@@ -1,9 +1,8 @@
-"""White noise: the same at every rate and for all time (its arithmetic and its moments
-are in test_maths.py).  Pink noise: the filter as plain recursions, and a start without
+"""White noise: the same at every rate and for all time (its arithmetic is in
+test_maths.py).  Pink noise: the filter as plain recursions, and a start without
 a transient.
 """
 
-import mpmath
 import numpy as np
 import pytest
 from laws import assert_same, lawful, played, refuses, run
@@ -11,7 +10,7 @@ from laws import assert_same, lawful, played, refuses, run
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import coloured_noise, pink_noise, pinking, white_noise
-from stimlib.blocks.noise import PinkNoise, White, noise_key, pair_of_words
+from stimlib.blocks.noise import PinkNoise, pair_of_words
 from stimlib.checks import laws
 
 X, LOW = Input("x"), 2**32 - 1
@@ -38,24 +37,6 @@ def test_words_of_every_pair_and_key_are_those_of_the_reference(key, m):
     assert pair_of_words(np.uint64(key), np.uint64(m)) == (a | b << 32, c | d << 32)
 
 
-def test_samples_give_back_their_bits():
-    """Backwards: exp(-(x^2 + y^2)/2) is the first word of a pair, the angle of (x, y)
-    the second.
-    """
-    w = laws.philox((7, 0, 1, 0), (42, 0))
-    y = stimlib.compile(Scene({"n": white_noise(7, 1)}), 8000, seed=42).process(100)[0].tolist()
-    with mpmath.workdps(40):
-        for m, (x0, x1) in enumerate(zip(y[::2], y[1::2], strict=True)):
-            a, b, c, d = laws.philox((m & LOW, m >> 32, 0, 0), (w[0], w[1]))
-            half = (mpmath.mpf(x0) ** 2 + mpmath.mpf(x1) ** 2) / 2
-            first = (mpmath.mpf(a | b << 32) + 0.5) / 2**64
-            assert abs(mpmath.exp(-half) / first - 1) <= 1e-15 * (1 + half)
-            quarter, rest = (d >> 30) - 0.5, ((c | d << 32) >> 11) % 2**51
-            turn = mpmath.mpf(quarter) / 4 + mpmath.mpf(rest) / 2**53
-            apart = mpmath.atan2(x1, x0) / (2 * mpmath.pi) - turn
-            assert abs(apart - mpmath.nint(apart)) <= 1e-16
-
-
 # Pink ---------------------------------------------------------------------------------
 FILTERED = [
     *(pinking(X, 5.0, tol_db) for tol_db in (1.0, 0.01, 1e-5)),
@@ -67,17 +48,6 @@ FILTERED = [
 def test_pink_noise_is_its_own_white_noise_filtered(block):
     """By a bank of one-pole filters, from a state that is stationary."""
     lawful(block, 8000, x=np.random.default_rng(0).standard_normal(2500))
-
-
-def test_its_start_is_drawn_apart_from_its_white_noise():
-    block = PinkNoise(White(5, 2), 0.7, 20.0, 0.01)
-    p, s = block.design(2000)
-    keys = []
-    start = block.start(p, s, 9, lambda key, n: keys.append(key) or np.ones(n))
-    white = block.white.start((), block.white.design(2000)[1], 9)
-    assert (keys, white.key) == ([noise_key(9, 5, 2, 1)], noise_key(9, 5, 2, 0))
-    assert not start.q[p.r == 0].any() and start.q[p.r != 0].all()
-    assert block.work(p) == 8 * 64
 
 
 @pytest.mark.parametrize(

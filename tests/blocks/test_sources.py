@@ -8,7 +8,7 @@ from fractions import Fraction
 import mpmath as mp
 import numpy as np
 import pytest
-from laws import alias, lawful, mostly, played, refuses
+from laws import lawful, mostly, played, refuses
 
 import stimlib
 from stimlib import Input, Param, Scene, UnitError, blocks as b, constant
@@ -73,21 +73,6 @@ def test_samples_are_those_worked_out_by_hand():
         np.testing.assert_allclose(played(block, n), wanted, rtol=1e-15, err_msg=name)
 
 
-ALIASED = [  # turns in 2^16 samples, what is played, the point at each sample, dB at least
-    (1295, lambda f: carrier(f, "half"), lambda u: np.maximum(0, np.sin(2 * np.pi * u)), 6, 20),
-    (1645, lambda f: b.oscillator(f, "sawtooth"), lambda u: 2 * (u % 1) - 1, 4, 15),
-]
-
-
-@pytest.mark.parametrize(("k", "make", "point", "all_of_it", "below_1_khz"), ALIASED)
-def test_the_mean_over_a_sample_has_fewer_aliases(k, make, point, all_of_it, below_1_khz):
-    n = 1 << 16
-    y, points = played(make(k * FS / n), n, fs=FS), point(np.arange(n) * k / n)
-    for top, better in ((0.5, all_of_it), (1000 / FS, below_1_khz)):
-        assert alias(y, k, top) < alias(points, k, top) - better
-    assert np.abs(np.fft.rfft(y)[k] / np.fft.rfft(points)[k]) == pytest.approx(1, abs=0.01)
-
-
 @pytest.mark.parametrize(("kind", "tol"), [("linear", 1e-14), ("exponential", 1e-8)])
 def test_the_phase_of_an_hour_of_sweep(kind, tol):
     fs, seconds = 48000, 3600.0
@@ -110,16 +95,6 @@ def test_the_phase_of_an_hour_of_sweep(kind, tol):
 def test_nothing_sounds_before_sample_0(source):
     """A filter of a source runs before sample 0."""
     assert played(b.moving_average(source, 0.01), 1)[0] == played(source, 1)[0] / 10
-
-
-def test_jittered_pulses_keep_their_order_and_none_is_lost():
-    """Each in its own period, where its jitter says."""
-    jitter = np.random.default_rng(0).uniform(-0.45, 0.45, 10_000)
-    y = played(b.pulse_train(Param("rate", 40.0, "Hz"), X), jitter)
-    period, at = np.arange(1, 400) * 25, np.repeat(np.arange(10_000), y.astype(int))
-    # read at the sample that ends the period before
-    wanted = np.floor(period + 25 * (0.5 + jitter[period - 1]))
-    assert y.sum() == 400 and np.abs(at[1:] - wanted).max() <= 1
 
 
 @pytest.mark.parametrize(
@@ -166,17 +141,6 @@ def test_a_recording_is_heard_at_any_time_of_it(rate, loop):
     np.testing.assert_allclose(ends, np.cos(1) if loop else [0, ends[1], ends[2], 0], atol=1e-4)
     high = played(b.playback(np.cos(2 * np.pi * 0.145 * n), rate, True, at=T), np.arange(500) / 1e3)
     assert str(block.dim) == "N" and (rate < 4000 or np.abs(high).max() < 1e-5)
-
-
-def test_what_lies_beyond_the_sample_rate_is_not_heard_at_a_speed_of_1():
-    x = np.cos(2 * np.pi * 580 * np.arange(4000) / 4000)
-    assert (
-        np.abs(played(b.playback(x, 4000, True, at=Input("t", "s")), np.arange(500) / 1000)).max()
-        < 1e-5
-    )
-
-
-TOUCH = Input("touch")
 
 
 @pytest.mark.parametrize("f", [158.0, 157.9, 1 / 3, 3999.999])

@@ -24,7 +24,7 @@ def touched(u, waveform="square", duty=0.5, target="numba", **words):
 
 RNG = np.random.default_rng(1)
 FAST = np.cumsum(RNG.choice([-1, 1], 800) * 10 ** RNG.uniform(-2, 1.3, 800))  # to 20 bumps a sample
-AT_REST = [-2.3, -1.9, -0.7, 0.123, 0.39, 0.41, 0.99, 3.3, 1e6 + 0.25]
+AT_REST = [-1e-17, 3.0, 0.8, -2.3, -1.9, -0.7, 0.123, 0.39, 0.41, 0.99, 3.3, 1e6 + 0.25]
 LINES = np.linspace(-0.02, 0.02, 200)
 RIBS = [(2e-3, 0.2, 0.4), (0.3e-3, -0.05, 2.0), (0.11e-3, 0.01, 0.0)]
 LAWFUL = [
@@ -54,15 +54,6 @@ def test_each_sample_is_the_mean_over_its_movement():
         lawful(block, FS, u=x, x=x)
 
 
-@pytest.mark.parametrize(
-    ("table", "waveform"), [([0.0, 1.0], "sawtooth"), ([0, 0.5, 1], "sawtooth"), ([1, 1], "square")]
-)
-def test_a_table_is_the_mean_of_its_lines(table, waveform):
-    for duty in (0.05, 0.5, 1.0):
-        one, other = touched(FAST, table, duty), touched(FAST, waveform, duty)
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-11)
-
-
 @pytest.mark.parametrize("waveform", [*WAVEFORMS, TABLE], ids=str)
 def test_slow_movements_lose_no_digits_and_zeros_have_no_sign(waveform):
     """Where a difference of integrals would have none left: 1e-12 of a bump per
@@ -82,19 +73,6 @@ def test_slow_movements_lose_no_digits_and_zeros_have_no_sign(waveform):
 def test_no_rounding_leaves_0_to_1(waveform, duty):
     y = touched(np.cumsum(np.random.default_rng(0).standard_normal(20_000) * 3), waveform, duty)
     assert y.min() >= 0.0 and y.max() <= 1.0
-
-
-@pytest.mark.parametrize("target", ["numba", "python"])
-@pytest.mark.parametrize("sampling", ["area", "point"])
-@pytest.mark.parametrize(
-    ("waveform", "first"),
-    [("square", 1), ("sawtooth", 0), ("sine", 0), ("half_sine", 0), ([0.75, 1.0], 0.75)],
-)
-def test_standing_at_an_edge(waveform, first, sampling, target):
-    """A ridge begins with its first place and ends before its last."""
-    for u, e in ((0.25, 0.0), (-0.75, 0.0), (3.0, first), (-1e-17, first)):
-        y = touched(np.full(9, u), waveform, 0.25, target, sampling=sampling)
-        np.testing.assert_allclose(y, e, atol=1e-15)
 
 
 @pytest.mark.parametrize("duty", [0.2, 0.5, 0.8])
@@ -251,7 +229,7 @@ def test_its_spectrum_is_the_law(step, slope):
     """S(f) sinc(f step)^2, whose power between the wavelengths is 1, within 0.5 dB in
     each octave.
     """
-    n = 1 << 17
+    n = 1 << 16
     window = np.hanning(n)
     y = np.array([noise(step * np.arange(n) - 3.0, slope, seed) for seed in (1, 2)])
     power = np.mean(np.abs(np.fft.rfft(y * window)) ** 2, axis=0)

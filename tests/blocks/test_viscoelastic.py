@@ -246,24 +246,6 @@ def test_creep_is_exact_for_forces_that_are_straight_between_samples(alpha, fs):
     lawful(compliance(F, 100.0, alpha, "l1", tol=1e-13), fs, f=force)
 
 
-@pytest.mark.parametrize("alpha", [0.35, 0.8])
-def test_all_creep_has_one_convention_of_time(alpha):
-    """At low frequencies each block has the phase of its law: no part of a sample is
-    left.
-    """
-    own = {
-        "springpot": (compliance(F, 1.0, alpha, "l1"), (2j * np.pi) ** -alpha),
-        "element": (compliance_kelvin_voigt(F, 1.0, tau=0.1), 1 / (1 + 0.2j * np.pi)),
-        "arm": (compliance_maxwell(F, 1e30, b=1.0), 1 / 2j),
-        "dashpot": (compliance(F, 1.0, 1.0, "l1"), 1 / 2j),
-    }
-    scene = Scene({name: block for name, (block, _) in own.items()})
-    proc = stimlib.compile(scene, 1000, "python")
-    for name, (_, law) in own.items():
-        # half a sample: 3e-3
-        assert np.angle(proc.response(name, "f", 1.0) / law) == pytest.approx(0, abs=2e-5)
-
-
 @pytest.mark.parametrize("alpha", ALPHAS)
 def test_creep_under_a_held_force(alpha):
     """From 0 to 1 N within the first sample."""
@@ -274,15 +256,6 @@ def test_creep_under_a_held_force(alpha):
     wanted = rise * fs / (100 * gamma(2 + alpha))
     np.testing.assert_allclose(played(made, np.ones(t.size)), [wanted] * 2, rtol=1e-10)
     assert str(made["y"].dim) == "m"
-
-
-@pytest.mark.parametrize("alpha", ALPHAS)
-def test_the_springpot_gives_the_force_back(alpha):
-    dual = springpot(compliance(F, 100.0, alpha), 100.0, alpha, onset="step")
-    force = np.random.default_rng(0).standard_normal(20000).cumsum()
-    close(played(dual, force), force, 1e-9)
-    if alpha == 0:
-        np.testing.assert_array_equal(played(compliance(F, 8.0, 0.0), force), force / 8.0)
 
 
 def test_the_integral_keeps_what_rounding_loses():
@@ -314,18 +287,6 @@ def test_the_fractional_maxwell_arm_converges_to_its_stated_order(alpha):
         coarse, fine = errors(alpha, scheme, 1000), errors(alpha, scheme, 8000)
         assert np.log2(coarse / fine) / 3 == pytest.approx(order, abs=0.15)
         assert scheme == "gl" or coarse < 2e-3
-
-
-@pytest.mark.parametrize(
-    ("words", "own"), [({"k": K}, F / constant(K, "N/m")), ({"b": 20.0}, compliance(F, 20.0, 1.0))]
-)
-def test_displacements_in_series_add_up(words, own):
-    """Moved along f/k + I^alpha f/chi (or with the integral of f/b), the arm gives f
-    back: the same sums.
-    """
-    force = np.r_[0.0, np.random.default_rng(0).standard_normal(5000).cumsum()]
-    arm = springpot_series(own + compliance(F, CHI, 0.4), CHI, 0.4, scheme="gl", **words)
-    close(played(arm, force), force, 1e-8)
 
 
 def test_limits():
