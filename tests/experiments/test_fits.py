@@ -320,6 +320,20 @@ ONE, OTHER, ROUGH = [1, 4, 9, 17, 19, 20], [0, 2, 8, 12, 19, 20], [0, 9, 7, 19, 
 HALF = {"guess": 0.5, "interval": "none"}
 
 
+@pytest.mark.parametrize("link", ["probit", "weibull"])
+def test_no_fixed_rates_are_more_likely_than_free_ones(link):
+    """Of 20 people, against every pair of 9 rates of guesses and 6 of lapses."""
+    at = np.linspace(0.5, 4, 8)
+    p = 0.3 + 0.65 * ndtr((at - 2) / 0.5)
+    yes = np.random.default_rng(6).binomial(20, p, (20, 8)).astype(float)
+    sets, c = Sets(np.broadcast_to(at, yes.shape), yes, np.full(yes.shape, 20.0)), np.full(20, 2.0)
+    best = maximum(sets, c, Model(link, "free", "free"))
+    for guess in np.linspace(0, 0.8, 9):
+        for lapse in np.linspace(0, 0.1, 6):
+            fixed = maximum(sets, c, Model(link, float(guess), float(lapse))).loglik
+            assert (best.loglik >= fixed - 1e-6).all(), (guess, lapse, (fixed - best.loglik).max())
+
+
 def test_a_shared_lapse_rate_is_at_the_highest_of_several_peaks():
     """A search from 0.02 alone stopped at 0.035, a log-likelihood of 0.92 lower."""
     levels, asked = [1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0], [20] * 7
