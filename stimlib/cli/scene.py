@@ -132,7 +132,9 @@ def _own(
     name = spec.name
     try:
         if not _ours[name]:
-            spec.loader.exec_module(module)
+            # The text that was read: a loader runs what it compiled before, if a file
+            # was changed within a second to a text of equal length.
+            exec(compile(text, spec.origin, "exec", dont_inherit=True), vars(module))
             _ours[name] = text
         if function is None:
             return None

@@ -71,7 +71,9 @@ def test_a_folder_of_data_is_no_option_and_an_empty_session_may_go(file, tmp_pat
     who = f"{file}:short", "--participant", "P07", "--sink", "offline"
     stimlib("run", *who, status=2)  # no answer is typed
     assert "data/pair/P07-s1 is there already" in stimlib("run", *who, status=2)
+    second = int(file.stat().st_mtime)
     file.write_text(file.read_text().replace("(TASK, 1.0)", "(TASK, 1.5)"))
+    os.utime(file, (second, second))  # an edit of equal length within a second is one, too
     assert "it has no answer" in stimlib("resume", *who, status=2)
     said = "no device plays"
     other = f"{file}:short", "--participant", "P08"
