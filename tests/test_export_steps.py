@@ -62,6 +62,7 @@ class WholeNumbers(Block):
             k = k * 6364136223846793005 + 1442695040888963407
         y = y + ((1 << 40) >> 37) + maths.as_float(1 << (s.u & np.uint64(40)))
         y = y + maths.as_float(np.int64(-40.0) - np.int64(x))
+        y = y + where(u > 0, 2.0, 0.0) + maths.as_float(abs(u) >> np.uint64(41))
         y = y + (k >> 32) + p.a[abs(np.int64(-3.0))] + maths.as_float(u >> np.uint64(40))
         return y, S(y, u, s.buf)
 
