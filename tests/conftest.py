@@ -4,7 +4,6 @@ take; `make stress` tries more; JACK.
 
 import ctypes
 import gc
-import importlib
 import os
 import random
 import signal
@@ -27,8 +26,6 @@ if not os.environ.get("STIMLIB_STRESS"):
     if version("jaxlib").split(".")[:2] == ["0", "10"]:  # later ones end at a flag they do not know
         flags += " --xla_cpu_use_fusion_emitters=false"
     os.environ.setdefault("XLA_FLAGS", flags)
-# a module that pytest imports by itself hides the function of its name: texture
-importlib.import_module("stimlib.blocks")
 EXAMPLES = 100 if os.environ.get("STIMLIB_STRESS") else 40
 settings.register_profile(
     "stimlib",
