@@ -76,6 +76,7 @@ def test_parameters_gates_and_cuts(tmp_path):
     proc = stimlib.compile(scene, 1000)
     proc.set("k", 250.0, ramp=0.0)
     first = proc.process(way[None, :100].copy())
+    proc.set("k", 450.0, ramp=0.0)
     proc.set("k", 50.0, ramp=0.02)
     want = np.r_[first[0], proc.process(way[None, 100:200].copy())[0]]
     proc.set("k", 80.0, ramp=0.0)
@@ -94,6 +95,7 @@ int main(void)
     for (i = 0; i < 300; i++) {{
         const double *in[1] = {{ way + i }};
         double y, *out[1] = {{ &y }};
+        if (i == 100) stimulus_set(&m, STIMULUS_K, 450.0, 0.0);
         if (i == 100) stimulus_set(&m, STIMULUS_K, 50.0, 20.0);
         if (i == 150) stimulus_set(&m, STIMULUS_K, NAN, 0.0);
         if (i == 151) stimulus_set(&m, STIMULUS_K, INFINITY, 0.0);

@@ -196,6 +196,10 @@ def test_a_ramp_may_turn_on_the_way(target):
         y, [0.1, 0.2, 0.3, 0.4, 0.5, 0.0, -0.5, -1.0, -1.0, -1.0], atol=1e-15
     )
     assert [c.at for c in proc.log] == [0, 5, 5]
+    proc.set("a", 3.0, 0.01)
+    proc.set("a", 2.0, 0.0)  # is there: the next one begins at it
+    proc.set("a", 4.0, 0.002)
+    assert proc.process(np.empty((0, 4)))[0].tolist() == [3.0, 4.0, 4.0, 4.0]
     proc.reset()
     assert proc.log == [] and proc.params == {"a": 0.0}
     assert not proc.process(np.empty((0, 5))).any()

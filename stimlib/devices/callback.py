@@ -175,8 +175,11 @@ def event(c, at_, kind, a, b, d):
 @plain
 def set_param(c, i, slot, value, ramp):
     """Ramp a parameter to a value (as bits) over ``ramp`` samples, from sample i."""
-    q = at(i8_at(c[PENDING]), 4 * slot)
-    q[2], q[3], q[0] = value, bits_of(float(ramp)), 1
+    q = at(i8_at(c[PENDING]), 8 * slot)  # see targets.numba.runtime
+    if ramp <= 1:
+        q[2], q[3], q[4], q[0] = value, 0, value, 2
+    else:
+        q[2], q[3], q[0] = value, bits_of(float(ramp)), max(1, q[0])
     event(c, i, SET, slot, value, ramp)
 
 

@@ -329,7 +329,8 @@ void {n}_process({n}_state *m, const double *const *in, double *const *out, int 
         counts = " ".join(f"int n{c} = 0;" for c in clocks)
         init, ends = self.constants, [self.slots[i] for i in program.outputs.values()]
         sets = "\n".join(
-            f"    case {k}: m->b{i}_target = value; m->b{i}_left = left; break;"
+            f"    case {k}: m->b{i}_target = value; m->b{i}_left = left;"
+            f" if (left == 0.0) m->b{i}_y = value; break;"
             for k, i in enumerate(program.params.values())
         )
         begin = starts(self.fields, self.begin)
@@ -377,7 +378,7 @@ void {n}_init({n}_state *m)
 
 void {n}_set({n}_state *m, int parameter, double value, double samples)
 {{
-    const double left = samples >= 1.0 ? samples : 1.0;
+    const double left = samples > 1.0 ? samples : 0.0; /* a jump is there at once */
     (void)m; (void)left;
     if (value - value != 0.0) return;
     switch (parameter) {{

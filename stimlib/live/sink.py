@@ -117,10 +117,11 @@ class PageSink(Sink):
             if self.late > LATE:
                 lost, due = round(min(self.late, MOST_LOST) * self.rate), now
             due += period
-            if self.pump.state == self.pump.native.RUNNING:
+            state = self.pump.state  # read once: a start just now has its first block next turn
+            if state == self.pump.native.RUNNING:
                 self._make(lost if self.pump.read("DELIVERED") else 0)
                 self.busy += 0.02 * ((time.perf_counter() - now) / period - self.busy)
-            else:  # silence: the device is still there; a start just now may make samples
+            elif state != self.pump.native.IDLE:  # silence
                 self._block(np.repeat(self._x, self.block or 1, axis=1), 0)
 
     def _make(self, lost: int) -> None:

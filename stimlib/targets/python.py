@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.graph import Param, at_rest, pack, unpack
+from ..core.graph import Param, ParamState, at_rest, pack, unpack
 from ..core.program import PARAMS, ROOT, Program, start
 from ..core.steps import sample
 
@@ -126,7 +126,10 @@ class Engine:
     def set(self, i: int, target: float, left: float) -> None:
         """Ramp parameter instance i to a target over ``left`` samples, starting now."""
         assert isinstance(self.program.instances[i].block, Param)
-        self.s[i] = self.s[i]._replace(target=np.float64(target), left=np.float64(left))
+        end = np.float64(target)
+        # a jump is there at once: a ramp set at the same sample begins where it ends
+        y, left = (end, 0.0) if left <= 1.0 else (self.s[i].y, left)
+        self.s[i] = ParamState(y, end, np.float64(left))
 
     @property
     def words(self) -> np.ndarray:

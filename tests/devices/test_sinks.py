@@ -87,6 +87,18 @@ def test_what_is_delivered_is_the_offline_render(stand, caplog):
     assert caplog.messages[-1].startswith(f"{sink.device}: closed {sink!r}, {sink.report()}"[:80])
 
 
+def test_a_ramp_from_the_first_sample_begins_at_the_value_that_was_given(stand):
+    log = Seen()
+    with stand.make(STEADY, params={"level": 0.5}, log=log) as sink:
+        sink.open(FS, block=64)
+        sink.set("level", 0.75, ramp=0.05)
+        sink.start(0.1)
+        sink.wait(60)
+    change = next(at for at, kind, e in log.events if kind == "set" and e["name"] == "level")
+    steps = np.diff(np.concatenate(log.frames)[:, 0])
+    assert change == 0 and steps.min() > -1e-6 and 0.25 / 401 <= steps.max() < 0.01
+
+
 def test_channels_carry_the_outputs_that_are_named(stand):
     log = Seen()
     scene = Scene({"a": constant(0.5), "b": constant(1.0)})

@@ -235,7 +235,7 @@ class Engine:
         Threads that run copies then never write to the same line.
         """
         machine, params, clocks = runtime(), len(self._param), self._clocks
-        words = max(self.size, 1), self._buffers, clocks, clocks * 2 * TILE, 4 * max(1, params), 21
+        words = max(self.size, 1), self._buffers, clocks, clocks * 2 * TILE, 8 * max(1, params), 21
         ends = np.cumsum([-(-n // 8) * 8 for n in words])
         memory = np.zeros(ends[-1] + 8, np.uint64)
         self.nbytes = memory.nbytes
@@ -244,7 +244,7 @@ class Engine:
         self.W = W.view(np.float64)
         self.N, self.index, pending, self.ctx = (a.view(np.int64) for a in rest)
         self.index[(2 * ROOT + 1) * TILE : (2 * ROOT + 2) * TILE] = range(TILE)
-        self.pending = pending.reshape(-1, 4)
+        self.pending = pending.reshape(-1, 8)
         for k, v in self._constants:
             self.W[k : k + TILE] = v
         for i, j in self._param.items():
@@ -317,9 +317,14 @@ class Engine:
 
     def set(self, i: int, target: float, left: float) -> None:
         """Ramp parameter instance i to a target over ``left`` samples, starting now."""
-        q = self.pending[self._param[i]]
-        q[2:4] = np.array([target, left]).view(np.int64)
-        q[0] = 1
+        q, at_once = self.pending[self._param[i]], left <= 1.0  # see runtime: pending
+        target, left = np.array([target, left]).view(np.int64)
+        if at_once:
+            q[2:5] = target, 0, target
+            q[0] = 2
+        else:
+            q[2:4] = target, left
+            q[0] = max(1, q[0])
 
     @property
     def count(self) -> int:

@@ -25,6 +25,8 @@ from stimlib.targets.numba.intrinsics import (
 # 11 clocks, 12 number of warm clocks or -1, 13 &pending, 14 params, 15 samples seen, 16
 # &entry, 17 whether still rows have been run,
 #      18 numpy's array, 19 what tells float64, 20 &warm clocks
+# pending, 8 words: whether it waits (1, or 2: y is set as well), place, target, left, y;
+# a ramp set after a jump at the same sample begins where the jump ends
 # row: address or opcode, P, S, A, clock, autonomous, still (one number as long as no
 # parameter moves), whether a row or two outputs read it
 OPEN, CLOSE, GATHER, OPERATION, SEGMENT = 1, 2, 3, 16, 4096
@@ -76,7 +78,7 @@ def open_clock(W, w, every, up, down, N, k):  # w = (slot of by, child)
 def standing(S, pending, params):
     """Return whether no parameter is being ramped."""
     for j in range(params):
-        if at(S, at(pending, 4 * j)[1])[2] > 0.0:  # see graph.ParamState
+        if at(S, at(pending, 8 * j)[1])[2] > 0.0:  # see graph.ParamState
             return False
     return True
 
@@ -120,10 +122,12 @@ def entry(ctx, x, y, n):
     )
     every, pending = at(index, 128 + 64), i8_at(ctx[13])  # places of the root's samples
     for j in range(ctx[14]):  # parameters: read once per call
-        q = at(pending, 4 * j)
+        q = at(pending, 8 * j)
         if q[0] != 0:
             s = as_i8(at(S, q[1]))
             s[1], s[2] = q[2], q[3]
+            if q[0] == 2:
+                s[0] = q[4]
             q[0] = 0
             ctx[17] = 0
     for start in range(0, n, 64):
