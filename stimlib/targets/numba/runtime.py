@@ -25,7 +25,7 @@ from stimlib.targets.numba.intrinsics import (
 # 11 clocks, 12 number of warm clocks or -1, 13 &pending, 14 params, 15 samples seen, 16
 # &entry, 17 whether still rows have been run,
 #      18 numpy's array, 19 what tells float64, 20 &warm clocks
-# pending, 8 words: whether it waits (1, or 2: y is set as well), place, target, left, y;
+# pending, 8 words: whether it waits (1, or 2: y is set too), place, target, left, y;
 # a ramp set after a jump at the same sample begins where the jump ends
 # row: address or opcode, P, S, A, clock, autonomous, still (one number as long as no
 # parameter moves), whether a row or two outputs read it
