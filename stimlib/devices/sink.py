@@ -17,6 +17,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Self
@@ -893,7 +894,11 @@ class Sink:
         except BaseException as e:  # a full disk, a log that fails
             self._fail(e, what="the log cannot be written")
             self.pump.write("WAIT", 0)  # for room in it
-            self._recorder.writer = None
+            writer, self._recorder.writer = self._recorder.writer, None
+            self._recorder.see = None  # which may be what raised
+            if isinstance(self._log_to, (str, os.PathLike)):
+                with suppress(SinkError):  # as told: its files end with what they have
+                    writer.close()
             while not self._over.wait(0.01):
                 self._recorder.drain()
             self._recorder.end(self.report)  # without a log, but markers are sent
