@@ -1,5 +1,5 @@
 """Which tests kill which mutants of stimlib: draws mutants, runs the tests that execute
-each changed line, the quickest first, and names the mutants that live and the test
+each changed line, the nearest and quickest first, and names mutants that live and test
 functions that no mutant and no line needs.
 
     kills.py map          the suite, with lines and CPU of each test
@@ -310,26 +310,37 @@ def function_of(test: str) -> str:
     return test.partition("[")[0]
 
 
+def words_of(path: str) -> set[str]:
+    """The words of a path, those that all paths have left out."""
+    return set(re.split(r"[/_.]", path)) - {"stimlib", "tests", "test", "py"}
+
+
 class Chosen:
-    """For each mutant the quickest tests that run a changed line, one of each function
-    before a second; those of functions in LAST after all others.
+    """For each mutant the tests that run a changed line, of each function one before a
+    second: first those of files whose names share words with the changed file's, then
+    the quickest; those of functions in LAST after all others.
     """
 
     def __init__(self, last: set[str]) -> None:
         self.lines, self.names, self.seconds = mapped()
         self.last = last
 
+    def file(self, k: int) -> str:
+        return self.names[k].partition("::")[0]
+
     def of(self, row: Row) -> list[str]:
         of_file = self.lines.get(row["file"], {})
         at = range(row["line"], row["end_line"] + 1)
         found = {k for line in at for k in of_file.get(line, ())}
-        if not found:  # a line that runs at import alone: whoever runs any line of its file
-            found = {k for tests in of_file.values() for k in tests}
+        stem, near = Path(row["file"]).stem, words_of(row["file"])
+        every = {k for tests in of_file.values() for k in tests}
+        # a step is compiled too, and a line may run at import alone
+        found |= {k for k in every if not found or stem in words_of(self.file(k))}
         if not found:  # code that is compiled by numba: whoever runs a file that imports it
             found = {
                 k
                 for path in PACKAGE.rglob("*.py")
-                if re.search(rf"\b{Path(row['file']).stem}\b", path.read_text())
+                if re.search(rf"\b{stem}\b", path.read_text())
                 for tests in self.lines.get(path.relative_to(ROOT).as_posix(), {}).values()
                 for k in tests
             }
@@ -337,9 +348,10 @@ class Chosen:
         order = []
         for k in sorted(found, key=lambda k: (self.seconds[k], k)):
             name = function_of(self.names[k])
-            order.append((name in self.last, doubtful[name], self.seconds[k], k))
+            far = -len(near & words_of(self.file(k)))
+            order.append((name in self.last, doubtful[name], far, self.seconds[k], k))
             doubtful[name] += 1
-        for _, _, s, k in sorted(order):
+        for _, _, _, s, k in sorted(order):
             if len(chosen) == MOST or total + s > BUDGET and chosen:
                 break
             chosen.append(self.names[k])
