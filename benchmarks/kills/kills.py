@@ -37,7 +37,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 KEPT = Path(os.environ.get("KILLS", "/tmp/kills"))
 PACKAGE = ROOT / "stimlib"
-EQUAL = Path(__file__).parents[1] / "results" / "kills_living.csv"  # id, change, reason
+LIVING = Path(__file__).parents[1] / "results" / "kills_living.csv"
+CHANGE = "file", "where", "before", "after"  # what names a mutant in it
 LEAST = 15  # mutants of a room, where it has so many; the rest by lines of code
 BUDGET = float(os.environ.get("BUDGET", "30"))  # CPU seconds of the tests of a mutant
 MOST, LIMIT = 2 * int(BUDGET), 150.0 + BUDGET  # their number, and seconds until it hangs
@@ -464,18 +465,19 @@ def run(ids: list[str]) -> None:
 # Judging -----------------------------------------------------------------------------
 def choose() -> None:
     """Prints the score of every room, the mutants that live with the reasons given in
-    EQUAL, and the test functions without which no line and no mutant is missed.
+    LIVING, and the test functions without which no line and no mutant is missed.
     """
     rows = {r["id"]: r for r in json.loads((KEPT / "mutants.json").read_text())}
     results = {r["id"]: r for path in sorted(KEPT.glob("results-*.jsonl")) for r in read(path)}
     reasons = {}
-    if EQUAL.exists():
-        with EQUAL.open(newline="") as file:
-            reasons = {r["id"]: r for r in csv.DictReader(file)}
+    if LIVING.exists():
+        with LIVING.open(newline="") as file:
+            reasons = {tuple(r[c] for c in CHANGE): r for r in csv.DictReader(file)}
     score: dict[str, Counter[str]] = defaultdict(Counter)
     for key, result in results.items():
         outcome = "caught" if result["by"] else "lives"
-        if outcome == "lives" and reasons.get(key, {}).get("change") == "none":
+        known = reasons.get(tuple(rows[key][c] for c in CHANGE), {})
+        if outcome == "lives" and known.get("change") == "none":
             outcome = "equal"
         score[rows[key]["room"]][outcome] += 1
         if outcome == "lives":
@@ -485,7 +487,7 @@ def choose() -> None:
                 key,
                 where,
                 f"{row['before']!r} -> {row['after']!r}",
-                reasons.get(key, {}).get("reason", ""),
+                known.get("reason", ""),
             )
     for room, counts in sorted(score.items()) + [("all", sum(score.values(), Counter()))]:
         caught, lives = counts["caught"], counts["lives"]
