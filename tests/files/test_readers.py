@@ -4,6 +4,7 @@ or is cut gives an error of stimlib's that names it, and nothing is waited for.
 
 import json
 import os
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -13,37 +14,29 @@ from refusals import refused
 from stimlib.errors import SinkError, StimlibError
 from stimlib.files.sidecar import DONE
 
-NONE = {  # no regular file
+JUNK = [b"", b"[" * 100_000, b'"' * 3, b"\xff\xfe", b"nan", b"[]", b"x" * (1 << 21)]
+NONE = {
     "missing": lambda path: None,
     "a folder": Path.mkdir,
     "a pipe": os.mkfifo,
     "a device": lambda path: path.symlink_to("/dev/zero"),
+    **{repr(data[:6]): lambda path, data=data: path.write_bytes(data + b"\n") for data in JUNK},
 }
-JUNK = [b"", b"[" * 100_000, b'"' * 3, b"\xff\xfe", b"nan", b"[]", b"x" * (1 << 21)]
+NO_FILE = [*NONE][: -len(JUNK)]
 
 
-def refused_by_name(name, path):
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [pair for pair in product(READERS, NONE) if pair[0] != "motion" or pair[1] in NO_FILE],
+)  # motion is any bytes
+def test_what_is_no_such_file_is_refused_by_name(tmp_path, name, what):
+    path = place(name, tmp_path)
+    NONE[what](path)
+    if name == "report" and what in NO_FILE:  # a session that was killed has none
+        assert READERS[name].read(path).report is None
+        return
     error = str(refused(StimlibError, path.name, READERS[name].read, path))
     assert str(path.parent) in error and "\n" not in error and len(error) < 5000
-
-
-@pytest.mark.parametrize("way", NONE)
-@pytest.mark.parametrize("name", READERS)
-def test_what_is_no_such_file_is_refused_by_name(tmp_path, name, way):
-    path = place(name, tmp_path)
-    NONE[way](path)
-    if name == "report":  # a session that was killed has none
-        assert READERS[name].read(path).report is None
-    else:
-        refused_by_name(name, path)
-
-
-@pytest.mark.parametrize("data", JUNK, ids=lambda data: repr(data[:6]))
-@pytest.mark.parametrize("name", [n for n in READERS if n != "motion"])  # any bytes
-def test_what_is_of_no_such_kind_is_refused_by_name(tmp_path, name, data):
-    path = place(name, tmp_path)
-    path.write_bytes(data + b"\n")
-    refused_by_name(name, path)
 
 
 @pytest.mark.parametrize("name", READERS)

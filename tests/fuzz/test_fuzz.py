@@ -47,7 +47,7 @@ def test_changed_files_give_a_result_or_an_error_of_stimlib(name):
     with warnings.catch_warnings(), little_memory():
         warnings.simplefilter("error")
         for _ in range(500 if STRESS else 40):
-            data = mutated(chance.choice(seeds), name, chance.randrange)
+            data = mutated(chance.choice(seeds), name, chance)
             try:
                 attempt(name, data)
             except BaseException:
