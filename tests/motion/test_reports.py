@@ -16,9 +16,15 @@ from stimlib.motion.recorded import recording
 COARSE = "t_ms,x_mm,contact\n0,1,1\n10,2,1\n10,3,1\n20,4,1\n20,5,1\n20,6,0\n30,7,1\n30,8,1\n"
 COLUMNS = {"x": "x_mm*1e-3"}
 MS = "t_ms*1e-3"
+REPEATS = "last", "mean", "spread"
 ONE_TIME = "t_s,x\n1,0\n1,0.001\n1,0.002\n"
 NAMED = "Time (s),x\n0,0\n8,0.001\n16,0.002\n"
 SILENT = "t_s,x\n0,0\n0.01,0.001\n0.01,0.002\n3,0.003\n3.01,0.004\n3.02,0.005\n"
+
+
+def every(period, name="t_s"):
+    """Twenty reports so far apart; the position is 1 mm more in each."""
+    return f"{name},x\n" + "".join(f"{period * i!r},{0.001 * i}\n" for i in range(20))
 
 
 @pytest.fixture
@@ -58,11 +64,12 @@ def test_equal_times_are_spread_or_one_report(path, how, stamps, x, reports, lif
     ("text", "how", "says"),
     [
         (COARSE, {"columns": COLUMNS, "time": MS}, r'row 4: .*such rows: 4\).*repeats="spread"'),
-        *(
-            (ONE_TIME, {"repeats": how}, "two rows with rising time")
-            for how in ("last", "mean", "spread")
-        ),
+        *((ONE_TIME, {"repeats": how}, "two rows with rising time") for how in REPEATS),
         (NAMED, {"time": "Time (s)"}, r"time=\"'Time \(s\)'\*1e-3\""),
+        *(
+            (every(period), {"max_speed": None}, says)
+            for period, says in ((0.9e-7, "no clock gives"), (0.51, "slow for a hand"))
+        ),
         (NAMED, {"time": "'Time (s)'*2"}, r"time=\"\('Time \(s\)'\*2\)\*1e-3\""),
     ],
 )
@@ -76,22 +83,16 @@ def test_times_that_are_refused(path, text, how, says):
     [
         (SILENT, {"repeats": "spread", "reports": "on_change"}, [0, 0.01, 0.015]),  # no silence
         (NAMED, {"time": "('Time (s)'*2)*1e-3"}, [0, 0.016, 0.032]),
+        (every(1e-7), {"max_speed": None}, [0, 1e-7, 2e-7]),
+        (every(0.49), {"max_gap": 0.5}, [0, 0.49, 0.98]),
+        *((every(0.1), {"repeats": repeats}, [0, 0.1, 0.2]) for repeats in REPEATS),
     ],
 )
 def test_times_that_are_taken(path, text, how, knots):
     path.write_text(text)
     r = recording(path, {"x": "x"}, **how)
     assert r.motion["x"]._knots[:3] == pytest.approx(knots)
-
-
-@pytest.mark.parametrize("how", ["last", "mean", "spread"])
-def test_without_equal_times_the_option_changes_nothing(path, how):
-    path.write_text("t_s,x\n0,0\n0.01,0.001\n0.03,0.002\n")
-    a, b = (recording(path, {"x": "x"}, repeats=repeats).motion["x"] for repeats in (how, None))
-    assert a([0.0, 0.005, 0.02]).tolist() == b([0.0, 0.005, 0.02]).tolist()
-
-
-# -- the unit of time
+    assert r.motion["x"](knots) == pytest.approx([0.0, 0.001, 0.002])
 
 
 @pytest.mark.parametrize(
@@ -99,8 +100,7 @@ def test_without_equal_times_the_option_changes_nothing(path, how):
 )
 @pytest.mark.parametrize("reports", ["always", "on_change"])
 def test_time_in_another_unit_is_asked_about(path, scale, unit, factor, reports):
-    rows = [f"{0.008 * i * scale:.0f},{0.001 * i}\n" for i in range(20)]
-    path.write_text("t,x\n" + "".join(rows))
+    path.write_text(every(0.008 * scale, "t"))
     how = {"columns": {"x": "x"}, "reports": reports}
     says = rf'time in {unit}\? write time="t\*{factor}"; .*max_gap'
     error = refused(RecordingError, says, recording, path, time="t", **how)
@@ -110,19 +110,6 @@ def test_time_in_another_unit_is_asked_about(path, scale, unit, factor, reports)
         ({"time": "t", "max_gap": 0.008 * scale}, 0.008 * scale),
     ):
         assert recording(path, **how, **more).info["period"] == pytest.approx(period)
-
-
-@pytest.mark.parametrize(
-    ("period", "says"),
-    [(0.9e-7, "no clock gives"), (1e-7, None), (0.49, None), (0.51, "slow for a hand")],
-)
-def test_periods_of_a_hand_have_limits(path, period, says):
-    path.write_text("t_s,x\n" + "".join(f"{period * i!r},0\n" for i in range(5)))
-    if says:
-        refused(RecordingError, says, recording, path, {"x": "x"})
-    else:
-        r = recording(path, {"x": "x"}, max_gap=None if period < 0.4 else 0.5)
-        assert r.info["period"] == pytest.approx(period)
 
 
 # -- large numbers
