@@ -5,11 +5,12 @@ import gc
 import hashlib
 import json
 import os
+import random
 import re
 import signal
+import subprocess
 import sys
 import time
-import tracemalloc
 from contextlib import suppress
 from itertools import cycle
 from pathlib import Path
@@ -17,6 +18,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile as sf
+from laws import STRESS, mostly
+from memory import most_memory
 from refusals import largest_file, refused
 
 import stimlib
@@ -118,18 +121,6 @@ def test_neither_the_size_of_blocks_nor_the_time_changes_a_byte(tmp_path):
     assert found[0] == found[1] == found[2]
 
 
-def test_a_processor_goes_on_where_it_is(tmp_path):
-    proc, x = forces(2), np.full(8000, 0.01)
-    file.write(tmp_path / "1.caf", proc, {"x": x}, 0.3, subtype="DOUBLE")
-    file.write(tmp_path / "2.caf", proc, {"x": x}, 0.2, subtype="DOUBLE")
-    parts, sidecars = zip(*(file.read(tmp_path / f"{n}.caf") for n in "12"), strict=True)
-    assert np.array_equal(np.concatenate(parts, axis=1), forces(2).process(x[None, :4000]))
-    assert [s["index"] for s in sidecars] == [0, 2400]
-    proc.reset()
-    file.write(tmp_path / "3.caf", proc, {"x": x}, 0.3, subtype="DOUBLE")
-    assert (tmp_path / "3.caf").read_bytes() == (tmp_path / "1.caf").read_bytes()
-
-
 def test_dither_makes_the_error_a_steady_noise_and_is_made_again(tmp_path):
     """A ramp of two steps is stairs without dither; with it the mean is the ramp."""
     step, path = 64.0 * 2**-15, tmp_path / "a.wav"
@@ -183,11 +174,15 @@ def test_floats_are_not_clipped(tmp_path, x, subtype, scale):
     ]
 
 
-def test_inputs_go_to_their_rows_and_none_is_possible(tmp_path):
+def test_inputs_and_outputs_have_their_rows_and_no_input_is_possible(tmp_path):
+    scene = {"force": 1.0 * Input("a", "N"), "drive": 1.0 * Input("b", "V")}
+    how = {"subtype": "DOUBLE", "full_scale": {"drive": np.float32(64.0), "force": 32}}
     motion = {"b": np.ma.array([2.1] * 8), "a": lambda t: 1.1 + 0.0 * t}
-    file.write(tmp_path / "a.w64", copies("a", "b"), motion, 1e-3, subtype="DOUBLE")
+    file.write(tmp_path / "a.w64", stimlib.compile(Scene(scene), 8000), motion, 1e-3, **how)
     y, sidecar = file.read(tmp_path / "a.w64")
     assert y[:, 0].tolist() == [1.1, 2.1] and sidecar["motion"]["b"] == "array(8)"
+    channels = [(c["name"], c["unit"], c["full_scale"]) for c in sidecar["channels"]]
+    assert channels == [("force", "N", 32.0), ("drive", "V", 64.0)]
     proc = stimlib.compile(Scene({"noise": white_noise(seed=1)}), 8000)
     file.write(tmp_path / "b.w64", proc, {}, 0.1, subtype="DOUBLE")
     y, sidecar = file.read(tmp_path / "b.w64")
@@ -204,7 +199,7 @@ def test_a_motion_sees_exact_times_once_and_cannot_spoil_them(tmp_path):
         return t
 
     hands = {"x": motion, "y": motion, "z": lambda t: motion(t)}
-    file.write(tmp_path / "a.wav", copies("x", "y", "z"), hands, 0.1, block=300)
+    file.write(tmp_path / "a.wav", copies(*hands), hands, 0.1, block=300)
     for times in (seen[::2], seen[1::2]):
         assert np.array_equal(np.concatenate(times), np.arange(800) / 8000)
 
@@ -228,24 +223,13 @@ def in_newtons_and_volts():
     return stimlib.compile(scene, 8000)
 
 
-@pytest.mark.parametrize("given", [None, {"drive": np.float32(64.0), "force": 32}])
-def test_outputs_may_have_different_units_and_full_scales(tmp_path, given):
-    proc = in_newtons_and_volts()
-    file.write(tmp_path / "a.wav", proc, MOTION, 0.1, subtype="DOUBLE", full_scale=given)
-    y, sidecar = file.read(tmp_path / "a.wav")
-    channels = [(c["name"], c["unit"], c["full_scale"]) for c in sidecar["channels"]]
-    force, drive = (32.0, 64.0) if given else (1.0, 1.0)
-    assert channels == [("force", "N", force), ("drive", "V", drive)]
-    proc.reset()
-    assert np.array_equal(y, signal_of(proc, 800))
-
-
 # -- the sidecar
 
 
 def test_sidecar_says_what_the_samples_are(tmp_path):
     scene = Scene({"force": Param("k", 1000, "N/m") * Input("x", "m")})
     proc = stimlib.compile(scene, 8000, seed=2**64 - 1)
+    proc.process(np.zeros((1, 24)))  # it goes on from there
     proc.set("k", 1500.0)
     file.write(tmp_path / "a.wav", proc, MOTION, 0.1)
     sidecar = json.loads((tmp_path / "a.wav.json").read_text())
@@ -262,8 +246,8 @@ def test_sidecar_says_what_the_samples_are(tmp_path):
         "channels": [{"name": "force", "unit": "N", "full_scale": 1.0, "clips": 0}],
         "seed": 2**64 - 1,
         "params": {"k": 1500.0},
-        "index": 0,
-        "log": [{"at": 0, "name": "k", "value": 1500.0, "ramp": 0.02}],
+        "index": 24,
+        "log": [{"at": 24, "name": "k", "value": 1500.0, "ramp": 0.02}],
         "motion": {"x": "sinusoid(amplitude=0.02, freq=3.0, mean=0.0, phase=0.0)"},
         "scene": scene.to_dict(),
         "scene_hash": scene.hash,
@@ -275,20 +259,11 @@ def test_sidecar_says_what_the_samples_are(tmp_path):
 
 def test_memory_does_not_grow_with_the_duration_or_the_block(tmp_path):
     """A run that is killed loses only what was not written yet."""
-    sizes = []
+    sizes, path = [], tmp_path / "a.rf64"
     hand = {"x": lambda t: (sizes.append(t.size), MOTION["x"](t))[1]}
-
-    def peak(minutes, block):
-        proc = forces()
-        tracemalloc.start()
-        try:
-            file.write(tmp_path / "a.rf64", proc, hand, 60.0 * minutes, block=block)
-            return tracemalloc.get_traced_memory()[1]
-        finally:
-            tracemalloc.stop()
-
-    peak(0.1, 64)  # imports
-    one, ten = peak(1, 8192), peak(10, 10**6)
+    file.write(path, forces(), hand, 6.0)  # imports
+    _, one = most_memory(file.write, path, forces(), hand, 60.0, block=8192)
+    _, ten = most_memory(file.write, path, forces(), hand, 600.0, block=10**6)
     # a list of the blocks would be 40 MB more; how many wait depends on the moment
     assert ten < one + 1_000_000 and max(sizes) <= 8192, (one, ten)
 
@@ -389,6 +364,44 @@ def test_an_interrupt_between_the_two_moves_leaves_a_complete_pair(old, monkeypa
     assert set(listing(old)) == set(before)
 
 
+WRITES = f"""if True:
+    import sys
+    sys.path[:0] = {[str(folder) for folder in Path(__file__).parents[:2]]}
+    from test_file import MOTION, file, forces
+    proc = forces(2)
+    print("go", flush=True)
+    while True:
+        proc.reset()
+        file.write(sys.argv[1], proc, MOTION, 20.0, full_scale=64.0)
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+@pytest.mark.parametrize("suffix", mostly([".flac"], [".flac", ".wav"]))
+@pytest.mark.longer
+def test_whenever_it_is_killed_the_file_is_whole_or_refused(tmp_path, suffix):
+    """At a random moment.  What a session leaves then: test_log.py."""
+    words, chance = (MOTION, 20.0), random.Random(7)
+    file.write(tmp_path / f"wanted{suffix}", forces(2), *words, full_scale=64.0)
+    wanted, _ = file.read(tmp_path / f"wanted{suffix}")
+    for trial in range(20 if STRESS else 1):
+        path = tmp_path / f"{trial}{suffix}"
+        command = [sys.executable, "-c", WRITES, str(path)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as job:
+            assert job.stdout.readline() == b"go\n"
+            time.sleep(chance.uniform(0.0, 0.3))
+            job.kill()
+        assert job.returncode == -signal.SIGKILL, "it ended before it was killed"
+        left = {p.name for p in tmp_path.glob(f"{trial}.*")} - {path.name, f"{path.name}.json"}
+        assert all(re.search(r"\.\d+-[0-9a-f]{8}\.(json\.)?part$", name) for name in left)
+        try:
+            assert np.array_equal(file.read(path)[0], wanted)
+        except SinkError as e:
+            assert "there is no file" in str(e) or "sidecar" in str(e)
+        file.write(path, forces(2), *words, full_scale=64.0)  # what is left is in nobody's way
+        assert np.array_equal(file.read(path)[0], wanted)
+
+
 def two_faults():
     t = Input("x", "m") / constant(1.0, "m")
     return stimlib.compile(Scene({"late": sqrt(0.4 - t), "early": sqrt(0.3 - t)}), 8000)
@@ -455,6 +468,14 @@ def gain(k):
 
 HUGE = {"x": np.array([0.0, -np.finfo(float).max, np.finfo(float).max])}
 LINUX = sys.platform == "linux"
+
+
+def alike(channels, fs):
+    """Every output is the same."""
+    force = 1.0 * Input("x", "m")
+    return stimlib.compile(Scene({f"y{c}": force for c in range(channels)}), fs)
+
+
 REFUSED = [  # the change of a call that is fine, the error, and what it says
     ({"path": "a.mp3"}, SinkError, ".wav, .rf64, .w64, .caf, .flac"),
     ({"path": "a"}, SinkError, "suffix of 'a'"),
@@ -474,7 +495,7 @@ REFUSED = [  # the change of a call that is fine, the error, and what it says
     ),
     *(
         (
-            {"path": f"b.{format}", "proc": lambda fs=fs, n=n: forces(n, fs=fs), "seconds": 10.0}
+            {"path": f"b.{format}", "proc": lambda fs=fs, n=n: alike(n, fs), "seconds": 10.0}
             | {"full_scale": 64.0},
             SinkError,
             "",
@@ -578,7 +599,7 @@ def test_what_cannot_be_written_leaves_the_folder_as_it_was(taken, change, error
     ],
 )
 def test_rate_and_channels_at_the_limit(tmp_path, format, fs, channels):
-    file.write(tmp_path / f"a.{format}", forces(channels, fs=fs), MOTION, 50 / fs, full_scale=64.0)
+    file.write(tmp_path / f"a.{format}", alike(channels, fs), MOTION, 50 / fs, full_scale=64.0)
     y, sidecar = file.read(tmp_path / f"a.{format}")
     assert y.shape == (channels, 50) and sidecar["fs"] == fs
 
@@ -612,7 +633,7 @@ ONE_CHANNEL = {"channels": [{"name": "a", "unit": "N", "full_scale": 1.0, "clips
         ({"frames": "800"}, "not a sidecar"),
         ({"channels": [{}]}, "not a sidecar"),
         ({"channels": 3}, "not a sidecar"),
-        ({"file_sha256": None}, "not a sidecar"),
+        ({"file_sha256": None}, "not a sidecar.*file_sha256"),
         ({"file_sha256": "0" * 64}, "file_sha256 differs"),
         *((text, "not a sidecar") for text in ("", "[]", "3", "{", "\xff")),
         (None, "has no sidecar a.wav.json"),
