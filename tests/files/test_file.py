@@ -649,14 +649,18 @@ def test_sidecars_that_are_missing_or_wrong(tmp_path, change, says):
     refused(SinkError, says, file.read, path)
 
 
-def test_report_is_one_line_and_the_format_may_be_given(tmp_path):
-    path, x = tmp_path / "a.wav", np.array([1.0, -2.0, 0.0, 0.5])
-    report = file.write(path, copies("x", "y"), {"x": x, "y": 0 * x}, 4 / 8000, format="rf64")
-    assert str(report) == f"{path}: 4 frames, 0.0005 s, peak x_out 2, y_out 0"
-    assert report.sidecar == tmp_path / "a.wav.json" and sf.info(path).format == "RF64"
-    path, how = tmp_path / "a.flac", {"full_scale": 1.0}
-    report = file.write(path, copies("x", "y"), {"x": x, "y": 0 * x}, 4 / 8000, **how)
-    assert str(report).endswith("peak x_out 2, y_out 0, samples clipped: x_out 2")
+@pytest.mark.parametrize(
+    ("name", "how", "format", "clipped"),
+    [
+        ("a.wav", {"format": "rf64"}, "RF64", ""),
+        ("a.flac", {"full_scale": 1.0}, "FLAC", ", samples clipped: x_out 2"),
+    ],
+)
+def test_report_is_one_line_and_the_format_may_be_given(tmp_path, name, how, format, clipped):
+    path, hands = tmp_path / name, {"x": np.array([1.0, -2.0, 0.0, 0.5]), "y": np.zeros(4)}
+    report = file.write(path, copies(*hands), hands, 4 / 8000, **how)
+    assert str(report) == f"{path}: 4 frames, 0.0005 s, peak x_out 2, y_out 0{clipped}"
+    assert report.sidecar == tmp_path / f"{name}.json" and sf.info(path).format == format
 
 
 @pytest.mark.parametrize(

@@ -220,19 +220,15 @@ def test_names_that_no_file_can_have(tmp_path, name):
         assert len(str(error)) < 30_000 and "\0" not in str(error) and "\ud800" not in str(error)
 
 
-def test_a_small_file_that_another_run_is_writing_is_left_to_it(tmp_path):
+def test_what_a_killed_run_left_gives_a_small_file_neither_mode_nor_bytes(tmp_path):
+    """And what another run is writing is left to it."""
     path, part = tmp_path / "a.html", tmp_path / "a.html.part"
     with ExitStack() as stack:
-        safe_files.alone(stack, part, path).write(b"half")
-        refused(SinkError, "another run", safe_files.publish, path, "whole")
-        assert not path.exists() and part.read_bytes() == b"half"
-
-
-def test_what_a_killed_run_left_gives_a_small_file_neither_mode_nor_bytes(tmp_path):
-    path, part = tmp_path / "a.html", tmp_path / "a.html.part"
+        safe_files.alone(stack, part, path).write(b"secret" * 100)
+        part.chmod(0o777)
+        refused(SinkError, "another run", safe_files.publish, path, "all")
+        assert not path.exists() and part.read_bytes() == b"secret" * 100
     safe_files.publish(tmp_path / "usual", "x")
-    part.write_bytes(b"secret" * 100)
-    part.chmod(0o777)
     safe_files.publish(path, "all")
     assert path.read_text() == "all" and path.stat().st_mode == (tmp_path / "usual").stat().st_mode
     assert not part.exists()
