@@ -31,8 +31,7 @@ from stimlib.core.graph import registry
 from stimlib.devices import available, loopback_test
 from stimlib.files import audio as file
 from stimlib.files.sidecar import told as told_by
-from stimlib.motion.generators import minimum_jerk, sinusoid
-from stimlib.motion.text import parse_motion
+from stimlib.motion import minimum_jerk, parse_motion, sinusoid
 
 # the lines of its errors are those of test_a_mistake_gets_one_line_and_leaves_nothing
 OWN = """

@@ -7,13 +7,21 @@ from pathlib import Path
 from experiments.some import SPRING, experiment, still
 
 from stimlib.errors import StimlibError
-from stimlib.experiments.designs import ConstantStimuli, Sequential
-from stimlib.experiments.experiment import Cursor
-from stimlib.experiments.questions import analogue, choice, places, ranking, rating
-from stimlib.experiments.runner import run
-from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import OneInterval, Rate
-from stimlib.experiments.trial import Stimulus
+from stimlib.experiments import (
+    ConstantStimuli,
+    Cursor,
+    OneInterval,
+    Rate,
+    Sequential,
+    Session,
+    Stimulus,
+    analogue,
+    choice,
+    places,
+    ranking,
+    rating,
+    run,
+)
 from stimlib.live.experiment import ExperimentPage
 from stimlib.live.server import Server
 
@@ -84,6 +92,22 @@ TYPED = [
 """The answers to all of it: one to get familiar, a replay, one that is none and given
 again (the page has no such key). A place with many digits: an answer may be longer than
 a message of a live page."""
+
+
+ANSWERS = [
+    {"softer": "red"},
+    {
+        "rough": 6,
+        "fine": 11,
+        "much": 55,
+        "nice": 62.0,
+        "order": ["B", "A"],
+        "where": [[1.0, 2.0], [0.5, 3.0]],
+    },
+    {"softer": "green"},
+    {"softer": "red"},
+]
+"""What they come to, trial by trial."""
 
 
 class Asked:

@@ -22,8 +22,8 @@ from stimlib.scenes import soft_surface
 from stimlib.soft import surface
 
 pytest.importorskip("uvicorn")
+import waiting
 from live.chromium import Browser, Page, where
-from live.client import wait_for
 
 from stimlib.live.server import Server
 from stimlib.live.stream import Stream
@@ -124,7 +124,7 @@ def move(page: Page, u: float, v: float) -> None:
         page.mouse("Moved", *place(page, u, v))
         return abs(live(page, "live.field.fingers.get(0)?.u ?? 0") - u) < 0.01
 
-    wait_for(there)
+    waiting.until(there)
 
 
 def release(page: Page, u: float = 0.0, pointer: str = "mouse") -> None:
@@ -521,7 +521,7 @@ def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_point
             page.mouse(kind, left + px, top + py, "pen", 0.9)
         return live(page, f"{touched} && live.outputs.depth1 > 0.005")
 
-    wait_for(deep)
+    waiting.until(deep)
     until(page, f"Math.abs(looks.ball() - {px}) < 6")  # the ball is blue, and above its place
     page.mouse("Released", left + px, top + py, "pen")
 

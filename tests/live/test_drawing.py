@@ -14,11 +14,8 @@ from live.drawn import WIDE, outputs_of, seen
 
 from stimlib.devices import NullSink
 from stimlib.errors import BadValue, MotionError, SinkError
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Drawing, Timing
+from stimlib.experiments import ConstantStimuli, Drawing, Rate, Stimulus, Timing
 from stimlib.experiments.papers.nodules import nodules
-from stimlib.experiments.tasks import Rate
-from stimlib.experiments.trial import Stimulus
 from stimlib.live.describe import view_of
 from stimlib.scenes import bumps, squeeze, touch_screen, viscoelastic
 

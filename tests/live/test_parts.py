@@ -11,14 +11,13 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from live.client import wait_for
 from refusals import refused
 from scipy.signal import welch
+from waiting import until
 
 from stimlib import Input, Param, Scene, blocks, constant, render
 from stimlib.errors import BadValue, UnknownName
-from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import replay
+from stimlib.files import read_log, replay
 from stimlib.live import experiment as asked_of
 from stimlib.live.describe import description, ranges_of
 from stimlib.live.inputs import Inputs
@@ -26,7 +25,7 @@ from stimlib.live.protocol import message
 from stimlib.live.sink import PageSink
 from stimlib.live.site import WAITING, Page
 from stimlib.live.stream import Stream
-from stimlib.motion.generators import sinusoid
+from stimlib.motion import sinusoid
 from stimlib.scenes import soft_surface, squeeze
 
 FS = 1000.0
@@ -272,14 +271,14 @@ def test_a_stream_drives_an_input_within_its_range():
     ]:
         before = inputs.rows + sum(inputs.rejected.values())
         rows.put(row)
-        wait_for(lambda before=before: inputs.rows + sum(inputs.rejected.values()) > before)
+        until(lambda before=before: inputs.rows + sum(inputs.rejected.values()) > before)
         assert inputs.columns(at, 2000)[0, -1] == pytest.approx(x, abs=1e-6)
         at += 2000
     assert inputs.rejected == {"not finite": 1, "too short": 1, "outside its limits": 2}
     inputs.count()
     assert (inputs.rows, inputs.rejected) == (0, {})
     rows.put(None)
-    wait_for(lambda: inputs.stream_error)
+    until(lambda: inputs.stream_error)
     refused(BadValue, "the stream has ended: unplugged", inputs.choose, "x", **choice)
     none = Inputs(SPRING, FS, {"x": (0.0, 1.0)})
     refused(BadValue, "there is no stream: start with --stream", none.choose, "x", **choice)
@@ -289,7 +288,7 @@ def test_a_stream_drives_an_input_within_its_range():
 def test_a_stream_of_rows_that_are_none_has_ended(rows):
     """An error of its rows is told like one of its own."""
     inputs = Inputs(SPRING, FS, {"x": (0.0, 0.03)}, stream=lambda timeout: (rows, []))
-    wait_for(lambda: inputs.stream_error)
+    until(lambda: inputs.stream_error)
     refused(BadValue, "the stream has ended: ", inputs.choose, "x", **{"from": "stream"})
 
 
@@ -356,10 +355,10 @@ def test_what_is_late_is_caught_up_and_what_is_too_late_is_lost_and_told(
 
     with closing(PageSink(SPRING, 50.0, feed=ramp, take=take, log=tmp_path / "log")) as sink:
         sink.open(FS, block=20)
-        wait_for(lambda: clock.sleeps)  # a block that a start finds begun has no motion yet
+        until(lambda: clock.sleeps)  # a block that a start finds begun has no motion yet
         sink.start(1.0)
         clock.goes.set()
-        wait_for(lambda: sink.finished)
+        until(lambda: sink.finished)
     assert sink.error is None and replay(read_log(tmp_path / "log")).matches
     report = sink.report()
     assert (report.lost, report.underruns, report.produced) == (lost, lost > 0, 1000)

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 from commands import ran
 from live.chromium import Browser, where
-from live.client import wait_for
 from live.shared import OFFLINE, need_compiler, numbers
 from refusals import refused
+from waiting import until
 
 import stimlib
 from stimlib import BadValue, Input, MissingPackage, Param, Scene, SinkError, UnknownName
@@ -115,7 +115,7 @@ def test_a_page_that_is_stopped_leaves_the_old_file_and_nothing_else(tmp_path):
     words = [sys.executable, "-m", "stimlib", "share", "tone", "--out", path]
     env = os.environ | {"PATH": f"{tmp_path}:/usr/bin:/bin", "TMPDIR": str(folder)}
     job = subprocess.Popen(words, env=env, stderr=subprocess.PIPE)
-    wait_for(lambda: [*folder.glob("*/begun")])
+    until(lambda: [*folder.glob("*/begun")])
     job.terminate()
     assert job.communicate(timeout=20) == (None, b"") and job.returncode == 143
     assert path.read_text() == "old" and not list(folder.iterdir())
