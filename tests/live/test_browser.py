@@ -23,17 +23,12 @@ from stimlib.soft import surface
 
 pytest.importorskip("uvicorn")
 import waiting
-from live.chromium import Browser, Page, where
+from live.chromium import Page
 
 from stimlib.live.server import Server
 from stimlib.live.stream import Stream
 
-pytestmark = [
-    pytest.mark.xdist_group("browser"),
-    pytest.mark.skipif(
-        where() is None, reason="Chromium is not installed: tests/devices/install.sh installs it"
-    ),
-]
+pytestmark = pytest.mark.xdist_group("browser")
 FS, TOKEN, WIDE = 8000, "T" * 32, 0.1  # Hz; m that the field is wide
 LOOKS = Path(__file__).with_name("looks.js").read_text()
 READY = "document.querySelector('#run')?.disabled === false"
@@ -49,10 +44,10 @@ def springs():
 
 
 class Site:
-    """One server at one address, and one browser."""
+    """One server at one address, and a browser."""
 
-    def __init__(self, folder):
-        self.folder, self.port, self.browser = folder, 0, Browser()
+    def __init__(self, folder, browser):
+        self.folder, self.port, self.browser = folder, 0, browser
         full = Safety({"force1": 500.0, "force2": 500.0, "tone": 2.0})
         self.serve(Stream(springs(), FS, full, title="Springs", folder=folder))
 
@@ -69,10 +64,9 @@ class Site:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    made = Site(tmp_path_factory.mktemp("recordings"))
+def site(tmp_path_factory, browser):
+    made = Site(tmp_path_factory.mktemp("recordings"), browser)
     yield made
-    made.browser.close()
     made.server.close()
 
 
