@@ -142,7 +142,8 @@ RULES = {
         return p.need > 0.1;""",
     # the server has a gap that it worked in for less than half of the time
     "cause": """give(0.2); play(0.5); run(1); give(0.3, p.made + 0.3); run(0.01);
-        const page = p.late; play(0.5); run(1); give(0.3, p.made + 0.9); return page === 0 && p.late === 1;""",
+        const page = p.late; play(0.5); run(1); give(0.3, p.made + 0.9);
+        return page === 0 && p.late === 1;""",
     # it is the server's, too, where a block came late that was made before the gap
     "before": """give(0.2); play(0.5); run(1); give(0.004, p.made + 0.004); let told;
         p.link = { postMessage(m) { told = m.audio; } }; p.take({ ask: true });
