@@ -71,7 +71,6 @@ def test_the_packages_of_sweeps_are_loaded_where_they_are_used():
     )
 
 
-
 def test_what_was_compiled_before_runs_without_the_compiler_and_all_else():
     code = """import numpy as np, stimlib
 scene = stimlib.Scene({"y": stimlib.Param("k", 1.0, "N/m") * stimlib.Input("x", "m")})

@@ -3,6 +3,7 @@
 import threading
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 from experiments.some import SPRING, experiment, still
 
@@ -110,28 +111,21 @@ ANSWERS = [
 """What they come to, trial by trial."""
 
 
-class Asked:
-    """A session in a thread, and its server."""
-
-    def __init__(self, data, made, sink="offline", resume=False, **server):
-        self.notes, self.errors = [], []
-        self.layouts = Path(data) / "layouts.jsonl"
-        self.asking = ExperimentPage(self.notes.append, made.texts, self.layouts)
-        self.server = Server(self.asking, **({"token": "T"} | server))
-        self.thread = threading.Thread(target=self._play, args=(data, made, sink, resume))
-
-    def _play(self, data, made, sink, resume):
-        try:
-            with Session(made, data, "P01", resume=resume) as self.session, self.asking:
-                run(self.session, self.asking, self.asking.display(made, sink))
-        except StimlibError as e:
-            self.errors.append(e)
-
-
 @contextmanager
 def asked(data, made, sink="offline", resume=False, **server):
     """It ends with the session, or ends it."""
-    running = Asked(data, made, sink, resume, **server)
+    running = SimpleNamespace(notes=[], errors=[], layouts=Path(data) / "layouts.jsonl")
+    running.asking = ExperimentPage(running.notes.append, made.texts, running.layouts)
+    running.server = Server(running.asking, **({"token": "T"} | server))
+
+    def play():
+        try:
+            with Session(made, data, "P01", resume=resume) as running.session, running.asking:
+                run(running.session, running.asking, running.asking.display(made, sink))
+        except StimlibError as e:
+            running.errors.append(e)
+
+    running.thread = threading.Thread(target=play)
     with running.server:
         running.thread.start()
         yield running

@@ -246,42 +246,36 @@ def said(page, text):
     return page.until(f"document.querySelector('#state').textContent.includes({text!r})")
 
 
-def test_a_reloaded_page_goes_on_and_a_second_one_watches(page, site):
+def test_a_reloaded_page_goes_on(page):
     session = until(page, "live.state.phase === 'running' && live.state.session")
     page.reload()
     until(page, f"live.state?.role === 'control' && live.state.session === {session}")
     until(page, "live.state.phase === 'running' && live.blocks > 5")
     said(page, "this page controls")
     page.js(LOOKS)
-    other = site.open()
-    until(other, "live.state?.role === 'watch' && live.blocks > 5")
-    able = "document.querySelectorAll(':is(#run, #params *, #sources *):is(input, select):enabled')"
-    other.until(f"{able}.length === 0")
-    assert page.js(f"{able}.length") > 0
-    third = site.open()
-    third.until("document.querySelector('#state').textContent.startsWith('Refused: 2 pages')")
-    third.close()
-    other.click("#control")
-    until(other, "live.state.role === 'control'")
-    press(other, 0.3, 0.5)
-    # the other's finger is seen here
-    until(page, "live.state.role === 'watch' && Math.abs(live.outputs.force1 - 60) < 1")
-    page.click("#control")
-    until(page, "live.state.role === 'control'")
-    other.close()
+
+
+ABLE = "document.querySelectorAll(':is(#run, #params *, #sources *):is(input, select):enabled')"
 
 
 def test_a_closed_tab_controls_nothing_and_another_takes_over(page, site, monkeypatch):
-    """The session goes on meanwhile, as it does while a page is loaded again; of a page
-    that stays away it ends.
+    """The other watches first. The session goes on meanwhile, as it does while a page
+    is loaded again; of a page that stays away it ends.
     """
     session = until(page, "live.state.phase === 'running' && live.state.session")
     for grace in (1e3, 0.5):
         monkeypatch.setattr("stimlib.live.stream.GRACE", grace)
         other = site.open()
+        until(other, "live.state?.role === 'watch' && live.blocks > 5")
+        other.until(f"{ABLE}.length === 0")
+        assert page.js(f"{ABLE}.length") > 0
+        third = site.open()
+        said(third, "Refused: 2 pages")
+        third.close()
         other.click("#control")
         said(page, "another page controls")
         press(other, 0.4, 0.5)
+        # the other's finger is seen here
         until(page, "Math.abs(live.outputs.force1 - 80) < 1")
         other.close()
         said(page, "no page controls" if grace > 1 else "stopped; no page controls")
@@ -342,7 +336,7 @@ server.run()
 
 @pytest.fixture
 def begun():
-    """Servers in processes of their own, which end with the test."""
+    """Gives a server in a process of its own, which ends with the test, and its URL."""
     with ExitStack() as stack:
 
         def start(port, token):
