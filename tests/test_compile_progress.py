@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import stimlib
+from stimlib.cli.app import friendly
 from stimlib.core.graph import Block
 from stimlib.devices.engine import PUMP, _native
 from stimlib.system import cache_folder
@@ -114,3 +115,21 @@ def test_the_lines_that_are_expected_are_those_that_are_compiled(tmp_path, monke
     assert lines > 5 and seen == [(lines, 0), (0, lines)]
     stimlib.compile(scene, 1000)
     assert seen[2:] == [(0, 0)], "nothing is compiled again"
+
+
+def test_what_an_empty_cache_compiles_is_said_once_before(tmp_path, monkeypatch, capsys):
+    """The words come before the text runs, which is what takes long; of a block class
+    there are none.
+    """
+    monkeypatch.setenv("STIMLIB_CACHE", str(tmp_path / "empty"))
+    monkeypatch.setattr(cache_folder, "_folder", None)
+    seen = "import sys; print('running', file=sys.stderr)"
+    with friendly():
+        cache.load("x = 1", "Add")
+        assert capsys.readouterr().err == ""
+        cache.load(seen, "runtime")
+        cache.load(seen, "pump")
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["compiling for this machine, once: about ten seconds", "running", "running"]
+    cache.load(f"{seen} # again", "pump")
+    assert capsys.readouterr().err == "running\n", "nobody is told outside of a command"

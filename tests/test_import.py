@@ -27,12 +27,12 @@ HEAVY = (
     "sounddevice",
     *SWEEP,
 )
+# what a compiled scene runs without; numba asks scipy for its version
 NOT_TO_RUN = {*HEAVY, "scipy.linalg", "numba.np.linalg", "optax", "pandas", "IPython"} - {
     "numba",
     "llvmlite",
     "scipy",
 }
-"""What a compiled scene runs without; numba asks scipy for its version."""
 
 
 def loaded(code, of=HEAVY):

@@ -26,6 +26,7 @@ from stimlib.experiments import (
 from stimlib.live.experiment import ExperimentPage
 from stimlib.live.server import Server
 
+FOLDER = "pair/P01-s1"  # of the session
 QUESTIONS = (
     choice("softer", "Which one was that?", "red", "green"),
     rating("rough", "How rough?", "smooth", "coarse"),
@@ -71,6 +72,9 @@ def every(**other):
     return experiment(**(told | other))
 
 
+# the answers to all of it: one to get familiar, a replay, one that is none and given
+# again (the page has no such key). A place with many digits: an answer may be longer
+# than a message of a live page
 TYPED = [
     "1",
     "0",
@@ -90,11 +94,9 @@ TYPED = [
     "",
     "1",
 ]
-"""The answers to all of it: one to get familiar, a replay, one that is none and given
-again (the page has no such key). A place with many digits: an answer may be longer than
-a message of a live page."""
 
 
+# what they come to, trial by trial
 ANSWERS = [
     {"softer": "red"},
     {
@@ -108,7 +110,6 @@ ANSWERS = [
     {"softer": "green"},
     {"softer": "red"},
 ]
-"""What they come to, trial by trial."""
 
 
 @contextmanager

@@ -14,8 +14,7 @@ from stimlib.run.safety import Safety
 from stimlib.scenes import soft_surface
 from stimlib.soft import array
 
-WIDE = 0.12
-"""Of the surfaces, in m."""
+WIDE = 0.12  # of the surfaces, in m
 
 
 def level(s):

@@ -13,11 +13,9 @@ import time
 from functools import partial
 
 import pytest
-
-pytest.importorskip("uvicorn")
 from commands import ran
 from experiments.some import TASK, experiment
-from live.asked import ANSWERS, TYPED, asked, every
+from live.asked import ANSWERS, FOLDER, TYPED, asked, every
 from live.client import HELLO, page, welcome
 from live.drawn import seen
 from waiting import until
@@ -40,13 +38,10 @@ from stimlib.live import experiment as asking_module
 from stimlib.live.experiment import LONGEST, ExperimentPage
 from stimlib.live.site import Page
 
-SHORT = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0))))
 LONG = experiment(
     design=ConstantStimuli(((TASK, 4.0),)),
     timing=Timing(interval=0.8, gap=0.05, before=0.0, ramp=0.0),
 )
-TRIAL = TASK.trial(4.0, 1, 0)
-FOLDER = "pair/P01-s1"
 
 
 def facts(records):
@@ -283,7 +278,7 @@ def test_a_rest_is_the_servers(tmp_path):
 def test_a_server_that_ends_before_the_session_is_told(tmp_path):
     """Whoever sends answers that are too long is shut out."""
     long = json.dumps({"do": "answer", "number": 1, "text": (LONGEST + 1) * "1"})
-    with asked(tmp_path, SHORT) as running:
+    with asked(tmp_path, LONG) as running:
         with page(running.server) as client:
             assert client.ended(HELLO, *[long] * 25) == 4400
     assert "the server of the page has ended before the session" in str(running.errors[0])
@@ -322,7 +317,10 @@ def test_ctrl_c_leaves_no_lock_with_which_the_page_would_wait_for_ever(monkeypat
     if what == "show":
         monkeypatch.setattr(asking_module, "present", lambda *given, **_: given[4](None))
         monkeypatch.setattr(face, "_become", lambda *_, **__: None)
-    calls = {"show": lambda: show(TRIAL, tmp_path), "_become": lambda: face._become("wait")}
+    calls = {
+        "show": lambda: show(TASK.trial(4.0, 1, 0), tmp_path),
+        "_become": lambda: face._become("wait"),
+    }
     with pytest.raises(KeyboardInterrupt):
         calls.get(what, face._waited)()
     thread = threading.Thread(target=lambda: free.append(face._changed.acquire(blocking=False)))

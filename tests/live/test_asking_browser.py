@@ -6,10 +6,8 @@ import time
 from contextlib import contextmanager
 
 import pytest
-
-pytest.importorskip("uvicorn")
 from experiments.some import TASK, experiment
-from live.asked import ANSWERS, TYPED, asked, every
+from live.asked import ANSWERS, FOLDER, TYPED, asked, every
 from waiting import until
 
 from stimlib.experiments import (
@@ -25,7 +23,6 @@ from stimlib.experiments import (
 )
 
 pytestmark = pytest.mark.xdist_group("browser")
-FOLDER = "pair/P01-s1"
 STATE = "document.querySelector('#state').textContent"
 TEXT = "document.querySelector('#text').textContent"
 TOLD = "document.querySelector('#told').textContent"

@@ -11,22 +11,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import waiting
+from live.chromium import Page
+from live.drawn import level
 from scipy.signal import welch
 
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import oscillator
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import delivered
-from stimlib.run.safety import Safety
-from stimlib.scenes import soft_surface
-from stimlib.soft import surface
-
-pytest.importorskip("uvicorn")
-import waiting
-from live.chromium import Page
-
 from stimlib.live.server import Server
 from stimlib.live.stream import Stream
+from stimlib.run.safety import Safety
+from stimlib.soft import surface
 
 pytestmark = pytest.mark.xdist_group("browser")
 FS, TOKEN, WIDE = 8000, "T" * 32, 0.1  # Hz; m that the field is wide
@@ -495,7 +492,7 @@ def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_point
     site.server.close()
     said(page, "trying again")
     assert page.js("document.querySelector('#run').disabled")
-    site.serve(Stream(soft_surface("deformation"), FS, title="Soft", folder=site.folder))
+    site.serve(Stream(level(0.0), FS, title="Soft", folder=site.folder))
     page.until(f"document.title === 'Soft' && {READY}")
     page.click("#run")
     page.js("document.querySelector('#field').scrollIntoView({block: 'center'})")

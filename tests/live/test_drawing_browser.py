@@ -6,8 +6,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-
-pytest.importorskip("uvicorn")
+from live.asked import FOLDER
 from live.drawn import outputs_of, seen
 from live.test_asking_browser import awaited, opened, over, press
 from live.test_drawing import shown
@@ -16,7 +15,6 @@ from stimlib.experiments import Cursor, Drawing, read
 from stimlib.scenes import viscoelastic
 
 pytestmark = pytest.mark.xdist_group("browser")
-FOLDER = "pair/P01-s1"
 WATCH = """import('./ask.js').then(({field}) => {
     window.field = field;
     window.shown = [];

@@ -9,8 +9,6 @@ import pytest
 from live.node import HERE, LIVE, told
 
 WORKLET = LIVE / "page" / "worklet.js"
-RMS = 0.25 / math.sqrt(2)
-"""Of the sine of 158 Hz."""
 
 
 def heard(**options):
@@ -19,7 +17,8 @@ def heard(**options):
 
 
 WHOLE = {"under": 0, "skips": 0, "missing": 0}
-SINE = 0.25 * 2 * math.pi * 158 / 48000  # of full scale, the largest step of the sine
+# of the sine of 158 Hz, in parts of full scale: its rms, and its largest step
+RMS, SINE = 0.25 / math.sqrt(2), 0.25 * 2 * math.pi * 158 / 48000
 
 
 def near(value, abs):
