@@ -47,7 +47,7 @@ DEAR = {
 # to compile; they go the way of every step
 DEAR |= {"lut2_cubic", "springpot_bound", "springpot_path", "track"}
 # what stands behind has a row
-DEAR |= {"cursor_contact", "spatial_noise_contact", "springpot_live_l1"}
+DEAR |= {"cursor_contact", "spatial_noise_contact"}
 # steps of what other steps are of, and what graphs and scenes below are made of
 PLAIN = set(
     """
