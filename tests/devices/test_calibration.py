@@ -244,6 +244,7 @@ def test_more_than_the_device_has_is_limited_and_counted(tmp_path):
     wanted = tone(freq=100.0, amplitude=1.9, duration=1.4, period=1.5, unit="m/s^2")
     report, (drive,) = displayed(wanted, tmp_path, calibration=MADE)  # at 100 Hz it makes 1.1
     assert report.clips["drive"]["signal"] > 1000 and np.abs(drive).max() == 1.0
+    assert f"{report.clips['drive']['signal']} samples limited (drive)" in str(report)
 
 
 EVERY = [
