@@ -192,10 +192,11 @@ def cases():
     """
     chosen = [("feed", name) for name in [*WAYS, "stop"]]
     chosen += [("take", name) for name in ("Exception", "Own", "Mute", "close", "stop", "None")]
-    chosen += [("motion", name) for name in [*WAYS, "stop"]]
+    chosen += [("motion", name) for name in ("Exception", "Own", "Mute", "close", "stop")]
+    chosen += [("motion", name) for name in WRONG | TAKEN]
     chosen += [("delivered", name) for name in ("Exception", "SystemExit", "Mute", "wait")]
     chosen += [(where, "SystemExit") for where in ("motion of a log", "event", "close")]
-    rest = [("take", name) for name in WAYS] + [
+    rest = [(where, name) for where in ("take", "motion") for name in WAYS] + [
         (where, n) for where in ("delivered", "event") for n in RAISES if n != "close"
     ]
     return mostly(chosen, list(dict.fromkeys(chosen + rest)))
