@@ -3,8 +3,6 @@ and what is refused.
 """
 
 import math
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -101,15 +99,15 @@ def test_a_short_ramp_long_ago_keeps_its_digits():
 @pytest.mark.parametrize("alpha", [0.1, 0.5, 0.9, 1.0])
 @pytest.mark.parametrize("beta", mostly([0.5, 1.0], [0.5, 1.0, 2.0]))
 def test_the_mittag_leffler_function(alpha, beta):
-    """Against its series in 120 digits, and for large numbers its asymptotic series."""
-    with mp.workdps(120):
+    """Against its series in forty digits, and for large numbers its asymptotic one."""
+    with mp.workdps(40):
+        a = mp.mpf(alpha)
         for x in (0.0, 0.01, 0.7, 2.0 if alpha > 0.4 else 0.8):
-            terms = (mp.mpf(-x) ** k / mp.gamma(mp.mpf(alpha) * k + beta) for k in range(1500))
-            assert float(mittag_leffler(x, alpha, beta)) == pytest.approx(
-                float(mp.fsum(terms)), abs=1e-11 / (1 + x)
-            )
+            exact = mp.fsum(mp.mpf(-x) ** k * mp.rgamma(a * k + beta) for k in range(300))
+            got = float(mittag_leffler(x, alpha, beta))
+            assert got == pytest.approx(float(exact), abs=1e-11 / (1 + x))
         x = mp.mpf(10) ** 8
-        tail = -mp.fsum((-x) ** -k * mp.rgamma(beta - mp.mpf(alpha) * k) for k in range(1, 6))
+        tail = -mp.fsum((-x) ** -k * mp.rgamma(beta - a * k) for k in range(1, 6))
         assert abs(float(mittag_leffler(1e8, alpha, beta)) - float(tail)) < 1e-19
 
 
@@ -423,9 +421,3 @@ def test_pictures_and_words(tmp_path):
     np.testing.assert_array_equal(errors.get_ydata(), 100 * fits[0].relative)
     refused(SinkError, None, fits[0].plot, tmp_path / "nowhere" / "p.png")
     refused(SinkError, None, fits[0].plot, tmp_path / "p.movie")
-
-
-def test_nothing_heavy_is_loaded_before_it_is_needed():
-    heavy = "scipy.optimize", "scipy.linalg", "matplotlib", "numba", "pint"
-    code = f"import sys, stimlib.fitting.relaxation; print({set(heavy)} & set(sys.modules))"
-    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "set()\n"
