@@ -17,8 +17,8 @@ from stimlib import BadValue, Input, Param, Scene, UnknownName
 from stimlib.analysis.physical_cues import Cues, cues
 from stimlib.blocks import springpot
 from stimlib.core.units import unit
-from stimlib.motion.generators import minimum_jerk, sinusoid
-from stimlib.sweep import engines, measure, measured, rendering, sweep
+from stimlib.motion.generators import minimum_jerk
+from stimlib.sweep import engines, measure, rendering, sweep
 from stimlib.sweep.engines import Here, Local, end_beside, run_beside
 from stimlib.sweep.measures import CUE_UNITS, measures_of
 from stimlib.sweep.plan import row_keys
@@ -236,12 +236,6 @@ def test_figures_have_their_units_and_cues_take_displacement_and_force():
     for text in ("cues(x)", "cues(force, x)", "cues(x, x)", "cues(force, force)"):
         refused(BadValue, "a displacement and a force", measures_of, text, scene)
     refused(BadValue, "is no measure", measures_of, "band(20, 1e999)", scene)
-
-
-def test_what_is_not_the_rendering_is_not_verified():
-    run = stimlib.render(SPRING, {"x": sinusoid(0.001, 4.0)}, 8000, 0.05)
-    assert measured(run, "verify") == {"verified": 1.0}
-    assert measured(dataclasses.replace(run, y=run.y + 1.0), "verify") == {"verified": 0.0}
 
 
 # What is refused, or told -------------------------------------------------------------
