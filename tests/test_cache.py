@@ -2,6 +2,7 @@
 must not compile.
 """
 
+import fcntl
 import inspect
 import json
 import os
@@ -10,11 +11,10 @@ import re
 import shutil
 import subprocess
 import sys
-import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
@@ -230,41 +230,23 @@ def test_a_full_or_read_only_folder_is_a_warning(twice, mounted, options, filled
     assert not list(folder.glob("twice_*"))
 
 
-HOLDS = """
-import fcntl, sys, time
-file = open(sys.argv[1], "w")
-fcntl.flock(file, fcntl.LOCK_EX)
-print("held", flush=True)
-time.sleep(60)
-"""
-
-
 def test_who_compiles_an_entry_is_waited_for_not_for_ever(twice, tmp_path, monkeypatch):
     text = f"# {tmp_path}{TWICE}"
     lock = tmp_path / "cache" / f"twice_{caches._sum((text + salt()).encode())[:20]}.lock"
     lock.parent.mkdir(mode=0o700)
-    waiting, real = threading.Event(), time.sleep
-
-    def sleeps(seconds):
-        waiting.set()
-        real(seconds)
-
-    monkeypatch.setattr(caches.time, "sleep", sleeps)
     monkeypatch.setattr(caches, "WAIT", 0.1)
-    with subprocess.Popen([sys.executable, "-c", HOLDS, lock], stdout=subprocess.PIPE) as holder:
-        holder.stdout.read(4)
-        with ThreadPoolExecutor(1) as thread:
-            loading = thread.submit(twice, lock.parent)
-            assert waiting.wait(60)
-            assert loading.result(60) == 42.0
+    waits = mock.patch.object(caches.time, "sleep", wraps=time.sleep)
+    with lock.open("w") as held, waits as slept:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        assert twice(lock.parent) == 42.0 and slept.called
         # who has no lock does not remove its file
         assert {p.name for p in lock.parent.iterdir()} == {lock.stem, lock.name}
-        holder.kill()
 
 
 FORKS = """
 import faulthandler, logging, os, random, sys, threading
 from pathlib import Path
+from unittest import mock
 from stimlib.targets.numba import cache
 log = logging.getLogger(cache.__name__)
 log.setLevel("INFO")

@@ -42,13 +42,6 @@ class Waves(Block):
         return maths.exp(x) + maths.sin(x) * maths.tanh(x) + maths.cos(x) * p.a, s
 
 
-def bits_of(folder, shape):
-    """The samples that the self test wants, as float64."""
-    text = (folder / "stimulus_test.c").read_text()
-    words = re.findall("UINT32_C\\((0x[0-9a-f]{8})\\)", text.partition("wanted[]")[2])
-    return np.array([int(w, 16) for w in words], np.uint32).view(np.float32).reshape(shape)
-
-
 def test_sums_and_products_are_those_of_numpy_in_float32(tmp_path):
     """Numbers and inputs are rounded once, and each operation rounds to float32."""
     x, way = Input("x", "m"), 0.03 * np.sin(np.arange(300) / 7.3)
@@ -56,7 +49,9 @@ def test_sums_and_products_are_those_of_numpy_in_float32(tmp_path):
     scene = Scene({"force": k * x - stimlib.constant(0.1, "N")})
     made = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.3, **NARROW)
     assert same(tmp_path, "stimulus", 300, [*GCC, "-O3"])
-    got, f = bits_of(tmp_path, 300), np.float32
+    text = (tmp_path / "stimulus_test.c").read_text().partition("wanted[]")[2]
+    words = re.findall("UINT32_C\\((0x[0-9a-f]{8})\\)", text)
+    got, f = np.array([int(w, 16) for w in words], np.uint32).view(np.float32), np.float32
     want = f(123.4) * way[:100].astype(f) - f(0.1)
     assert got[:100].tobytes() == want.tobytes()
     y = 123.4 * way[:100] - 0.1

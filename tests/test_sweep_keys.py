@@ -132,13 +132,6 @@ def private_module(gain):
     return module
 
 
-def holding(value):
-    """Return a list that holds this and itself."""
-    held = [value]
-    held.append(held)
-    return held
-
-
 TABLES = [{"x": np.zeros(5000)}, {"x": np.zeros(5000)}]
 TABLES[1]["x"][2500] = 1.0
 CACHED = [functools.cache(lambda t: t), functools.cache(lambda t: 2 * t)]
@@ -208,7 +201,6 @@ PAIRS = {
     "scenes of a class of one's own": (of(scene_of_own(1.0)), of(scene_of_own(2.0))),
     "sets of one's own": (of(Names("abc")), of(Names("abd"))),
     "private numbers of a module": (of(private_module(1.0)), of(private_module(2.0))),
-    "lists that hold themselves": (holding(1.0), holding(2.0)),
     "children of another parent": tuple(map(of_child, (True, False))),
     "what is prepared": tuple(
         measure("N", prepare=lambda x, fs, g=g: g)(level) for g in (1.0, 2.0)
