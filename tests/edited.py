@@ -18,7 +18,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from stimlib import BadValue
+from stimlib import BadValue, Input, Scene
 from stimlib.sweep import sweep
 
 PACKAGE = (
@@ -106,6 +106,8 @@ def in_a_process(f, *args):
 def main(place, folder, workers):
     """Do all cases, each in a folder of its own."""
     sys.dont_write_bytecode = True  # its time has whole seconds
+    words = {"motion": [0.0], "measures": "rms", "fs": 1000, "workers": 0, "progress": False}
+    sweep(Scene({"y": 1.0 * Input("x")}), {"seed": [0]}, **words)  # loads all once, before forks
     sys.path.insert(0, "")
     for at, (name, old, new) in enumerate(json.load(sys.stdin)):
         os.makedirs(os.path.join(folder, str(at)))

@@ -584,7 +584,6 @@ def test_what_workers_import_otherwise_is_said_or_refused(tmp_path, monkeypatch)
     monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
     study, row = importlib.import_module("of_a_study"), {"a": [1.0]}
     words = RUN | {"measures": "peak", "workers": 1, "motion": np.ones(400)}
-    assert sweep(study.make, row, **words)["peak_y"].to_pylist() == [1.0]
     study.K = 2.0
     assert swept(row, study.make, motion=np.ones(400))["peak_y"].to_pylist() == [2.0]
     says = "scene is not the same in the processes"
