@@ -75,7 +75,8 @@ def test_every_block_of_the_table_has_the_same_bits(k, chain, tmp_path):
     assert there == sorted(e.name for e in TABLE) and len(groups()) == COUNT
     if chain.startswith("cortex"):
         pytest.skip("forty blocks and their samples do not fit into its 4 MB; scenes do")
-    assert same(tmp_path, f"group{k}", exported(k, tmp_path), *installed(chain))
+    programs = installed(chain)
+    assert same(tmp_path, f"group{k}", exported(k, tmp_path), *programs)
 
 
 @pytest.mark.stress
@@ -89,8 +90,9 @@ def test_every_scene_has_the_same_bits(name, precision, chain, tmp_path):
         pytest.skip("it is refused in float32")
     if chain == "cortex-m4f" and precision == "float64":
         pytest.skip("the fma of newlib, without a unit for doubles, is not fused: float32 only")
+    programs = installed(chain)
     made = shipped(name, tmp_path, precision=precision)
-    assert same(tmp_path, name, made.samples, *installed(chain))
+    assert same(tmp_path, name, made.samples, *programs)
 
 
 @pytest.mark.stress
