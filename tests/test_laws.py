@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from contract import DEAF, EACH, TABLE, missing
 from laws import (
+    STRESS,
     assert_same,
     cut_at,
     float_words,
@@ -76,19 +77,21 @@ def test_every_block_is_in_the_table():
 
 
 # 1 ------------------------------------------------------------------------------------
+SIZES = [1, 7, 64]
+if STRESS:
+    SIZES += [2, 3, 5, 11, 13, 31, 61, 63, 65, 67, 127, 128, 129, 131, 257, 509, 1021, 1024]
+    SIZES += [2053, 4096, 4099, 8191, 8192, 8193]
+
+
+@pytest.mark.longer
 @pytest.mark.parametrize(("entry", "fs"), FORMS)
 def test_law_1_cuts_change_nothing(entry, fs):
-    n = 1000
+    n = 2 * 8193 + 1 if STRESS else 1000
     proc, x = driven(entry, fs, n)
     rng = np.random.default_rng(1)
     sets = some_sets(proc, n, rng)
     whole, end = run(proc, x, (), sets), proc.state
-    for cuts in (
-        cut_at(n, 1),
-        cut_at(n, 7),
-        cut_at(n, 64),
-        random_cuts(n, rng),
-    ):
+    for cuts in (*(cut_at(n, size) for size in SIZES), random_cuts(n, rng)):
         proc.reset()
         assert_same(run(proc, x, cuts, sets), whole, f"cuts at {cuts[:5]}..")
         assert_same(proc.state, end, "state")
