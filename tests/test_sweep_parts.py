@@ -3,6 +3,7 @@ and what is refused.
 """
 
 import dataclasses
+import os
 import pickle
 import types
 
@@ -182,17 +183,24 @@ def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes(monkeypatch
         given = {"motion": {name: words.pop("motion")}}
         table, plan, motions = prepared({"k": [k], "motion": [name]}, **words, **given)
         keys = [(n, digest) for n, (digest, _) in motions.items()]
-        data, _ = run_beside(
+        found = run_beside(
             sweep, plan, keys, [m for _, m in motions.values()], as_bytes(table), False, 1.0
         )
-        return from_bytes(data).to_pylist()[0]["peak_force"]
+        data = None if isinstance(found, Death) else found[0]
+        return data and from_bytes(data).to_pylist()[0]["peak_force"]
 
     ramp, higher = minimum_jerk(depth=1.0), minimum_jerk(depth=2.0)
     try:
         first = peaks(motion=ramp, seconds=0.05)
         (process,) = engines._beside.values()
         assert first < peaks(motion=higher, seconds=0.05, name="b"), "for the same process"
+        assert first == peaks(motion=ramp, seconds=0.05, name="c"), "one motion by two names"
         assert (process,) == tuple(engines._beside.values())
+        dies = measure("N", version="1")(lambda run: os.abort() if run.params["k"] == 7.0 else 0.0)
+        for name, k, peak in (("a", 1.0, 1.0), ("b", 1.0, 2.0), ("a", 7.0, None), ("b", 1.0, 2.0)):
+            motion = np.full(400, 1.0 if name == "a" else 2.0)
+            assert peaks(k, name, "dies", motion=motion, measures=["peak", dies]) == peak
+        end_beside("dies")
         assert first < peaks(motion=ramp, seconds=0.1, sweep="two")
         assert first == peaks(motion=ramp, seconds=0.05), "two sweeps in turns"
         assert process in engines._beside.values()
