@@ -89,16 +89,19 @@ def test_what_is_delivered_is_the_offline_render(stand, caplog):
 
 
 def test_a_ramp_from_the_first_sample_begins_at_the_value_that_was_given(stand):
-    log = Seen()
-    with stand.make(STEADY, params={"level": 0.5}, log=log) as sink:
+    """At the start, or by a jump before it."""
+    log, safety, told = Seen(), Safety(1.0), {"params": {"level": 0.25}}
+    with stand.make(STEADY, safety, log=log, **told) as sink:
         sink.open(FS, block=64)
+        sink.set("level", 0.5, ramp=0.0)
         sink.set("level", 0.75, ramp=0.05)
         sink.start(0.1)
         sink.wait(60)
     change = next(at for at, kind, e in log.events if kind == "set" and e["name"] == "level")
-    neighbours = np.diff(np.flatnonzero(kept(log.events, 800))) == 1  # of which none was lost
-    steps = np.diff(np.concatenate(log.frames)[:, 0])[neighbours]
+    whole = offline(STEADY, safety, {}, FS, 800, log.events, seed=0, **told)
+    steps = np.diff(whole[:, 0])
     assert change == 0 and steps.min() > -1e-6 and 0.25 / 401 <= steps.max() < 0.01
+    assert np.array_equal(np.concatenate(log.frames), whole[kept(log.events, 800)])
 
 
 def test_channels_carry_the_outputs_that_are_named(stand):
