@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
@@ -251,6 +252,8 @@ class Recorder:
         """Send and log the markers before a sample."""
         for m in self.markers.due(until, self._latency):
             facts = asdict(m)
+            if math.isnan(m.time):  # the device went before its first block
+                facts |= {"time": None, "uncertainty": None}
             self._put(facts.pop("sample"), "mark", **facts)
 
     def _put_counts(self) -> None:

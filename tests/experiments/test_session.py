@@ -70,6 +70,7 @@ from stimlib.experiments import (
 from stimlib.experiments.session import LOG, Session
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
+from stimlib.files.log_writer import LogWriter
 from stimlib.run.safety import Safety
 from stimlib.scenes import SHIPPED
 from stimlib.system import safe_files
@@ -191,6 +192,16 @@ def test_a_channel_is_the_same_in_every_trial():
         assert list(scene.outputs) == ["force", "buzz"]
     assert present(made, trial)["lost"] == 0  # though it has no input y
     assert (stimlib.render(scene, {"x": still}, fs=1000, seconds=0.4)["buzz"] == 0).all()
+
+
+def test_a_recording_of_a_trial_that_cannot_be_opened_is_closed(tmp_path, monkeypatch):
+    ended, close = [], LogWriter.close
+    monkeypatch.setattr(LogWriter, "close", lambda log: (close(log), ended.append(log.folder)))
+    scene = stimlib.Scene({"force": lowpass(SPRING.outputs["force"], 600.0)})
+    made = experiment(scenes={"spring": scene})
+    cut = "cutoff = 600 Hz does not fit"
+    refused(StimlibError, cut, present, made, pair(), "file", tmp_path / "a.stimlog")
+    assert ended == [tmp_path / "a.stimlog"]
 
 
 def test_parameters_of_two_scenes_are_kept_apart(tmp_path):
