@@ -8,7 +8,6 @@ import os
 import threading
 from collections import Counter
 from contextlib import ExitStack
-from functools import partial
 
 import numpy as np
 import pytest
@@ -153,21 +152,6 @@ def test_a_link_is_not_replaced(tmp_path):
     link.symlink_to(path)
     refused(SinkError, "link.json is a link", assign, link, "P02", ["A", "B"], 1)
     assert link.is_symlink() and assigned(link, "P01") == assigned(path, "P01")
-
-
-ONE = ((Rate("a", ("q",), Stimulus("a")), None),)
-
-
-@pytest.mark.parametrize(
-    ("call", "why"),
-    [
-        *((partial(williams, n), f"n = {n} must be a number") for n in (1, 0, -4, 1001)),
-        (lambda: williams(2.5), "n = 2.5 must be a whole number"),
-        (lambda: ConstantStimuli(ONE, 2, "apart"), "two items or more"),
-    ],
-)
-def test_what_has_no_orders_is_refused(call, why):
-    refused(BadValue, why, call)
 
 
 @pytest.mark.parametrize(

@@ -40,6 +40,7 @@ from stimlib.experiments import (
     shuffled,
     stream,
     turn_of,
+    williams,
 )
 
 PAIR = TwoInterval(
@@ -347,6 +348,13 @@ NORMAL = {"deviations": (1.0,)}
         (ConstantStimuli, {"items": ((PAIR, 5.0),), "repeats": 2.5}, "repeats = 2.5"),
         (ConstantStimuli, {"items": ((PAIR, 5.0),), "repeats": 0}, "at least 1"),
         (ConstantStimuli, {"items": ((PAIR, 1.0),) * 2}, "twice"),
+        (
+            ConstantStimuli,
+            {"items": ((PAIR, 1.0),), "repeats": 2, "shuffle": "apart"},
+            "two items or more",
+        ),
+        *((williams, {"n": n}, f"n = {n} must be a number") for n in (1, 0, -4, 1001)),
+        (williams, {"n": 2.5}, "n = 2.5 must be a whole number"),
         (Interleaved, {"tracks": [STAIRS]}, "tracks = .* must be a dict"),
         (Interleaved, {"tracks": {}}, "name of its track"),
         (Sequential, {"parts": [STAIRS]}, "parts = .* must be a dict"),

@@ -525,7 +525,7 @@ def test_a_table_of_answers_is_taken_whole():
     refused(UnknownName, "no column 'outcome'", psychometric, {"level": [1, 2]})
 
 
-@pytest.mark.parametrize("number", [np.float32, np.float64, Fraction])
+@pytest.mark.parametrize("number", [np.float32, Fraction])
 def test_numbers_of_every_kind_are_taken(number):
     plain, how = ({"guess": v(0.25), "lapse": v(0), "confidence": v(0.5)} for v in (float, number))
     found = psychometric(LEVELS, YES, ASKED, **how)

@@ -355,17 +355,19 @@ def test_nodules_gives_the_papers_rates_of_the_papers_counts():
     """Answers with these counts: the rates are the printed ones, the intervals those of
     252, 112 and 364 sides.
     """
-    answers = simulate(nod.nodules(), nod.person, 14, seed=1)
+    names = [*nod.SURFACES] * 14
+    people = [f"P{k // len(nod.SURFACES)}" for k in range(len(names))]
+    answers = {"participant": people, "condition": names, "left": [], "right": []}
     left = {
         mode: {"nodule": hits, "none": rejections}
         for mode, (hits, rejections) in nod.COUNTS.items()
     }
-    for k, name in enumerate(answers["condition"]):
+    for name in names:
         for side, under in nod.right_answers(name).items():
             of_mode = left[nod.SURFACES[name][0]]
             of_mode[under] -= 1
             other = {"nodule": "none", "none": "nodule"}[under]
-            answers[side][k] = under if of_mode[under] >= 0 else other
+            answers[side].append(under if of_mode[under] >= 0 else other)
     found = nod.found(answers)
     for mode, printed in nod.PRINTED.items():
         rates = found.rates[mode]
@@ -427,14 +429,14 @@ def test_places_nine_people_have_nine_orders_and_no_place_twice():
         where = [at for t in trials for at in t.correct["nodules"]] + list(buried().values())
         nearest = min(dist(a, b) for a, b in combinations(where, 2))
         assert nearest > place.NEAR, "what was learnt does not help"
-        for t in trials:
-            how, turn = place.SURFACES[t.condition]
-            S = block(radians(turn))
-            surface = soft_surface(place.FEEDBACK[how], S=S)
-            assert experiment.scenes[t.condition].hash == surface.hash
-            levels = [S.levels[round(y / 0.002), round(x / 0.002)] for x, y in t.correct["nodules"]]
-            assert levels == sorted(levels, reverse=True), "hard where it is right, A first"
-            assert levels[-1] > 1.2 * S.levels[0, 0]
+    for t in {t.condition: t for trials in seen for t in trials}.values():
+        how, turn = place.SURFACES[t.condition]
+        S = block(radians(turn))
+        surface = soft_surface(place.FEEDBACK[how], S=S)
+        assert experiment.scenes[t.condition].hash == surface.hash
+        levels = [S.levels[round(y / 0.002), round(x / 0.002)] for x, y in t.correct["nodules"]]
+        assert levels == sorted(levels, reverse=True), "hard where it is right, A first"
+        assert levels[-1] > 1.2 * S.levels[0, 0]
     assert len({tuple(t.condition for t in trials) for trials in seen}) == 9
     assert (experiment.timing.interval, experiment.timing.until) == (300.0, "answer")
     for column in zip(*seen, strict=True):  # each thrice in each place

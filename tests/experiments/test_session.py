@@ -274,22 +274,19 @@ def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(
 ):
     """The first of a kind would begin late, and tell that it is one."""
     opened, started = [], []
-    take, begin = NullSink.open, NullSink.start
 
-    def seen(sink, *how):
-        opened.append(sink)
-        take(sink, *how)
-
-    def begun(sink, seconds):
-        started.append(sink)
-        begin(sink, seconds)
+    def noted(name, sinks):
+        method = getattr(NullSink, name)
+        monkeypatch.setattr(
+            NullSink, name, lambda sink, *how: (sinks.append(sink), method(sink, *how))
+        )
 
     def forms(sinks):  # blocks and how they hang together, without their numbers
         programs = [sink.scene.program.instances for sink in sinks]
         return {tuple((type(q.block), q.kind, q.clock, q.args) for q in p) for p in programs}
 
-    monkeypatch.setattr(NullSink, "open", seen)
-    monkeypatch.setattr(NullSink, "start", begun)
+    noted("open", opened)
+    noted("start", started)
     squared = {"force": SPRING.outputs["force"] * stimlib.Input("x", "m")}
     other = OneInterval("w", "softer", {n: Stimulus(n) for n in ("first", "second")})
     main = ConstantStimuli(((TASK, 4.0), (TASK, 1.0), (TASK, 2.0), (other, "second")))
