@@ -17,7 +17,11 @@ from importlib.metadata import version
 import pytest
 from hypothesis import HealthCheck, settings
 
-import stimlib.blocks  # or pytest puts the module texture in place of its function  # noqa: F401
+# or pytest puts modules in place of functions of the same name, such as touch_screen
+import stimlib.blocks
+import stimlib.plate
+import stimlib.scenes
+import stimlib.soft  # noqa: F401
 
 # most of the time goes into XLA's and LLVM's work on code that is run but a few times
 if not os.environ.get("STIMLIB_STRESS"):

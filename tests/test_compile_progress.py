@@ -13,9 +13,11 @@ from pathlib import Path
 import pytest
 
 import stimlib
+from stimlib.cli.app import friendly
 from stimlib.core.graph import Block
 from stimlib.devices.engine import PUMP, _native
 from stimlib.system import cache_folder
+from stimlib.system.progress import compiling, counted
 from stimlib.targets.numba import cache, engine
 
 ROOT = Path(__file__).parent.parent
@@ -28,8 +30,8 @@ def level():
 
 @pytest.fixture
 def caches(tmp_path):
-    """Three that only have the runtime and the pump."""
-    folders = [tmp_path / name for name in ("looked", "quiet", "alone")]
+    """Two that only have the runtime and the pump."""
+    folders = [tmp_path / name for name in ("looked", "quiet")]
     engine.runtime()
     _native()
     for piece in (engine.RUNTIME, PUMP):
@@ -41,20 +43,13 @@ def caches(tmp_path):
     return folders
 
 
-def playing(cache, *more):
-    """A command that compiles, and its environment."""
-    own = f"{cache.parent}/own.py:level --sink null --fast --seconds 0.1".split()
-    env = {"STIMLIB_CACHE": str(cache), "PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "100"}
-    return {
-        "args": [sys.executable, "-m", "stimlib", "play", *own, *more],
-        "env": os.environ | env,
-    }
-
-
-def in_terminal(cache, *more):
-    """Return what a command shows in a terminal."""
+def in_terminal(folder, *more):
+    """Return what a command that compiles into a cache shows in a terminal."""
+    own = f"{folder.parent}/own.py:level --sink null --fast --seconds 0.1".split()
+    env = {"STIMLIB_CACHE": str(folder), "PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "100"}
+    words = [sys.executable, "-m", "stimlib", "play", *own, *more]
     here, there = pty.openpty()
-    with subprocess.Popen(**playing(cache, *more), stdout=there, stderr=there) as run:
+    with subprocess.Popen(words, env=os.environ | env, stdout=there, stderr=there) as run:
         os.close(there)
         shown = b""
         with suppress(OSError):  # the end of a terminal
@@ -66,17 +61,34 @@ def in_terminal(cache, *more):
 
 
 def test_play_shows_a_bar_over_what_it_compiles_the_first_time(caches):
-    looked, quiet, alone = caches
+    looked, quiet = caches
     shown = in_terminal(looked)
-    compiling, _, rest = shown.partition("playing;")
-    percent = [int(p) for p in re.findall(r"compiling .*?(\d+)%", compiling)]
+    before, _, rest = shown.partition("playing;")
+    percent = [int(p) for p in re.findall(r"compiling .*?(\d+)%", before)]
     assert percent == sorted(percent) and percent[0] < 50 and percent[-1] == 100, shown
-    assert "compiling" not in rest and "100 delivered" not in compiling
-    again = in_terminal(looked)
-    assert "compiling" not in again and "playing;" in again, "all is in the cache"
-    assert "compiling" not in in_terminal(quiet, "--quiet"), "nobody wants it"
-    done = subprocess.run(**playing(alone), capture_output=True, check=True)
-    assert done.stderr == b"" and len(list(alone.iterdir())) > 2, "nobody looks"
+    assert "compiling" not in rest and "100 delivered" not in before
+    shown = in_terminal(quiet, "--quiet")
+    assert not re.search("compiling|playing;", shown), "nobody wants it"
+
+
+@pytest.mark.parametrize(
+    ("looked_at", "wanted", "lines", "bar"),
+    [
+        (True, True, 5, True),
+        (True, True, 0, False),
+        (True, False, 5, False),
+        (False, True, 5, False),
+    ],
+)
+def test_a_bar_is_there_where_something_is_compiled_and_somebody_looks(
+    monkeypatch, capsys, looked_at, wanted, lines, bar
+):
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: looked_at)
+    with compiling(wanted):
+        for told in ((lines, 0), (0, lines)):
+            for tell in counted:
+                tell(*told)
+    assert ("compiling" in capsys.readouterr().err) == bar and not counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,3 +115,21 @@ def test_the_lines_that_are_expected_are_those_that_are_compiled(tmp_path, monke
     assert lines > 5 and seen == [(lines, 0), (0, lines)]
     stimlib.compile(scene, 1000)
     assert seen[2:] == [(0, 0)], "nothing is compiled again"
+
+
+def test_what_an_empty_cache_compiles_is_said_once_before(tmp_path, monkeypatch, capsys):
+    """The words come before the text runs, which is what takes long; of a block class
+    there are none.
+    """
+    monkeypatch.setenv("STIMLIB_CACHE", str(tmp_path / "empty"))
+    monkeypatch.setattr(cache_folder, "_folder", None)
+    seen = "import sys; print('running', file=sys.stderr)"
+    with friendly():
+        cache.load("x = 1", "Add")
+        assert capsys.readouterr().err == ""
+        cache.load(seen, "runtime")
+        cache.load(seen, "pump")
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["compiling for this machine, once: about ten seconds", "running", "running"]
+    cache.load(f"{seen} # again", "pump")
+    assert capsys.readouterr().err == "running\n", "nobody is told outside of a command"

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -85,8 +84,7 @@ def test_a_wheel_of_the_source_distribution_works_alone(tmp_path):
         assert (tmp_path / name / file).is_file(), file
     said("-c", build, "build_wheel", str(tmp_path), cwd=tmp_path / name)
     site = tmp_path / "site"
-    with zipfile.ZipFile(tmp_path / f"{name}-py3-none-any.whl") as wheel:
-        wheel.extractall(site)
+    shutil.unpack_archive(tmp_path / f"{name}-py3-none-any.whl", site, "zip")
     assert {p.name for p in site.iterdir()} == {"stimlib", f"{name}.dist-info"}
     for file in ("live/page/index.html", "live/web/page.c", "live/web/math.h", "export/runtime.h"):
         assert (site / "stimlib" / file).exists(), file

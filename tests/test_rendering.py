@@ -1,7 +1,10 @@
 """Rendering: wrong numbers are never silent."""
 
+import gc
 import math
 import warnings
+import weakref
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -209,7 +212,7 @@ def test_a_scene_without_inputs_needs_no_motion():
         refused(BadValue, "process: ", runs.process, wrong)
     refused(BadValue, "x must be an array", stimlib.compile(SCENE, 1000).process, 64)
     refused(BadValue, "no end; give the number of seconds", render, NOISE, fs=1000)
-    refused(BadValue, "fs = None must be", render, NOISE, seconds=1.0)
+    refused(BadValue, "fs is missing", render, NOISE, seconds=1.0)
     refused(UnknownName, "x is missing", render, SCENE, fs=1000, seconds=1.0)
 
 
@@ -234,3 +237,38 @@ def test_inputs_of_other_units_may_be_fast():
         warnings.simplefilter("always")
         render(Scene({"y": 2.0 * Input("u", "V")}), {"u": fast}, 1000, 1.0, target="python")
     assert told == []
+
+
+def test_what_a_scene_left_for_its_next_render_is_not_heard():
+    """In threads, after a fault, after another output; and it ends with the scene."""
+    x, level = Input("x"), stimlib.Param("level", 1.0)
+    scene = Scene({"y": level * blocks.sqrt(x) + NOISE.outputs["y"]})
+    told = [
+        (fs, seed, {"level": v}, target)
+        for fs in (1000, 1500)
+        for seed, v in ((0, 1.0), (1, 2.0), (2, -1.0))
+        for target in ("numba", "python")
+    ]
+
+    def samples(how):
+        fs, seed, params, target = how
+        return render(scene, {"x": np.arange(50.0)}, fs, None, params, seed, target).y
+
+    def fresh(fs, seed, params, target):
+        proc = stimlib.compile(scene, fs, target, seed)
+        proc.set("level", params["level"], ramp=0.0)
+        return proc.process(np.arange(50.0)[None])
+
+    wanted = [fresh(*how) for how in told]
+    refused(FaultError, "y", render, scene, {"x": -RAMP}, 1000, on_fault="raise")
+    with ThreadPoolExecutor(4) as threads:
+        for got, y in zip(threads.map(samples, 5 * told), 5 * wanted, strict=True):
+            np.testing.assert_array_equal(got, y)
+    scene.outputs["y"] = 2 * x
+    np.testing.assert_array_equal(render(scene, {"x": RAMP}, 1000)["y"], 2 * RAMP)
+    other = Scene({"y": 3 * x})
+    render(other, {"x": RAMP}, 1000)
+    gone = weakref.ref(other)
+    del other
+    gc.collect()
+    assert gone() is None

@@ -3,12 +3,12 @@
 import time
 
 
-def until(there, what="", seconds=60.0):
-    """Return the first true value of ``there()``.  The limit only ends a hang; ``what``
-    may tell what there is instead.
+def until(there, what="", seconds=60.0, every=0.005):
+    """Return the first true value of ``there()``, which is asked every 5 ms.  The limit
+    only ends a hang; ``what`` may tell what there is instead.
     """
     end = time.monotonic() + seconds
     while not (found := there()):
         assert time.monotonic() < end, what() if callable(what) else what
-        time.sleep(0.005)
+        time.sleep(every)
     return found

@@ -1,5 +1,5 @@
 """Which tests kill which mutants of stimlib: draws mutants, runs the tests that execute
-each changed line, the quickest first, and names the mutants that live and the test
+each changed line, the nearest and quickest first, and names mutants that live and test
 functions that no mutant and no line needs.
 
     kills.py map          the suite, with lines and CPU of each test
@@ -37,7 +37,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 KEPT = Path(os.environ.get("KILLS", "/tmp/kills"))
 PACKAGE = ROOT / "stimlib"
-EQUAL = Path(__file__).parents[1] / "results" / "kills_living.csv"  # id, change, reason
+LIVING = Path(__file__).parents[1] / "results" / "kills_living.csv"
+CHANGE = "file", "where", "before", "after"  # what names a mutant in it
 LEAST = 15  # mutants of a room, where it has so many; the rest by lines of code
 BUDGET = float(os.environ.get("BUDGET", "30"))  # CPU seconds of the tests of a mutant
 MOST, LIMIT = 2 * int(BUDGET), 150.0 + BUDGET  # their number, and seconds until it hangs
@@ -310,26 +311,37 @@ def function_of(test: str) -> str:
     return test.partition("[")[0]
 
 
+def words_of(path: str) -> set[str]:
+    """The words of a path, those that all paths have left out."""
+    return set(re.split(r"[/_.]", path)) - {"stimlib", "tests", "test", "py"}
+
+
 class Chosen:
-    """For each mutant the quickest tests that run a changed line, one of each function
-    before a second; those of functions in LAST after all others.
+    """For each mutant the tests that run a changed line, of each function one before a
+    second: first those of files whose names share words with the changed file's, then
+    the quickest; those of functions in LAST after all others.
     """
 
     def __init__(self, last: set[str]) -> None:
         self.lines, self.names, self.seconds = mapped()
         self.last = last
 
+    def file(self, k: int) -> str:
+        return self.names[k].partition("::")[0]
+
     def of(self, row: Row) -> list[str]:
         of_file = self.lines.get(row["file"], {})
         at = range(row["line"], row["end_line"] + 1)
         found = {k for line in at for k in of_file.get(line, ())}
-        if not found:  # a line that runs at import alone: whoever runs any line of its file
-            found = {k for tests in of_file.values() for k in tests}
+        stem, near = Path(row["file"]).stem, words_of(row["file"])
+        every = {k for tests in of_file.values() for k in tests}
+        # a step is compiled too, and a line may run at import alone
+        found |= {k for k in every if not found or stem in words_of(self.file(k))}
         if not found:  # code that is compiled by numba: whoever runs a file that imports it
             found = {
                 k
                 for path in PACKAGE.rglob("*.py")
-                if re.search(rf"\b{Path(row['file']).stem}\b", path.read_text())
+                if re.search(rf"\b{stem}\b", path.read_text())
                 for tests in self.lines.get(path.relative_to(ROOT).as_posix(), {}).values()
                 for k in tests
             }
@@ -337,9 +349,10 @@ class Chosen:
         order = []
         for k in sorted(found, key=lambda k: (self.seconds[k], k)):
             name = function_of(self.names[k])
-            order.append((name in self.last, doubtful[name], self.seconds[k], k))
+            far = -len(near & words_of(self.file(k)))
+            order.append((name in self.last, doubtful[name], far, self.seconds[k], k))
             doubtful[name] += 1
-        for _, _, s, k in sorted(order):
+        for _, _, _, s, k in sorted(order):
             if len(chosen) == MOST or total + s > BUDGET and chosen:
                 break
             chosen.append(self.names[k])
@@ -452,18 +465,19 @@ def run(ids: list[str]) -> None:
 # Judging -----------------------------------------------------------------------------
 def choose() -> None:
     """Prints the score of every room, the mutants that live with the reasons given in
-    EQUAL, and the test functions without which no line and no mutant is missed.
+    LIVING, and the test functions without which no line and no mutant is missed.
     """
     rows = {r["id"]: r for r in json.loads((KEPT / "mutants.json").read_text())}
     results = {r["id"]: r for path in sorted(KEPT.glob("results-*.jsonl")) for r in read(path)}
     reasons = {}
-    if EQUAL.exists():
-        with EQUAL.open(newline="") as file:
-            reasons = {r["id"]: r for r in csv.DictReader(file)}
+    if LIVING.exists():
+        with LIVING.open(newline="") as file:
+            reasons = {tuple(r[c] for c in CHANGE): r for r in csv.DictReader(file)}
     score: dict[str, Counter[str]] = defaultdict(Counter)
     for key, result in results.items():
         outcome = "caught" if result["by"] else "lives"
-        if outcome == "lives" and reasons.get(key, {}).get("change") == "none":
+        known = reasons.get(tuple(rows[key][c] for c in CHANGE), {})
+        if outcome == "lives" and known.get("change") == "none":
             outcome = "equal"
         score[rows[key]["room"]][outcome] += 1
         if outcome == "lives":
@@ -473,7 +487,7 @@ def choose() -> None:
                 key,
                 where,
                 f"{row['before']!r} -> {row['after']!r}",
-                reasons.get(key, {}).get("reason", ""),
+                known.get("reason", ""),
             )
     for room, counts in sorted(score.items()) + [("all", sum(score.values(), Counter()))]:
         caught, lives = counts["caught"], counts["lives"]

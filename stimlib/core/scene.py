@@ -99,12 +99,14 @@ class Scene:
     @property
     def inputs(self) -> dict[str, Input]:
         """Inputs by name, in the order of first use."""
-        return {b.name: b for b in reach(self.outputs.values()) if isinstance(b, Input)}
+        of = self.program
+        return {n: of.instances[i].block for n, i in of.inputs.items()}  # type: ignore[misc]
 
     @property
     def params(self) -> dict[str, Param]:
         """Parameters by name."""
-        return {b.name: b for b in reach(self.outputs.values()) if isinstance(b, Param)}
+        of = self.program
+        return {n: of.instances[i].block for n, i in of.params.items()}  # type: ignore[misc]
 
     def renamed(
         self,

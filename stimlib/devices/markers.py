@@ -108,6 +108,11 @@ class Clock:
             while sample - self._pairs[0][0] > WINDOW * self.fs:
                 self._pairs.popleft()
 
+    @property
+    def begun(self) -> bool:
+        """Whether a block has been seen."""
+        return bool(self._pairs)
+
     def time(self, sample: int) -> tuple[float, float]:
         """Return a sample's time in s, and its uncertainty; nan before any block."""
         with self._lock:
@@ -175,9 +180,12 @@ class Markers:
         self._gaps = [*self._gaps[-99:], (sample, sample + frames)]
 
     def due(self, until: int, latency: Callable[[], float]) -> list[Marker]:
-        """Send and return the markers of samples before ``until``."""
+        """Send and return the markers of samples before ``until``.
+
+        They wait until the clock has seen a block, which gives them their times.
+        """
         with self._lock:
-            n = sum(sample < until for sample, _, _ in self._waiting)
+            n = sum(sample < until for sample, _, _ in self._waiting) if self.clock.begun else 0
             ready, self._waiting = self._waiting[:n], self._waiting[n:]
         told, behind = [], latency() if ready else 0.0
         for sample, name, value in ready:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
@@ -178,7 +177,7 @@ class Recorder:
     ):
         self.pump, self.watch, self.writer, self._fail = pump, watch, writer, fail
         self.markers, self._latency, self._received = markers, latency, received
-        self.see: Callable[[int, np.ndarray, np.ndarray], None] = lambda at, x, y: None
+        self.see: Callable[[int, np.ndarray, np.ndarray], None] | None = None
         self._column = np.zeros((len(pump.proc.inputs), 1))  # the newest motion
         self.stales = 0  # how often the motion stayed away
         self._cursor = 0  # frames that the log has
@@ -222,7 +221,8 @@ class Recorder:
                     writer.delivered(part.copy())
                 self._cursor += len(part)
                 frames = frames[len(part) :]
-            self.see(self._cursor - 1, self._column, part[-1:].T)
+            if self.see is not None:
+                self.see(self._cursor - 1, self._column, part[-1:].T)
         self._put_events(self._cursor if p.read("LOG") else 2**63)
         self._tell(committed)
         faults = self.watch.faults()
@@ -252,8 +252,6 @@ class Recorder:
         """Send and log the markers before a sample."""
         for m in self.markers.due(until, self._latency):
             facts = asdict(m)
-            if math.isnan(m.time):  # the device went before its first block
-                facts |= {"time": None, "uncertainty": None}
             self._put(facts.pop("sample"), "mark", **facts)
 
     def _put_counts(self) -> None:

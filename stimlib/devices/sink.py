@@ -903,9 +903,10 @@ class Sink:
             writer, self._recorder.writer = self._recorder.writer, None
             from ..files.log_writer import LogWriter
 
+            self._recorder.see = None  # which may be what raised
             if isinstance(writer, LogWriter):
-                with suppress(SinkError):  # it is told already
-                    writer.close()  # without a report: as of a session that was cut short
+                with suppress(SinkError):  # as told: its files end with what they have
+                    writer.close()
             while not self._over.wait(0.01):
                 self._recorder.drain()
             self._recorder.end(self.report)  # without a log, but markers are sent

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
+import weakref
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..above import above
-from ..core.program import warn_beyond
+from ..core.program import program_of, rate, warn_beyond
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, UnknownName, one_of, outside, public
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FAULTS = ("warn", "raise", "ignore")
+MOST_LEFT = 8
+_LEFT: dict[Any, tuple[Any, Any]] = {}  # by scene, rate and target; see _leave
 
 
 def fault_text(name: str, at: int, fs: float, then: str) -> str:
@@ -120,7 +123,12 @@ def _driven(
 ) -> Processor:
     """Return a processor at sample 0, with its parameters set."""
     one_of("on_fault", on_fault, FAULTS)
-    proc = Processor(scene, fs, target, seed)  # type: ignore[arg-type]  # which says what is wrong with fs
+    _, proc = _LEFT.pop((id(scene), rate(fs), repr(target)), (None, None))
+    if proc is None or proc.program is not program_of(scene):
+        proc = Processor(scene, fs, target, seed)  # type: ignore[arg-type]  # which says what is wrong with fs
+    else:
+        proc.scene = scene
+        proc.reset(seed)
     if not isinstance(params, Mapping | None):
         raise BadValue(
             f"params must map names of parameters to values, got {type(params).__name__}"
@@ -128,6 +136,16 @@ def _driven(
     for name, value in (params or {}).items():
         proc.set(name, value, ramp=0.0)
     return proc
+
+
+def _leave(proc: Processor) -> None:
+    """Leave a processor to the next render of its scene, while the scene exists."""
+    key = id(proc.scene), proc.fs, repr(proc.target)
+    gone = weakref.ref(proc.scene, lambda _: _LEFT.pop(key, None))
+    proc.scene = None  # type: ignore[assignment]  # or the scene would never end
+    _LEFT[key] = gone, proc
+    for oldest in list(_LEFT)[:-MOST_LEFT]:
+        _LEFT.pop(oldest, None)
 
 
 def _tell(fault: tuple[str, int] | None, fs: float, on_fault: str) -> None:
@@ -476,6 +494,8 @@ def render(
     warn_fast(sources, scene, frames / proc.fs, proc.fs)
     y = samples(proc, rows_of(sources, proc.fs), frames)
     _tell(proc.fault, proc.fs, on_fault)
-    return Rendering(
+    made = Rendering(
         scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion or {})
     )
+    _leave(proc)
+    return made

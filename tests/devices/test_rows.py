@@ -417,7 +417,7 @@ def test_no_datagram_ends_a_session_or_prints(over, n, request, here, capfd, cap
     receive, to = request.getfixturevalue(over)
     taken = Taken(receive, 1)
     for k in range(n):
-        here.sendto(mutated(rng.choice(seeds), over, rng.randrange)[:2000], to)
+        here.sendto(mutated(rng.choice(seeds), over, rng)[:2000], to)
         if k % 50 == 49:
             taken()
     while any(found := receive(0.05)):

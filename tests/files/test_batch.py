@@ -46,7 +46,7 @@ class Doubled(Block):
 """
 
 
-def test_bytes_do_not_depend_on_the_workers(tmp_path, monkeypatch):
+def test_bytes_do_not_depend_on_the_workers_and_a_set_goes_on(tmp_path, monkeypatch):
     (tmp_path / "doubling.py").write_text(OWN)  # a block of the user's, which workers import
     monkeypatch.syspath_prepend(tmp_path)
     doubled = importlib.import_module("doubling").Doubled
@@ -54,23 +54,16 @@ def test_bytes_do_not_depend_on_the_workers(tmp_path, monkeypatch):
     how = {"full_scale": 400.0, "progress": False}
     for workers in (1, 2):
         render_set(tmp_path / str(workers), scenes, MOTION, 0.1, workers=workers, **how)
-    one = listing(tmp_path / "1")
-    assert one == listing(tmp_path / "2")
+    one, two = listing(tmp_path / "1"), tmp_path / "2"
+    assert one == listing(two)
     assert len(one) == 2 * len(scenes) + 1 and not [n for n in one if n.endswith(".part")]
-    assert abs(file.read(tmp_path / "1" / "sine6.wav")[0]).max() <= 200.0
-
-
-def test_an_interrupted_set_goes_on(tmp_path):
-    render_set(tmp_path, SET, MOTION, 0.1, workers=1, progress=False)
-    before = listing(tmp_path)
-    kept = os.stat(tmp_path / "sine6.wav").st_mtime_ns
-    (tmp_path / "index.json").unlink()
-    (tmp_path / "square2.wav").unlink()
-    # what a killed machine leaves
-    (tmp_path / "square6.wav").write_bytes(before["square6.wav"][:1000])
-    render_set(tmp_path, SET, MOTION, 0.1, workers=1, progress=False)
-    assert listing(tmp_path) == before
-    assert os.stat(tmp_path / "sine6.wav").st_mtime_ns == kept
+    assert abs(file.read(two / "sine6.wav")[0]).max() <= 200.0
+    kept = os.stat(two / "sine6.wav").st_mtime_ns
+    (two / "index.json").unlink()
+    (two / "square2.wav").unlink()
+    (two / "square6.wav").write_bytes(one["square6.wav"][:1000])  # what a killed machine leaves
+    render_set(two, scenes, MOTION, 0.1, workers=1, **how)
+    assert listing(two) == one and os.stat(two / "sine6.wav").st_mtime_ns == kept
 
 
 def test_another_job_is_rendered_again(tmp_path):

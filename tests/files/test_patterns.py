@@ -5,13 +5,13 @@ the rules of each format, what is lost, and what is refused.
 import csv
 import json
 import runpy
-import tracemalloc
 from inspect import signature
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import ran
+from memory import most_memory
 from refusals import refused
 
 import stimlib
@@ -74,8 +74,6 @@ def tap(at, height, sharpness=0.0):
     return happens(TAP, **given)
 
 
-POINTS = [{"Time": 0.0, "ParameterValue": 0.0}, {"Time": 0.5, "ParameterValue": 1.0}]
-CURVE = {"ParameterID": "HapticIntensityControl", "Time": 0.25}
 MIDDLE = [(0, 182.5), (1, 182.5)]  # Hz of half the sharpness
 
 
@@ -83,7 +81,15 @@ def enveloped(**given):
     return [happens(**PARAMETERS, **given, _at=0.1, _for=0.6)]
 
 
-READ = {  # a file, or the items of an AHAP, and its samples at times t
+def curved(name, *points):
+    """A curve of a parameter through these times and values."""
+    points = [{"Time": at, "ParameterValue": value} for at, value in points]
+    curve = {"ParameterID": name, "Time": 0.0, "ParameterCurveControlPoints": points}
+    return {"ParameterCurve": curve}
+
+
+LATE = curved(INTENSITY, (0.0, 0.0), (0.5, 1.0))
+READ = {  # a file, or the items of an AHAP, and its samples at times t; how near, if not 1e-6
     "a tick of MPEG is a sine of 8 ms": (
         "tick1.hjif",
         lambda t: 0.8980392217636108 * line(t, (0, 1), (0.008, 1)) * np.sin(2 * np.pi * 125 * t),
@@ -114,12 +120,24 @@ READ = {  # a file, or the items of an AHAP, and its samples at times t
     "a curve is relative to its time": (
         [
             happens(HapticIntensity=0.5, HapticSharpness=1.0, _for=1.0),
-            {"ParameterCurve": CURVE | {"ParameterCurveControlPoints": POINTS}},
+            {"ParameterCurve": LATE["ParameterCurve"] | {"Time": 0.25}},
         ],
         lambda t: (
             line(t, (0, 0.5), (0.25 - 1e-6, 0.5), (0.25, 0.0), (0.75, 0.5), (1.0, 0.5))
             * wave(t, 0, [(0, 300), (1, 300)])
         ),
+    ),
+    "an envelope times a curve is no straight line": (
+        [
+            happens(**PARAMETERS, AttackTime=0.4, _for=0.8),
+            curved(INTENSITY, (0.0, 1.0), (0.2, 0.5), (0.4, 1.0)),
+        ],
+        lambda t: (
+            line(t, (0, 0), (0.4, 1), (0.8, 1))
+            * np.interp(t, [0, 0.2, 0.4], [1, 0.5, 1])
+            * wave(t, 0, MIDDLE)
+        ),
+        4e-3,  # of 16 lines
     ),
     "dynamic parameters step and sharpness is clamped": (
         [
@@ -172,19 +190,10 @@ READ = {  # a file, or the items of an AHAP, and its samples at times t
 # Read ---------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", READ)
 def test_a_file_is_read_as_its_closed_form(name, tmp_path):
-    source, form = READ[name]
+    source, form, *near = READ[name]
     path = FILES / source if isinstance(source, str) else ahap(tmp_path, *source)
     t, y = played(path)
-    assert np.abs(y - form(t)).max() < 1e-6
-
-
-def test_an_envelope_times_a_curve_is_no_straight_line(tmp_path):
-    points = [{"Time": at, "ParameterValue": v} for at, v in ((0.0, 1.0), (0.2, 0.5), (0.4, 1.0))]
-    curve = {"ParameterID": INTENSITY, "Time": 0.0, "ParameterCurveControlPoints": points}
-    event = happens(**PARAMETERS, AttackTime=0.4, _for=0.8)
-    t, y = played(ahap(tmp_path, event, {"ParameterCurve": curve}))
-    level = line(t, (0, 0), (0.4, 1), (0.8, 1)) * np.interp(t, [0, 0.2, 0.4], [1, 0.5, 1])
-    assert np.abs(y - level * wave(t, 0, MIDDLE)).max() < 4e-3  # of 16 lines
+    assert np.abs(y - form(t)).max() < (near or [1e-6])[0]
 
 
 def test_the_device_gives_units_frequencies_and_the_power_both_ways(tmp_path):
@@ -520,27 +529,25 @@ def hjif_of(n, effects=1):
 
 
 def ahap_of(n):
-    points = [{"Time": k / n, "ParameterValue": 0.5} for k in range(n)]
-    event = {"EventType": "HapticContinuous", "EventDuration": 1.0}
-    curve = {"ParameterID": INTENSITY, "ParameterCurveControlPoints": points}
-    return {"Pattern": [{"ParameterCurve": curve}, {"Event": event}]}
+    curve = curved(INTENSITY, *((k / n, 0.5) for k in range(n)))
+    return {"Pattern": [curve, happens(_for=1.0)]}
 
 
 @pytest.mark.parametrize(
-    ("call", "tree", "says"),
+    ("call", "tree", "says", "points"),
     [
-        (read_hjif, lambda: hjif_of(40_000), "6400.. .*limits.scene_blocks"),
-        (read_ahap, lambda: ahap_of(40_000), "6400.. .*limits.scene_blocks"),
-        (read_hjif, lambda: hjif_of(6000, effects=2), r"effects\[1\]: points so far"),
+        (read_hjif, lambda: hjif_of(10_000), "1600.. .*limits.scene_blocks", 10_000),
+        (read_ahap, lambda: ahap_of(10_000), "1600.. .*limits.scene_blocks", 10_000),
+        (read_hjif, lambda: hjif_of(6000, 2), r"effects\[1\]: points so far", 7 * 6000),
     ],
 )
-def test_curves_of_too_many_points_are_refused_before_they_are_made(call, tree, says):
-    tree, device = tree(), PatternDevice(power=2.0)
-    tracemalloc.start()
-    refused(SceneFileError, says, call, tree, device)
-    _, most = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert most < 600 * 40_000, "the points of the file, and not sixteen times as many"
+def test_curves_of_too_many_points_are_refused_before_they_are_made(call, tree, says, points):
+    """The points of the file are in memory, and sixteen times as many of those curves
+    alone that are within the limits.
+    """
+    words = call, tree(), PatternDevice(power=2.0)
+    _, most = most_memory(refused, SceneFileError, says, *words)
+    assert most < 600 * points
 
 
 def test_counts_and_sizes_are_bounded(tmp_path, monkeypatch):
@@ -597,9 +604,8 @@ def test_what_is_a_tenth_of_the_peak_or_less_may_be_at_any_frequency(part, refus
 
 @pytest.mark.parametrize("n", [15, 16, 17, 31, 32])
 def test_a_curve_of_ahap_has_2_to_16_points(n, tmp_path):
-    points = [{"Time": 0.1 * k, "ParameterValue": 0.5 + 0.01 * k} for k in range(n)]
-    curve = {"ParameterID": INTENSITY, "Time": 0.0, "ParameterCurveControlPoints": points}
-    path = ahap(tmp_path, happens(**PARAMETERS, _for=0.1 * (n - 1)), {"ParameterCurve": curve})
+    curve = curved(INTENSITY, *((0.1 * k, 0.5 + 0.01 * k) for k in range(n)))
+    path = ahap(tmp_path, happens(**PARAMETERS, _for=0.1 * (n - 1)), curve)
     write_pattern(tmp_path / "b.ahap", read_pattern(path))
     items = json.loads((tmp_path / "b.ahap").read_text())["Pattern"]
     curves = [i["ParameterCurve"] for i in items if "ParameterCurve" in i]

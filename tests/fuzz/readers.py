@@ -11,7 +11,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -136,10 +136,16 @@ def _table(path: Path) -> object:
     return equalize(x, path) if done is None else done
 
 
-def _textures() -> list[bytes]:
+@cache
+def made(write: Callable[[Path], object]) -> dict[str, bytes]:
+    """Return the files that a function writes into a folder."""
     with tempfile.TemporaryDirectory() as folder:
-        save_texture(made_up(1, (0.0, 0.1), (0.0, 1.0)), Path(folder) / "a.xml")
-        return [(Path(folder) / "a.xml").read_bytes()]
+        write(Path(folder))
+        return {path.name: path.read_bytes() for path in Path(folder).rglob("*") if path.is_file()}
+
+
+def _written_texture(folder: Path) -> None:
+    save_texture(made_up(1, (0.0, 0.1), (0.0, 1.0)), folder / "a.xml")
 
 
 def _texture(path: Path) -> object:
@@ -172,14 +178,11 @@ SPRING = stimlib.Scene({"f": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x",
 HAND = {"x": minimum_jerk()}
 
 
-@cache
-def _audio() -> dict[str, bytes]:
-    with tempfile.TemporaryDirectory() as folder:
-        proc = stimlib.compile(SPRING, 8000, target="python")
-        for name in ("a.wav", "a.flac"):
-            proc.reset()
-            file.write(Path(folder, name), proc, HAND, 0.01, full_scale=1.0, progress=False)
-        return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+def _written_audio(folder: Path) -> None:
+    proc = stimlib.compile(SPRING, 8000, target="python")
+    for name in ("a.wav", "a.flac"):
+        proc.reset()
+        file.write(folder / name, proc, HAND, 0.01, full_scale=1.0, progress=False)
 
 
 def _sound(path: Path) -> object:
@@ -188,15 +191,12 @@ def _sound(path: Path) -> object:
     return found
 
 
-@cache
-def _log() -> dict[str, bytes]:
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place, "a.stimlog")
-        with NullSink(SPRING, 50.0, motion=HAND, clocked=False, log=folder) as sink:
-            sink.open(8000)
-            sink.start(0.05)
-            sink.wait()
-        return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+def _written_log(folder: Path) -> None:
+    how = {"motion": HAND, "clocked": False, "log": folder / "a.stimlog"}
+    with NullSink(SPRING, 50.0, **how) as sink:
+        sink.open(8000)
+        sink.start(0.05)
+        sink.wait()
 
 
 def _logged(name: str) -> Reader:
@@ -207,7 +207,7 @@ def _logged(name: str) -> Reader:
             replay(log)
         return log
 
-    return Reader(name, lambda: [_log()[name]], read, _log)
+    return Reader(name, lambda: [made(_written_log)[name]], read, partial(made, _written_log))
 
 
 def _pattern(suffix: str) -> Reader:
@@ -224,20 +224,21 @@ def _pattern(suffix: str) -> Reader:
 
 
 TABLES = [CSV.encode(), EUROPE.encode(), CSV.replace('"', "").encode(), ABOVE.encode()]
+AUDIO = partial(made, _written_audio)
 READERS: dict[str, Reader] = {
     "csv": Reader("log.csv", lambda: TABLES, _recording),
     "npz": Reader("log.npz", _npz, _recording),
     "table": Reader("profile.csv", lambda: [TABLE.encode()], _table),
-    "texture": Reader("a.xml", _textures, _texture),
+    "texture": Reader("a.xml", lambda: [made(_written_texture)["a.xml"]], _texture),
     "scene": Reader("scene.json", _scenes, _scene),
     "sidecar": Reader(
         "a.wav.json",
-        lambda: [_audio()["a.wav.json"]],
+        lambda: [made(_written_audio)["a.wav.json"]],
         lambda path: _sound(path.with_suffix("")),
-        _audio,
+        AUDIO,
     ),
-    "audio": Reader("a.wav", lambda: [_audio()["a.wav"]], _sound, _audio),
-    "flac": Reader("a.flac", lambda: [_audio()["a.flac"]], _sound, _audio),
+    "audio": Reader("a.wav", lambda: [made(_written_audio)["a.wav"]], _sound, AUDIO),
+    "flac": Reader("a.flac", lambda: [made(_written_audio)["a.flac"]], _sound, AUDIO),
     "ahap": _pattern(".ahap"),
     "haptic": _pattern(".haptic"),
     "hjif": _pattern(".hjif"),

@@ -3,20 +3,30 @@
 import threading
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 from experiments.some import SPRING, experiment, still
 
 from stimlib.errors import StimlibError
-from stimlib.experiments.designs import ConstantStimuli, Sequential
-from stimlib.experiments.experiment import Cursor
-from stimlib.experiments.questions import analogue, choice, places, ranking, rating
-from stimlib.experiments.runner import run
-from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import OneInterval, Rate
-from stimlib.experiments.trial import Stimulus
+from stimlib.experiments import (
+    ConstantStimuli,
+    Cursor,
+    OneInterval,
+    Rate,
+    Sequential,
+    Session,
+    Stimulus,
+    analogue,
+    choice,
+    places,
+    ranking,
+    rating,
+    run,
+)
 from stimlib.live.experiment import ExperimentPage
 from stimlib.live.server import Server
 
+FOLDER = "pair/P01-s1"  # of the session
 QUESTIONS = (
     choice("softer", "Which one was that?", "red", "green"),
     rating("rough", "How rough?", "smooth", "coarse"),
@@ -62,6 +72,9 @@ def every(**other):
     return experiment(**(told | other))
 
 
+# the answers to all of it: one to get familiar, a replay, one that is none and given
+# again (the page has no such key). A place with many digits: an answer may be longer
+# than a message of a live page
 TYPED = [
     "1",
     "0",
@@ -81,33 +94,39 @@ TYPED = [
     "",
     "1",
 ]
-"""The answers to all of it: one to get familiar, a replay, one that is none and given
-again (the page has no such key). A place with many digits: an answer may be longer than
-a message of a live page."""
 
 
-class Asked:
-    """A session in a thread, and its server."""
-
-    def __init__(self, data, made, sink="offline", resume=False, **server):
-        self.notes, self.errors = [], []
-        self.layouts = Path(data) / "layouts.jsonl"
-        self.asking = ExperimentPage(self.notes.append, made.texts, self.layouts)
-        self.server = Server(self.asking, **({"token": "T"} | server))
-        self.thread = threading.Thread(target=self._play, args=(data, made, sink, resume))
-
-    def _play(self, data, made, sink, resume):
-        try:
-            with Session(made, data, "P01", resume=resume) as self.session, self.asking:
-                run(self.session, self.asking, self.asking.display(made, sink))
-        except StimlibError as e:
-            self.errors.append(e)
+# what they come to, trial by trial
+ANSWERS = [
+    {"softer": "red"},
+    {
+        "rough": 6,
+        "fine": 11,
+        "much": 55,
+        "nice": 62.0,
+        "order": ["B", "A"],
+        "where": [[1.0, 2.0], [0.5, 3.0]],
+    },
+    {"softer": "green"},
+    {"softer": "red"},
+]
 
 
 @contextmanager
 def asked(data, made, sink="offline", resume=False, **server):
     """It ends with the session, or ends it."""
-    running = Asked(data, made, sink, resume, **server)
+    running = SimpleNamespace(notes=[], errors=[], layouts=Path(data) / "layouts.jsonl")
+    running.asking = ExperimentPage(running.notes.append, made.texts, running.layouts)
+    running.server = Server(running.asking, **({"token": "T"} | server))
+
+    def play():
+        try:
+            with Session(made, data, "P01", resume=resume) as running.session, running.asking:
+                run(running.session, running.asking, running.asking.display(made, sink))
+        except StimlibError as e:
+            running.errors.append(e)
+
+    running.thread = threading.Thread(target=play)
     with running.server:
         running.thread.start()
         yield running

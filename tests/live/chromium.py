@@ -17,6 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from waiting import until
 from websockets.sync.client import connect
 
 NAMES = "chromium", "chromium-browser", "google-chrome"
@@ -39,11 +40,12 @@ KEYS = {
     " ": ("Space", 32),
     "Enter": ("Enter", 13),
     "ArrowLeft": ("ArrowLeft", 37),
-    "ArrowUp": ("ArrowUp", 38),
+    "ArrowRight": ("ArrowRight", 39),
+    "End": ("End", 35),
+    "Home": ("Home", 36),
+    "PageUp": ("PageUp", 33),
+    "Tab": ("Tab", 9),
 }
-KEYS |= {"ArrowRight": ("ArrowRight", 39), "ArrowDown": ("ArrowDown", 40), "Tab": ("Tab", 9)}
-KEYS |= {"PageUp": ("PageUp", 33), "PageDown": ("PageDown", 34), "Home": ("Home", 36)}
-KEYS |= {"End": ("End", 35)}
 
 
 def where() -> str | None:
@@ -77,12 +79,14 @@ class Browser:
             stderr=subprocess.DEVNULL,
         )
         self._exit.callback(self._end)
-        port, end = Path(folder, "DevToolsActivePort"), time.monotonic() + 60
-        while not (port.exists() and len(port.read_text().split()) == 2):
-            if time.monotonic() > end or self.process.poll() is not None:
-                raise TimeoutError("Chromium did not open its DevTools port")
-            time.sleep(0.05)
-        number, path = port.read_text().split()
+        told = Path(folder, "DevToolsActivePort")
+
+        def port():
+            assert self.process.poll() is None, "Chromium did not open its DevTools port"
+            words = told.read_text().split() if told.exists() else []
+            return len(words) == 2 and words
+
+        number, path = until(port)
         self.socket = self._exit.enter_context(
             connect(f"ws://127.0.0.1:{number}{path}", max_size=None, ping_interval=None)
         )
@@ -150,17 +154,12 @@ class Page:
         """What the console was told of errors: exceptions, what the content policy
         refused.
         """
-        found = []
-        for e in self.browser.events:
-            if (
-                e.get("sessionId") == self.session
-                and e.get("method") == "Log.entryAdded"
-                and e["params"]["entry"]["level"] == "error"
-            ):
-                found.append(e["params"]["entry"]["text"])
-            if e.get("sessionId") == self.session and e.get("method") == "Runtime.exceptionThrown":
-                found.append(str(e["params"]["exceptionDetails"]))
-        return found
+        told = [e for e in self.browser.events if e.get("sessionId") == self.session]
+        logged = [e["params"]["entry"] for e in told if e["method"] == "Log.entryAdded"]
+        thrown = [e["params"] for e in told if e["method"] == "Runtime.exceptionThrown"]
+        return [e["text"] for e in logged if e["level"] == "error"] + [
+            str(e["exceptionDetails"]) for e in thrown
+        ]
 
     def size(self, wide: int, high: int, ratio: float = 1.0) -> None:
         self.call(
@@ -197,12 +196,7 @@ class Page:
 
     def until(self, text: str, seconds: float = 120.0) -> Any:
         """Waits until an expression is true; gives its value."""
-        end = time.monotonic() + seconds
-        while not (found := self.js(text)):
-            if time.monotonic() > end:
-                raise TimeoutError(f"not within {seconds} s: {text}")
-            time.sleep(0.03)
-        return found
+        return until(lambda: self.js(text), f"not within {seconds} s: {text}", seconds, 0.03)
 
     def box(self, css: str) -> list[float]:
         return self.js(

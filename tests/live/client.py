@@ -6,6 +6,9 @@ import time
 from contextlib import contextmanager
 
 import numpy as np
+import pytest
+from waiting import until
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from stimlib.live.protocol import HEAD
@@ -49,6 +52,30 @@ class Client:
                 return m
         raise TimeoutError(f"not within 120 s: {wanted}")
 
+    def start(self, what="start"):
+        """A session, or a recording: its state, once it runs."""
+        self.say(what)
+        return self.until(phase="running")
+
+    def stop(self):
+        """The state of a session that has ended."""
+        self.say("stop")
+        return self.until(phase="idle")
+
+    def settled(self):
+        """All that was said has been taken: a mistake is told in its turn."""
+        self.say("set", name="none", value=0)
+        self.until(about="set")
+
+    def ended(self, *messages):
+        """The code with which the server closes the connection, after these at most."""
+        with pytest.raises(ConnectionClosed) as closed:
+            for message in messages:
+                self.ws.send(message)
+            while True:
+                self.next()
+        return closed.value.rcvd.code
+
     def hear(self, n):
         wanted = len(self.data) + n
         while len(self.data) < wanted:
@@ -72,17 +99,9 @@ def welcome(server):
         yield client
 
 
-def wait_for(true, seconds=120):
-    """Until something is true; the limit only ends a hang."""
-    end = time.monotonic() + seconds
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.002)
-
-
 def greeted(server):
     """A page of a stream that is welcome, once those of others have gone."""
-    wait_for(lambda: not server.stream.pages and not server.stream._kept)
+    until(lambda: not server.stream.pages and not server.stream._kept)
     return welcome(server)
 
 

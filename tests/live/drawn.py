@@ -7,17 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from experiments.some import experiment
 
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Timing
-from stimlib.experiments.trial import Stimulus, Trial
-from stimlib.files.log_reader import read_log
+from stimlib.experiments import ConstantStimuli, Stimulus, Timing, Trial
+from stimlib.files import read_log
 from stimlib.files.log_replay import delivered
 from stimlib.run.safety import Safety
 from stimlib.scenes import soft_surface
 from stimlib.soft import array
 
-WIDE = 0.12
-"""Of the surfaces, in m."""
+WIDE = 0.12  # of the surfaces, in m
 
 
 def level(s):

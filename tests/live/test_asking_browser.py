@@ -2,43 +2,40 @@
 connections; touch, mouse, looks.
 """
 
-import io
 import time
+from contextlib import contextmanager
 
 import pytest
-
-pytest.importorskip("uvicorn")
 from experiments.some import TASK, experiment
-from live.asked import TYPED, asked, every
-from live.chromium import Browser, where
-from live.client import wait_for
+from live.asked import ANSWERS, FOLDER, TYPED, asked, every
+from waiting import until
 
-from stimlib.cli import terminal
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Cursor, Timing
-from stimlib.experiments.questions import analogue, choice, rating
-from stimlib.experiments.reader import read
-from stimlib.experiments.runner import run
-from stimlib.experiments.session import Session
-from stimlib.experiments.tasks import Rate
-from stimlib.experiments.trial import Stimulus
+from stimlib.experiments import (
+    ConstantStimuli,
+    Cursor,
+    Rate,
+    Stimulus,
+    Timing,
+    analogue,
+    choice,
+    rating,
+    read,
+)
 
-pytestmark = [
-    pytest.mark.xdist_group("browser"),
-    pytest.mark.skipif(
-        where() is None, reason="Chromium is not installed: tests/devices/install.sh installs it"
-    ),
-]
-FOLDER = "pair/P01-s1"
+pytestmark = pytest.mark.xdist_group("browser")
+STATE = "document.querySelector('#state').textContent"
 TEXT = "document.querySelector('#text').textContent"
 TOLD = "document.querySelector('#told').textContent"
 
 
-@pytest.fixture(scope="module")
-def browser():
-    made = Browser()
-    yield made
-    made.close()
+@contextmanager
+def opened(browser, data, made, sink="offline", wide=390, high=800):
+    """A session, and its page, of which nothing complains."""
+    with asked(data, made, sink) as running:
+        page = browser.page(running.server.url, wide, high)
+        yield running, page
+        assert page.complaints() == []
+        page.close()
 
 
 def awaited(running, page, known=0):
@@ -49,7 +46,7 @@ def awaited(running, page, known=0):
         assert running.thread.is_alive() and now["phase"] != "end", (now, running.errors)
         return now["phase"] == "ask" and now["number"] > known
 
-    wait_for(asks)
+    until(asks)
     state = running.asking._now()
     enabled = "document.querySelector('#keys button:enabled, #typed:enabled') !== null"
     page.until(f"{TEXT} === {state['text']!r} && {enabled}")
@@ -63,7 +60,7 @@ def lose(running, code=1012):
     """The connection, as a network does: the page finds the server again."""
     (old,) = running.asking.pages
     running.asking._loop.call_soon_threadsafe(old.close, code, "")
-    wait_for(lambda: running.asking.pages not in ([], [old]))
+    until(lambda: running.asking.pages not in ([], [old]))
 
 
 def press(page, state, text):
@@ -80,50 +77,38 @@ def press(page, state, text):
 
 
 def over(page):
-    """The session is over, and nothing complained."""
-    page.until("document.querySelector('#state').textContent.startsWith('The session is over')")
-    assert page.complaints() == []
-    page.close()
+    page.until(f"{STATE}.startsWith('The session is over')")
 
 
-def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(
-    browser, tmp_path, monkeypatch, capsys
-):
+def test_a_whole_session_by_keyboard_with_a_reload_and_lost_connections(browser, tmp_path):
     made = every(timing=Timing(interval=0.5, gap=0.05, before=0.0, ramp=0.0))
     answers, number, lost = [text for text in TYPED if text != "9"], 0, False
-    with asked(tmp_path / "page", made, "null") as running:
-        page = browser.page(running.server.url, 900, 700)
+    with opened(browser, tmp_path, made, "null", 900, 700) as (running, page):
         while answers:
             state = awaited(running, page, number)
             if len(answers) in (10, 4):  # in the middle of questions: a line, a key
                 page.reload() if len(answers) == 10 else lose(running)
-                page.until("document.querySelector('#state').textContent === 'Connected'")
+                page.until(f"{STATE} === 'Connected'")
                 assert awaited(running, page, number)["number"] == state["number"]
             if again := state["text"] == "Once more":
                 assert not lost and "connection was lost" in page.js(TOLD)
             lost, number = lost or again, state["number"]
             press(page, state, "" if again else answers.pop(0))
             if len(answers) == 1 and not lost:  # in the middle of a stimulus
-                wait_for(lambda: running.asking._state["phase"] == "feel")
+                until(lambda: running.asking._state["phase"] == "feel")
                 lose(running, 4429)  # as too many messages, such as of a held key
         over(page)
     assert running.errors == [] and lost
-    monkeypatch.setattr(terminal.sys, "stdin", io.StringIO("\n".join(TYPED) + "\n"))
-    with Session(made, tmp_path / "terminal", "P01") as session:
-        run(session, terminal.Terminal(), "offline")
-    mine, terminals = (
-        [(r.trial, r.answer.values, r.answer.replays) for r in read(tmp_path / d / FOLDER).records]
-        for d in ("page", "terminal")
-    )
-    assert mine == terminals
-    missed = [[d.get("missed", False) for d in r.displayed] for r in running.session.records]
+    records = read(tmp_path / FOLDER).records
+    assert [r.answer.values for r in records] == ANSWERS
+    assert [r.answer.replays for r in records] == [1, 0, 0, 0]
+    missed = [[d.get("missed", False) for d in r.displayed] for r in records]
     assert missed == [[False] * 2, [False], [False], [True, False]]
 
 
 def test_touch_double_clicks_held_keys_and_a_second_page(browser, tmp_path):
     made = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0), (TASK, 2.0))))
-    with asked(tmp_path, made) as running:
-        page = browser.page(running.server.url, 390, 800)
+    with opened(browser, tmp_path, made) as (running, page):
         state = awaited(running, page)
         page.js(
             """new MutationObserver(() => document.querySelector('#keys button')?.click())
@@ -142,15 +127,15 @@ def test_touch_double_clicks_held_keys_and_a_second_page(browser, tmp_path):
         page.call("Input.dispatchKeyEvent", type="keyUp", **key)
         assert len(running.session.records) == 1
         other = browser.page(running.server.url, 390, 800)
-        page.until("document.querySelector('#state').textContent.includes('open on another page')")
+        page.until(f"{STATE}.includes('open on another page')")
         assert page.js("document.querySelector('#keys button').disabled")
         assert awaited(running, other)["number"] == state["number"]
         for key in ("1", " ", "2"):
             other.key(key)
             state = awaited(running, other, state["number"]) if key != "2" else state
         over(other)
-        assert page.complaints() == []
-        page.close()
+        assert other.complaints() == []
+        other.close()
     answers = [r.answer.values["softer"] for r in running.session.records]
     assert answers == ["second", "first", "second"]
 
@@ -167,8 +152,7 @@ def test_any_text_is_shown_as_it_was_written_from_the_side_where_it_begins(brows
         instructions=HTML,
         language="de",
     )
-    with asked(tmp_path, made) as running:
-        page = browser.page(running.server.url, 320, 700)
+    with opened(browser, tmp_path, made, wide=320) as (running, page):
         state = awaited(running, page)
         assert page.js(TOLD) == HTML and page.js("document.images.length") == 0
         assert page.js("document.documentElement.scrollWidth") <= 320
@@ -179,8 +163,7 @@ def test_any_text_is_shown_as_it_was_written_from_the_side_where_it_begins(brows
         begins = """(() => { const r = document.createRange();
             const t = document.querySelector('#text').firstChild;
             r.setStart(t, 0), r.setEnd(t, 1); return r.getBoundingClientRect().right; })()"""
-        assert page.js(begins) > 280 and page.complaints() == []
-        page.close()
+        assert page.js(begins) > 280
 
 
 WATCH = """window.seen = [];
@@ -197,8 +180,7 @@ def test_a_reference_moves_in_its_intervals_and_a_rest_counts_down(browser, tmp_
     made = experiment(
         design=ConstantStimuli(((TASK, 4.0),), 2), timing=timing, cursor=Cursor("x", 1.0, 0.5)
     )
-    with asked(tmp_path, made, "null") as running:
-        page = browser.page(running.server.url, 600, 700)
+    with opened(browser, tmp_path, made, "null", 600, 700) as (running, page):
         page.js(WATCH)
         state = awaited(running, page)
         press(page, state, " ")
@@ -210,7 +192,6 @@ def test_a_reference_moves_in_its_intervals_and_a_rest_counts_down(browser, tmp_
         page.js(WATCH)
         awaited(running, page, state["number"])
         seen += page.js("seen")
-        page.close()
     felt = {clock: [] for _, clock, _ in seen}
     for text, clock, y in seen:
         felt[clock] += [y] * (text == "Feel")
@@ -237,8 +218,8 @@ def test_the_focus_is_at_the_question_and_goes_through_its_answers(browser, tmp_
     )
     task = Rate("c", ("r5", "line"), Stimulus("spring"))
     design = ConstantStimuli(((task, None),))
-    with asked(tmp_path, experiment(design=design, questions=questions, replays=1)) as running:
-        page = browser.page(running.server.url, 390, 800)
+    made = experiment(design=design, questions=questions, replays=1)
+    with opened(browser, tmp_path, made) as (running, page):
         state = awaited(running, page)
         assert focused(page) == ["text", "Trial 1 of 1"]
         page.key("Tab")
@@ -263,7 +244,6 @@ def test_the_focus_is_at_the_question_and_goes_through_its_answers(browser, tmp_
     assert running.session.records[0].answer.values == {"r5": 3, "line": 0.0}
 
 
-STATE = "document.querySelector('#state').textContent"
 ENABLED = "document.querySelector('#keys button:enabled') !== null"
 LOST = f"{STATE} === 'The connection is lost. Please wait.'"
 LATER = """(() => {
@@ -307,7 +287,7 @@ def test_a_server_that_freezes_or_goes_is_told_and_found_again(browser, tmp_path
         assert state["told"] == ["The session goes on where it stopped."]
         press(page, state, " ")
         press(page, awaited(running, page, state["number"]), "2")
-        page.until(f"{STATE}.startsWith('The session is over')")
+        over(page)
         page.close()
     records = read(tmp_path / FOLDER).records
     assert [r.answer.values["softer"] for r in records] == ["first", "second"]

@@ -11,29 +11,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import waiting
+from live.chromium import Page
+from live.drawn import level
 from scipy.signal import welch
 
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import oscillator
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import delivered
-from stimlib.run.safety import Safety
-from stimlib.scenes import soft_surface
-from stimlib.soft import surface
-
-pytest.importorskip("uvicorn")
-from live.chromium import Browser, Page, where
-from live.client import wait_for
-
 from stimlib.live.server import Server
 from stimlib.live.stream import Stream
+from stimlib.run.safety import Safety
+from stimlib.soft import surface
 
-pytestmark = [
-    pytest.mark.xdist_group("browser"),
-    pytest.mark.skipif(
-        where() is None, reason="Chromium is not installed: tests/devices/install.sh installs it"
-    ),
-]
+pytestmark = pytest.mark.xdist_group("browser")
 FS, TOKEN, WIDE = 8000, "T" * 32, 0.1  # Hz; m that the field is wide
 LOOKS = Path(__file__).with_name("looks.js").read_text()
 READY = "document.querySelector('#run')?.disabled === false"
@@ -49,10 +41,10 @@ def springs():
 
 
 class Site:
-    """One server at one address, and one browser."""
+    """One server at one address, and a browser."""
 
-    def __init__(self, folder):
-        self.folder, self.port, self.browser = folder, 0, Browser()
+    def __init__(self, folder, browser):
+        self.folder, self.port, self.browser = folder, 0, browser
         full = Safety({"force1": 500.0, "force2": 500.0, "tone": 2.0})
         self.serve(Stream(springs(), FS, full, title="Springs", folder=folder))
 
@@ -69,10 +61,9 @@ class Site:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    made = Site(tmp_path_factory.mktemp("recordings"))
+def site(tmp_path_factory, browser):
+    made = Site(tmp_path_factory.mktemp("recordings"), browser)
     yield made
-    made.browser.close()
     made.server.close()
 
 
@@ -124,7 +115,7 @@ def move(page: Page, u: float, v: float) -> None:
         page.mouse("Moved", *place(page, u, v))
         return abs(live(page, "live.field.fingers.get(0)?.u ?? 0") - u) < 0.01
 
-    wait_for(there)
+    waiting.until(there)
 
 
 def release(page: Page, u: float = 0.0, pointer: str = "mouse") -> None:
@@ -252,42 +243,36 @@ def said(page, text):
     return page.until(f"document.querySelector('#state').textContent.includes({text!r})")
 
 
-def test_a_reloaded_page_goes_on_and_a_second_one_watches(page, site):
+def test_a_reloaded_page_goes_on(page):
     session = until(page, "live.state.phase === 'running' && live.state.session")
     page.reload()
     until(page, f"live.state?.role === 'control' && live.state.session === {session}")
     until(page, "live.state.phase === 'running' && live.blocks > 5")
     said(page, "this page controls")
     page.js(LOOKS)
-    other = site.open()
-    until(other, "live.state?.role === 'watch' && live.blocks > 5")
-    able = "document.querySelectorAll(':is(#run, #params *, #sources *):is(input, select):enabled')"
-    other.until(f"{able}.length === 0")
-    assert page.js(f"{able}.length") > 0
-    third = site.open()
-    third.until("document.querySelector('#state').textContent.startsWith('Refused: 2 pages')")
-    third.close()
-    other.click("#control")
-    until(other, "live.state.role === 'control'")
-    press(other, 0.3, 0.5)
-    # the other's finger is seen here
-    until(page, "live.state.role === 'watch' && Math.abs(live.outputs.force1 - 60) < 1")
-    page.click("#control")
-    until(page, "live.state.role === 'control'")
-    other.close()
+
+
+ABLE = "document.querySelectorAll(':is(#run, #params *, #sources *):is(input, select):enabled')"
 
 
 def test_a_closed_tab_controls_nothing_and_another_takes_over(page, site, monkeypatch):
-    """The session goes on meanwhile, as it does while a page is loaded again; of a page
-    that stays away it ends.
+    """The other watches first. The session goes on meanwhile, as it does while a page
+    is loaded again; of a page that stays away it ends.
     """
     session = until(page, "live.state.phase === 'running' && live.state.session")
     for grace in (1e3, 0.5):
         monkeypatch.setattr("stimlib.live.stream.GRACE", grace)
         other = site.open()
+        until(other, "live.state?.role === 'watch' && live.blocks > 5")
+        other.until(f"{ABLE}.length === 0")
+        assert page.js(f"{ABLE}.length") > 0
+        third = site.open()
+        said(third, "Refused: 2 pages")
+        third.close()
         other.click("#control")
         said(page, "another page controls")
         press(other, 0.4, 0.5)
+        # the other's finger is seen here
         until(page, "Math.abs(live.outputs.force1 - 80) < 1")
         other.close()
         said(page, "no page controls" if grace > 1 else "stopped; no page controls")
@@ -348,7 +333,7 @@ server.run()
 
 @pytest.fixture
 def begun():
-    """Servers in processes of their own, which end with the test."""
+    """Gives a server in a process of its own, which ends with the test, and its URL."""
     with ExitStack() as stack:
 
         def start(port, token):
@@ -507,7 +492,7 @@ def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_point
     site.server.close()
     said(page, "trying again")
     assert page.js("document.querySelector('#run').disabled")
-    site.serve(Stream(soft_surface("deformation"), FS, title="Soft", folder=site.folder))
+    site.serve(Stream(level(0.0), FS, title="Soft", folder=site.folder))
     page.until(f"document.title === 'Soft' && {READY}")
     page.click("#run")
     page.js("document.querySelector('#field').scrollIntoView({block: 'center'})")
@@ -521,7 +506,7 @@ def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_point
             page.mouse(kind, left + px, top + py, "pen", 0.9)
         return live(page, f"{touched} && live.outputs.depth1 > 0.005")
 
-    wait_for(deep)
+    waiting.until(deep)
     until(page, f"Math.abs(looks.ball() - {px}) < 6")  # the ball is blue, and above its place
     page.mouse("Released", left + px, top + py, "pen")
 

@@ -4,25 +4,18 @@ import json
 
 import numpy as np
 import pytest
-from refusals import refused
-
-pytest.importorskip("uvicorn")
 from experiments.some import experiment, still
-from live.asked import asked
+from live.asked import FOLDER, asked
 from live.client import MOVE, welcome
 from live.drawn import WIDE, outputs_of, seen
+from refusals import refused
 
 from stimlib.devices import NullSink
 from stimlib.errors import BadValue, MotionError, SinkError
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Drawing, Timing
+from stimlib.experiments import ConstantStimuli, Drawing, Rate, Stimulus, Timing
 from stimlib.experiments.papers.nodules import nodules
-from stimlib.experiments.tasks import Rate
-from stimlib.experiments.trial import Stimulus
 from stimlib.live.describe import view_of
 from stimlib.scenes import bumps, squeeze, touch_screen, viscoelastic
-
-FOLDER = "pair/P01-s1"
 
 
 def looked(data, made, sink, said=()):
@@ -84,8 +77,6 @@ def test_a_stimulus_that_is_only_seen_is_moved_by_the_page_and_drawn_as_the_log_
 def test_nothing_is_drawn_for_who_wants_nothing_and_what_is_hidden_only_if_it_is_wanted(tmp_path):
     drawing, drawn, *_ = looked(tmp_path / "none", seen(0.1, drawing=None), "null")
     assert drawing is None and drawn == []
-    drawing, *_ = looked(tmp_path / "blank", seen(0.1, drawing=None), "page")
-    assert drawing["sources"] and not drawing["surface"]  # in which a pointer moves
     wanted = Drawing(hidden=True, cursor=False, beside=(-0.015, 0.0))
     drawing, *_ = looked(tmp_path / "all", seen(0.1, drawing=wanted), "page")
     assert [set(v["levels"]) for v in drawing["views"]] == [{0.0}, {1.0}]
@@ -95,13 +86,18 @@ def test_nothing_is_drawn_for_who_wants_nothing_and_what_is_hidden_only_if_it_is
 
 
 def test_a_pointer_that_never_comes_is_no_trial(tmp_path):
-    """The stimulus comes again, and then the session ends, to be resumed."""
-    with asked(tmp_path, seen(0.1), "page") as running, welcome(running.server) as client:
+    """The stimulus comes again, and then the session ends, to be resumed.  A pointer
+    has a place to move in where nothing is drawn.
+    """
+    made = seen(0.1, drawing=None)
+    with asked(tmp_path, made, "page") as running, welcome(running.server) as client:
         for text in ("Trial 1 of 1", "Once more", "Once more"):
             asks = client.until(phase="ask")
             assert (asks["text"], asks["trial"]) == (text, "Trial 1 of 1")
             assert (text == "Once more") == ("movement was not received" in str(asks["told"]))
             client.answer("", asks["number"])
+            drawing = client.until(phase="feel")["drawing"]
+            assert drawing["sources"] and not drawing["surface"]
         told = client.until(phase="end")["told"]
         assert "The session has stopped. All answers are kept." in told[0]
     (error,) = running.errors

@@ -2,28 +2,19 @@
 
 import dataclasses
 import json
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
-
-pytest.importorskip("uvicorn")
-from live.asked import asked
-from live.chromium import Browser, where
+from live.asked import FOLDER
 from live.drawn import outputs_of, seen
-from live.test_asking_browser import awaited, over, press
+from live.test_asking_browser import awaited, opened, over, press
 from live.test_drawing import shown
 
-from stimlib.experiments.experiment import Cursor, Drawing
-from stimlib.experiments.reader import read
+from stimlib.experiments import Cursor, Drawing, read
 from stimlib.scenes import viscoelastic
 
-pytestmark = [
-    pytest.mark.xdist_group("browser"),
-    pytest.mark.skipif(
-        where() is None, reason="Chromium is not installed: tests/devices/install.sh installs it"
-    ),
-]
-FOLDER = "pair/P01-s1"
+pytestmark = pytest.mark.xdist_group("browser")
 WATCH = """import('./ask.js').then(({field}) => {
     window.field = field;
     window.shown = [];
@@ -53,21 +44,17 @@ RESTS = "Math.abs(shown.at(-1)?.x1 - shown.at(-5)?.x1) < 1e-5"
 LABEL = f"[{PICTURE}.ariaLabel, {PICTURE}.role, {PICTURE}.tabIndex]"
 
 
-@pytest.fixture(scope="module")
-def browser():
-    made = Browser()
-    yield made
-    made.close()
-
-
-def begun(running, browser, wide=900, high=800):
-    """A page whose first stimulus has begun, and what is told of its pictures."""
-    page = browser.page(running.server.url, wide, high)
-    page.js(WATCH)
-    state = awaited(running, page)
-    press(page, state, " ")
-    page.until(f"document.querySelector('#clock').textContent && !{PICTURE}.hidden")
-    return page, state["number"]
+@contextmanager
+def begun(browser, data, made, sink="page"):
+    """A session whose first stimulus has begun, its page, and the number of the prompt
+    before.
+    """
+    with opened(browser, data, made, sink, 900) as (running, page):
+        page.js(WATCH)
+        state = awaited(running, page)
+        press(page, state, " ")
+        page.until(f"document.querySelector('#clock').textContent && !{PICTURE}.hidden")
+        yield running, page, state["number"]
 
 
 def place(page, x, y):
@@ -84,8 +71,7 @@ def pen(page, x, y, force):
 
 def test_a_visual_experiment_is_drawn_moved_answered_and_recorded(browser, tmp_path):
     made = seen(1.5, orders=(0.0, 1.0), drawing=Drawing(marks={"1": (0.03, 0.03)}))
-    with asked(tmp_path, made, "page") as running:
-        page, number = begun(running, browser)
+    with begun(browser, tmp_path, made) as (running, page, number):
         assert page.js(LABEL)[1:] == ["application", 0] and "explore" in page.js(LABEL)[0]
         for k in (1, 2):
             page.until(f"document.querySelector('#clock').textContent === '{k} of 2'")
@@ -127,8 +113,7 @@ def test_a_visual_experiment_is_drawn_moved_answered_and_recorded(browser, tmp_p
 
 def test_an_avatar_is_beside_the_pen_and_takes_all_levels_of_its_pressure(browser, tmp_path):
     made = seen(1.6, drawing=Drawing(beside=(-0.015, 0.0)))
-    with asked(tmp_path, made, "page") as running:
-        page, number = begun(running, browser)
+    with begun(browser, tmp_path, made) as (running, page, number):
         pen(page, 0.08, 0.06, 400 / 1023)
         page.until(f"{RESTS} && shown.at(-1).depth1 > 1e-4")
         pen(page, 0.08, 0.06, 401 / 1023)
@@ -153,8 +138,7 @@ COLOURED = f"""(colour => (({{ data, width }}) => {{
 def test_plate_and_helix_go_down_with_the_hand(browser, tmp_path):
     made = shown(viscoelastic(), 1.5, y=lambda t: 0.01 + 0.0 * t)
     made = dataclasses.replace(made, cursor=Cursor("y", 0.005))
-    with asked(tmp_path, made, "null") as running:
-        page, _ = begun(running, browser)
+    with begun(browser, tmp_path, made, "null") as (_, page, _):
         assert page.js(LABEL)[1:] == ["img", -1]
         page.until("shown.length > 0")
         _, bottom = page.js(f"{COLOURED}([0xe8, 0xc0, 0x20])")
@@ -165,4 +149,3 @@ def test_plate_and_helix_go_down_with_the_hand(browser, tmp_path):
         # the reference is beside it, and both are in the window
         (left, top, wide, _), picture = page.box("#track"), page.box("#picture")
         assert top == picture[1] and left + wide <= picture[0] and top + picture[3] <= 800
-        page.close()

@@ -2,17 +2,11 @@
 is not sent when the connection is slow.
 """
 
-import json
 import shutil
-import subprocess
-from pathlib import Path
 
 import pytest
+from live.node import LIVE, told
 
-PAGE = Path(__file__).parents[2] / "stimlib" / "live" / "page"
-pytestmark = pytest.mark.skipif(
-    shutil.which("node") is None, reason="needs node, which runs the worker without a browser"
-)
 WORKER = """
 let t = 0, tick, ws;
 const said = [], silent = () => said.filter(m => m.state === "silent").length;
@@ -33,17 +27,6 @@ ws.onopen();
 told({ is: "hello", fs: 8000, inputs: [], outputs: [] });
 told({ is: "report", at: 0 });
 """
-
-
-def run(tmp_path, script):
-    """What a script of the worker's page gives back."""
-    for name in ("link.js", "vibration.js"):
-        shutil.copy(PAGE / name, tmp_path)
-    (tmp_path / "package.json").write_text('{"type": "module"}')
-    (tmp_path / "test.js").write_text(f"{WORKER}\n{script}")
-    made = subprocess.run(["node", tmp_path / "test.js"], capture_output=True, text=True)
-    assert made.returncode == 0, made.stderr
-    return json.loads(made.stdout)
 
 
 @pytest.mark.parametrize(
@@ -105,4 +88,8 @@ def run(tmp_path, script):
     ids=["late", "connection", "slow", "samples"],
 )
 def test_the_worker_knows_a_slow_connection_from_its_own_delay(tmp_path, script, wanted):
-    assert run(tmp_path, script) == wanted
+    for name in ("link.js", "vibration.js"):
+        shutil.copy(LIVE / "page" / name, tmp_path)
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    (tmp_path / "test.js").write_text(f"{WORKER}\n{script}")
+    assert told(tmp_path / "test.js") == wanted

@@ -4,29 +4,27 @@ sink and what waits for a page.
 
 import asyncio
 import gc
-import json
 import queue
 import threading
 from contextlib import closing
 
 import numpy as np
 import pytest
-from live.client import wait_for
 from refusals import refused
 from scipy.signal import welch
+from waiting import until
 
 from stimlib import Input, Param, Scene, blocks, constant, render
 from stimlib.errors import BadValue, UnknownName
-from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import replay
-from stimlib.live import experiment as asked_of
+from stimlib.files import read_log, replay
 from stimlib.live.describe import description, ranges_of
+from stimlib.live.experiment import FIELDS
 from stimlib.live.inputs import Inputs
 from stimlib.live.protocol import message
 from stimlib.live.sink import PageSink
 from stimlib.live.site import WAITING, Page
 from stimlib.live.stream import Stream
-from stimlib.motion.generators import sinusoid
+from stimlib.motion import sinusoid
 from stimlib.scenes import soft_surface, squeeze
 
 FS = 1000.0
@@ -69,11 +67,10 @@ def test_a_message_that_the_table_has_not_is_refused(text, why):
     refused(BadValue, why, message, text)
 
 
-@pytest.mark.parametrize("box", [["k", "0", 1, 1, 1], ["k", 0, 1, 1], [5, 0, 1, 1, 1]])
+@pytest.mark.parametrize("box", ['["k", "0", 1, 1, 1]', '["k", 0, 1, 1]', "[5, 0, 1, 1, 1]"])
 def test_a_layout_of_other_than_boxes_is_refused(box):
-    told = {"do": "drawn", "number": 1, "wide": 1, "high": 1, "boxes": [["1", 0, 0, 1, 1], box]}
-    page = asked_of.ExperimentPage(lambda text: None)
-    refused(BadValue, "a list of boxes", page.message, json.dumps(told))
+    told = '{"do": "drawn", "number": 1, "wide": 1, "high": 1, "boxes": [["1", 0, 0, 1, 1], BOX]}'
+    refused(BadValue, "a list of boxes", message, told.replace("BOX", box), FIELDS)
 
 
 @pytest.mark.parametrize("chosen, bandwidth", [({}, 11.0), ({"bandwidth": 40.0}, 40.0)])
@@ -198,9 +195,6 @@ def test_pressure_a_held_value_and_a_motion_of_the_callers():
         assert inputs.columns(at, 500)[0, -1] == pytest.approx(x)
     inputs.choose("x", **{"from": "value", "value": 2.5})
     assert inputs.columns(1200, 500)[0, -1] == pytest.approx(2.5)
-    refused(UnknownName, "motion of z", Inputs, SPRING, FS, {"x": (0.0, 1.0)}, {"z": np.sin})
-    ends = {"x": np.zeros(5)}
-    refused(BadValue, "a live scene has no end", Inputs, SPRING, FS, {"x": (0.0, 1.0)}, ends)
 
 
 @pytest.mark.parametrize(
@@ -272,25 +266,19 @@ def test_a_stream_drives_an_input_within_its_range():
     ]:
         before = inputs.rows + sum(inputs.rejected.values())
         rows.put(row)
-        wait_for(lambda before=before: inputs.rows + sum(inputs.rejected.values()) > before)
+        until(lambda before=before: inputs.rows + sum(inputs.rejected.values()) > before)
         assert inputs.columns(at, 2000)[0, -1] == pytest.approx(x, abs=1e-6)
         at += 2000
     assert inputs.rejected == {"not finite": 1, "too short": 1, "outside its limits": 2}
     inputs.count()
     assert (inputs.rows, inputs.rejected) == (0, {})
     rows.put(None)
-    wait_for(lambda: inputs.stream_error)
+    until(lambda: inputs.stream_error)
     refused(BadValue, "the stream has ended: unplugged", inputs.choose, "x", **choice)
-    none = Inputs(SPRING, FS, {"x": (0.0, 1.0)})
-    refused(BadValue, "there is no stream: start with --stream", none.choose, "x", **choice)
-
-
-@pytest.mark.parametrize("rows", [[1.0], None])
-def test_a_stream_of_rows_that_are_none_has_ended(rows):
-    """An error of its rows is told like one of its own."""
-    inputs = Inputs(SPRING, FS, {"x": (0.0, 0.03)}, stream=lambda timeout: (rows, []))
-    wait_for(lambda: inputs.stream_error)
-    refused(BadValue, "the stream has ended: ", inputs.choose, "x", **{"from": "stream"})
+    for rows in ([1.0], None):  # of none an error is told like one of the stream itself
+        inputs = Inputs(SPRING, FS, {"x": (0.0, 0.03)}, stream=lambda timeout, of=rows: (of, []))
+        until(lambda inputs=inputs: inputs.stream_error)
+        refused(BadValue, "the stream has ended: ", inputs.choose, "x", **choice)
 
 
 def test_a_page_is_told_of_the_surface_and_its_avatars():
@@ -306,23 +294,29 @@ def test_a_page_is_told_of_the_surface_and_its_avatars():
     assert mouse["inputs"]["press"] is None and view(SPRING) is None
 
 
-def test_a_slider_goes_around_its_value():
-    wanted = {  # of 0 to 2.5 times the value, rounded up
-        (2000.0, 0, 5000),
-        (0.3, 0, 1),
-        (2.0, 0, 5),
-        (0.0, 0, 1),
-        (-4.0, -10, 0),
-        (1.0, 0, 1),
-    }
-    for value, *ends in wanted:
-        assert ranges_of(Scene({"y": Param("p", value) * constant(1.0)})) == {"p": tuple(ends)}
+@pytest.mark.parametrize(  # 0 to 2.5 times the value, rounded up
+    ("value", "low", "high"),
+    [(2000.0, 0, 5000), (0.3, 0, 1), (2.0, 0, 5), (0.0, 0, 1), (-4.0, -10, 0), (1.0, 0, 1)],
+)
+def test_a_slider_goes_around_its_value(value, low, high):
+    assert ranges_of(Scene({"y": Param("p", value) * constant(1.0)})) == {"p": (low, high)}
 
 
-def test_ranges_that_are_none_are_refused():
-    refused(UnknownName, "has x, k", ranges_of, SPRING, {"z": (0, 1)})
-    refused(BadValue, "must be finite and rise", ranges_of, SPRING, {"x": (1, 0)})
-    refused(BadValue, "does not hold", ranges_of, SPRING, {"k": (0, 1)})
+UNIT = {"x": (0.0, 1.0)}
+
+
+@pytest.mark.parametrize(
+    ("error", "says", "call", "given"),
+    [
+        (UnknownName, "has x, k", ranges_of, (SPRING, {"z": (0, 1)})),
+        (BadValue, "must be finite and rise", ranges_of, (SPRING, {"x": (1, 0)})),
+        (BadValue, "does not hold", ranges_of, (SPRING, {"k": (0, 1)})),
+        (UnknownName, "motion of z", Inputs, (SPRING, FS, UNIT, {"z": np.sin})),
+        (BadValue, "a live scene has no end", Inputs, (SPRING, FS, UNIT, {"x": np.zeros(5)})),
+    ],
+)
+def test_what_is_refused(error, says, call, given):
+    refused(error, says, call, *given)
 
 
 class Clock:
@@ -356,10 +350,10 @@ def test_what_is_late_is_caught_up_and_what_is_too_late_is_lost_and_told(
 
     with closing(PageSink(SPRING, 50.0, feed=ramp, take=take, log=tmp_path / "log")) as sink:
         sink.open(FS, block=20)
-        wait_for(lambda: clock.sleeps)  # a block that a start finds begun has no motion yet
+        until(lambda: clock.sleeps)  # a block that a start finds begun has no motion yet
         sink.start(1.0)
         clock.goes.set()
-        wait_for(lambda: sink.finished)
+        until(lambda: sink.finished)
     assert sink.error is None and replay(read_log(tmp_path / "log")).matches
     report = sink.report()
     assert (report.lost, report.underruns, report.produced) == (lost, lost > 0, 1000)

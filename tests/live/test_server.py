@@ -16,8 +16,9 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 from devices.servers import unjudged
-from live.client import HELLO, MOVE, greeted, page, samples_of, wait_for
+from live.client import HELLO, MOVE, greeted, page, samples_of
 from refusals import refused
+from waiting import until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from stimlib import Input, Param, Scene, constant
@@ -45,10 +46,11 @@ def server(tmp_path_factory):
         yield running
 
 
-def stopped(client):
-    """The state of a session that has ended."""
-    client.say("stop")
-    return client.until(phase="idle")
+@pytest.fixture
+def client(server):
+    """A page that controls."""
+    with greeted(server) as client:
+        yield client
 
 
 def frames_of(log):
@@ -56,63 +58,49 @@ def frames_of(log):
 
 
 def until_idle(server):
-    wait_for(lambda: not server.stream.pages and server.stream.phase == "idle")
-
-
-def closed_as(client):
-    """The code with which the server closes a connection."""
-    with pytest.raises(ConnectionClosed) as closed:
-        while True:
-            client.next()
-    return closed.value.rcvd.code
+    until(lambda: not server.stream.pages and server.stream.phase == "idle")
 
 
 def test_a_page_marks_where_somebody_listens(tmp_path):
     told = []
     pulses = Scene({"force": SPRING.outputs["force"], "on": burst(0.05, 0.02)})
     how = {"markers": ["on"], "send": [told.append]}
-    with serving(pulses, {"force": FULL, "on": 1.0}, tmp_path, **how) as running:
-        with greeted(running) as client:
-            assert client.hello["marks"] and not client.hello["stream"]
-            client.say("mark")
-            assert "no session runs" in client.until(**{"is": "error"})["text"]
-            client.say("start")
-            client.hear(30)
-            client.say("mark")
-            client.hear(30)
-            stopped(client)
+    full = {"force": FULL, "on": 1.0}
+    with serving(pulses, full, tmp_path, **how) as running, greeted(running) as client:
+        assert client.hello["marks"] and not client.hello["stream"]
+        client.say("mark")
+        assert "no session runs" in client.until(**{"is": "error"})["text"]
+        client.start()
+        client.hear(30)
+        client.say("mark")
+        client.hear(30)
+        client.stop()
     assert [m.name for m in told] == ["on", "page"]
     # the gain of a live session rises along its first samples: 1 is 0.5 a little later
     assert 50 <= told[0].sample < 50 + 64 and told[1].sample > told[0].sample
 
 
-def recorded(client):
-    """A session with a move and a change: its state, and what came of its samples."""
-    client.data.clear()
-    client.say("set", name="k", value=K)
-    client.say("record")
-    state = client.until(phase="running")
-    client.ws.send(MOVE)
-    client.hear(15)
-    client.say("set", name="k", value=1000.0)
-    client.hear(10)
-    stopped(client)
-    return state, *samples_of(client)
-
-
-def test_a_session_is_driven_heard_and_recorded(server):
-    with greeted(server) as client:
-        x = {"name": "x", "unit": "m", "low": 0.0, "high": 0.01, "given": False}
-        k = {"name": "k", "unit": "N/m", "value": K, "low": 0.0, "high": 2.5 * K}
-        assert client.hello["inputs"] == [x] and client.hello["params"] == [k]
-        assert client.hello["outputs"] == [{"name": "force", "unit": "N", "full": FULL}]
-        assert client.until(**{"is": "state"})["role"] == "control"
-        for _ in range(5):
-            state, heads, (x, y) = recorded(client)
-            if not any(e.kind == "lost" for e in read_log(state["log"]).events):
-                break
-        else:
-            unjudged("samples were lost in each of 5 sessions")
+def test_a_session_is_driven_heard_and_recorded(client):
+    x = {"name": "x", "unit": "m", "low": 0.0, "high": 0.01, "given": False}
+    k = {"name": "k", "unit": "N/m", "value": K, "low": 0.0, "high": 2.5 * K}
+    assert client.hello["inputs"] == [x] and client.hello["params"] == [k]
+    assert client.hello["outputs"] == [{"name": "force", "unit": "N", "full": FULL}]
+    assert client.until(**{"is": "state"})["role"] == "control"
+    for _ in range(5):
+        client.data.clear()
+        client.say("set", name="k", value=K)
+        state = client.start("record")
+        client.ws.send(MOVE)
+        client.hear(15)
+        client.say("set", name="k", value=1000.0)
+        client.hear(10)
+        client.stop()
+        log = read_log(state["log"])
+        if not any(e.kind == "lost" for e in log.events):
+            break
+    else:
+        unjudged("samples were lost in each of 5 sessions")
+    heads, (x, y) = samples_of(client)
     # the hand is followed, and the fade-in over
     k = np.searchsorted(np.cumsum(heads[:, 5]), 0.2 * FS) + 3
     assert heads[0, 0] == 0 and set(heads[:, 4]) == {state["session"]}
@@ -123,7 +111,6 @@ def test_a_session_is_driven_heard_and_recorded(server):
     assert y[at] == pytest.approx(K * x[at] / FULL, rel=1e-6)
     assert y[-BLOCK * 8] == pytest.approx(1000.0 * 0.01 / FULL, rel=1e-3) and abs(y[-1]) < 0.005
 
-    log = read_log(state["log"])
     assert replay(log).matches and log.header["device"] == "page"
     assert [e.data["ramp"] for e in log.events if e.data.get("name") == "k"] == [0.02 * FS]
     assert [e.data["reason"] for e in log.events if e.kind == "stop"] == ["close"]
@@ -180,8 +167,7 @@ def test_a_page_that_disappears_lets_the_stimulus_fade(server, source, k):
     with greeted(server) as client:
         client.say("set", name="k", value=k)
         client.say("source", input="x", **{"from": source})
-        client.say("record")
-        folder = client.until(phase="running")["log"]
+        folder = client.start("record")["log"]
         client.ws.send(MOVE)
         client.hear(12)
         client.ws.socket.close()  # no goodbye
@@ -197,17 +183,16 @@ def test_a_page_that_disappears_lets_the_stimulus_fade(server, source, k):
 def test_a_page_that_does_not_answer_is_gone(server, monkeypatch):
     """Its session awaits a motion of its own."""
     with greeted(server) as client:
-        client.say("start")
-        client.until(phase="running")
+        client.start()
         client.ws.send(MOVE)
         client.hear(5)
-        assert not stopped(client)["why"]
+        assert not client.stop()["why"]
     monkeypatch.setattr("stimlib.live.site.SILENT", 0.3)
     with ExitStack() as stack:
         client, _ = named(stack, server, "a")
         client.answers = False
         client.say("start")
-        assert closed_as(client) == 4408
+        assert client.ended() == 4408
     assert 0 < samples_of(client)[0][-1, 0] < 10 * 0.3 * FS
     until_idle(server)
     assert not server.stream._kept  # nobody waits for it: the session ends at once
@@ -216,31 +201,26 @@ def test_a_page_that_does_not_answer_is_gone(server, monkeypatch):
 
 
 def test_a_page_that_moves_is_there_and_stays(server, monkeypatch):
-    """Its answers to reports may be late, and the time for its request is over."""
+    """Its answers to reports may be late, and the time for its request is over.  Moves
+    that a late server finds together are no flood: two fingers, 500 times a second
+    each, and a pause of 1 s.
+    """
     monkeypatch.setattr("stimlib.live.site.SILENT", 0.5)
     monkeypatch.setattr("stimlib.live.server.REQUEST", 0.05)
     with greeted(server) as client:
         client.answers = False
-        client.say("start")
-        for _ in range(12):
-            client.ws.send(MOVE)
+        client.start()
+        for at_once in [1000] + 12 * [1]:
+            for _ in range(at_once):
+                client.ws.send(MOVE)
             client.hear(5)  # 0.1 s
-        stopped(client)
+        client.stop()
 
 
 def test_a_page_whose_hello_is_late_may_try_again(server, monkeypatch):
     monkeypatch.setattr("stimlib.live.server.HELLO", 0.1)
     with page(server) as client:
-        assert closed_as(client) == 4408  # 4401 ended it for good
-
-
-def test_moves_that_a_late_server_finds_together_are_no_flood(server):
-    """Of two fingers, 500 times a second each: a pause of 1 s."""
-    with greeted(server) as client:
-        for _ in range(1000):
-            client.ws.send(MOVE)
-        client.say("set", name="none", value=0)
-        client.until(about="set")
+        assert client.ended() == 4408  # 4401 ended it for good
 
 
 def test_one_page_controls_another_watches_and_may_take_over(server):
@@ -252,10 +232,9 @@ def test_one_page_controls_another_watches_and_may_take_over(server):
         second.until(**{"is": "error", "about": "start"})
         with page(server) as third:
             third.ws.send(HELLO)
-            assert closed_as(third) == 4409
+            assert third.ended() == 4409
         first.ws.send(MOVE)
-        first.say("set", name="none", value=0)
-        first.until(about="set")
+        first.settled()
         assert server.stream.inputs.fingers[0][3] == 1
         second.say("control")
         second.until(role="control")
@@ -265,7 +244,7 @@ def test_one_page_controls_another_watches_and_may_take_over(server):
         first.hear(2)
         first.say("set", name="k", value=0.0)
         assert "control" in first.until(about="set")["text"]
-        stopped(second)
+        second.stop()
 
 
 def named(stack, server, name):
@@ -285,11 +264,10 @@ def test_control_is_kept_for_a_page_that_is_loaded_again(server, monkeypatch):
         first.until(**{"is": "alive"})  # so that a page knows that it has a server
         other, seen = named(stack, server, "b")
         assert (state["role"], seen["role"], seen["controlled"]) == ("control", "watch", True)
-        first.say("start")
-        session = first.until(phase="running")["session"]
+        session = first.start()["session"]
         goes_on = {"role": "control", "phase": "running", "session": session}
         again, state = named(stack, server, "a")  # though two pages are here already
-        assert goes_on.items() <= state.items() and closed_as(first) == 4410
+        assert goes_on.items() <= state.items() and first.ended() == 4410
         again.ws.send(MOVE)
         again.ws.close()
         other.until(controlled=False, phase="running")
@@ -306,13 +284,11 @@ def test_control_is_kept_for_a_page_that_is_loaded_again(server, monkeypatch):
         assert named(stack, server, "c")[1]["role"] == "control"
 
 
-def test_a_server_that_stood_still_sends_no_page_away(server):
-    with greeted(server) as client:
-        client.say("start")
-        client.until(phase="running")
-        server.stream._loop.call_soon_threadsafe(time.sleep, 2.5)
-        client.hear(150)
-        stopped(client)
+def test_a_server_that_stood_still_sends_no_page_away(server, client):
+    client.start()
+    server.stream._loop.call_soon_threadsafe(time.sleep, 2.5)
+    client.hear(150)
+    client.stop()
 
 
 def test_a_server_that_ends_fades_and_its_recording_is_whole(tmp_path):
@@ -321,8 +297,7 @@ def test_a_server_that_ends_fades_and_its_recording_is_whole(tmp_path):
     level = Scene({"y": Param("level", 0.5) * constant(1.0)})
     with serving(level, 1.0, tmp_path) as server, greeted(server) as client:
         server.stream.say = told.append
-        client.say("record")
-        folder = client.until(phase="running")["log"]
+        folder = client.start("record")["log"]
         client.hear(12)
         server.close()
     log = read_log(folder)
@@ -340,16 +315,16 @@ REFUSED = [
     ({"do": "set", "name": "k", "value": -1}, "k = -1 is outside its range, 0 to 5000"),
     ({"do": "source", "input": "y", "from": "u"}, "no input 'y'; the inputs are x"),
     ({"do": "source", "input": "x", "from": "given"}, "nothing was given for x"),
+    ({"do": "source", "input": "x", "from": "stream"}, "no stream: start with --stream"),
     (SINE | {"high": 0}, "low = 1 must be below high = 0"),
     (SINE | {"high": 1}, "low = 1 must be below high = 1"),
 ]
 
 
-def test_what_makes_no_sense_is_refused_with_a_reason(server):
-    with greeted(server) as client:
-        for message, why in REFUSED:
-            client.ws.send(json.dumps(message))
-            assert why in client.until(about=message["do"])["text"]
+def test_what_makes_no_sense_is_refused_with_a_reason(client):
+    for message, why in REFUSED:
+        client.ws.send(json.dumps(message))
+        assert why in client.until(about=message["do"])["text"]
 
 
 FAULTS = {  # headers and messages, and how the connection ends
@@ -389,10 +364,9 @@ def knock(server, headers, messages):
         return e.rcvd and e.rcvd.code
 
 
-def test_strangers_and_floods_are_refused_and_the_stream_goes_on(server):
-    with greeted(server) as client, ThreadPoolExecutor(1) as stranger:
-        client.say("start")
-        client.until(phase="running")
+def test_strangers_and_floods_are_refused_and_the_stream_goes_on(server, client):
+    with ThreadPoolExecutor(1) as stranger:
+        client.start()
         for name, (headers, messages, code) in FAULTS.items():
             knocking = stranger.submit(knock, server, headers, messages)
             while not knocking.done():  # a page that answers nothing for 2 s is closed
@@ -401,7 +375,7 @@ def test_strangers_and_floods_are_refused_and_the_stream_goes_on(server):
             # cut off, it may come before the reason
             assert said == code or (name == "a flood" and said is None), name
         client.hear(10)
-        stopped(client)
+        client.stop()
     report = [m for m in client.texts if m["is"] == "report"][-1]
     heads, _ = samples_of(client)
     heads = heads[heads[:, 4] == heads[-1, 4]]  # not of a session of the test before

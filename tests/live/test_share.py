@@ -11,15 +11,16 @@ import subprocess
 import sys
 import zlib
 from base64 import b64decode
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import ran
 from live.chromium import Browser, where
-from live.client import wait_for
 from live.shared import OFFLINE, need_compiler, numbers
 from refusals import refused
+from waiting import until
 
 import stimlib
 from stimlib import BadValue, Input, MissingPackage, Param, Scene, SinkError, UnknownName
@@ -76,46 +77,50 @@ def test_a_page_loads_nothing_and_no_text_becomes_markup():
     assert not re.findall(r"^import |^export ", page, re.M)
 
 
-def test_without_a_compiler_it_says_what_to_install(monkeypatch, tmp_path):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    says = "neither clang nor zig is installed.*pip install ziglang"
-    refused(MissingPackage, says, compiled, tmp_path)
-    (tmp_path / "clang").write_text("#!/bin/sh\necho no wasm-ld here >&2\nexit 1\n")
-    (tmp_path / "clang").chmod(0o755)
-    refused(MissingPackage, "clang says: no wasm-ld here", compiled, tmp_path)
+@pytest.fixture
+def clang(tmp_path):
+    """Gives the text of a program that stands in for the compiler."""
+    if os.name == "nt":
+        pytest.skip("the stand-in for a compiler is a shell script")
+
+    def write(text):
+        (tmp_path / "clang").write_text(text)
+        (tmp_path / "clang").chmod(0o755)
+
+    return write
 
 
-@pytest.mark.skipif(os.name == "nt", reason="the stand-in for a compiler is a shell script")
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("not a program", "Exec format error"),
-        ("#!/nothing/here\n", "No such file"),
-        ("#!/bin/sh\nexit 0\n", "No such file.*page.wasm"),
-        ("#!/bin/sh\nexec /bin/sleep 60\n", "was stopped after 0.2 s"),
+        ("", "neither clang nor zig is installed.*pip install ziglang"),
+        ("not a program", "CLANG.*Exec format error"),
+        ("#!/nothing/here\n", "CLANG.*No such file"),
+        ("#!/bin/sh\nexit 0\n", "CLANG.*No such file.*page.wasm"),
+        ("#!/bin/sh\necho no wasm-ld here >&2\nexit 1\n", "clang says: no wasm-ld here"),
+        ("#!/bin/sh\nexec /bin/sleep 60\n", "CLANG.*was stopped after 0.2 s"),
     ],
 )
-def test_a_compiler_that_does_not_start_or_end_is_named(monkeypatch, tmp_path, text, says):
+def test_a_compiler_that_is_missing_or_does_not_work_is_named(
+    clang, monkeypatch, tmp_path, text, says
+):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     monkeypatch.setattr("stimlib.live.share.PATIENCE", 0.2)
-    (tmp_path / "clang").write_text(text)
-    (tmp_path / "clang").chmod(0o755)
-    refused(MissingPackage, f"{tmp_path}/clang.*{says}", compiled, tmp_path)
+    if text:
+        clang(text)
+    refused(MissingPackage, says.replace("CLANG", f"{tmp_path}/clang"), compiled, tmp_path)
 
 
-@pytest.mark.skipif(os.name == "nt", reason="the stand-in for a compiler is a shell script")
-def test_a_page_that_is_stopped_leaves_the_old_file_and_nothing_else(tmp_path):
+def test_a_page_that_is_stopped_leaves_the_old_file_and_nothing_else(clang, tmp_path):
     folder, path = tmp_path / "temporary", tmp_path / "a.html"
     folder.mkdir()
     path.write_text("old")
-    (tmp_path / "clang").write_text("#!/bin/sh\ntouch begun\nexec /bin/sleep 60\n")
-    (tmp_path / "clang").chmod(0o755)
+    clang("#!/bin/sh\ntouch begun\nexec /bin/sleep 60\n")
     words = [sys.executable, "-m", "stimlib", "share", "tone", "--out", path]
     env = os.environ | {"PATH": f"{tmp_path}:/usr/bin:/bin", "TMPDIR": str(folder)}
     job = subprocess.Popen(words, env=env, stderr=subprocess.PIPE)
-    wait_for(lambda: [*folder.glob("*/begun")])
+    until(lambda: [*folder.glob("*/begun")])
     job.terminate()
     assert job.communicate(timeout=20) == (None, b"") and job.returncode == 143
     assert path.read_text() == "old" and not list(folder.iterdir())
@@ -160,7 +165,6 @@ def test_a_page_has_the_hash_of_the_rendering(made):
 
 def test_a_notebook_shows_it_where_no_port_can_be_opened(monkeypatch):
     need_compiler()
-    pytest.importorskip("uvicorn")
 
     def closed(*given, **words):
         raise SinkError("no port")
@@ -187,19 +191,18 @@ def test_the_command_writes_a_page(tmp_path):
 
 
 pytestmark = pytest.mark.xdist_group("browser")
-in_a_browser = pytest.mark.skipif(where() is None, reason="Chromium is not installed")
 
 
 @pytest.fixture(scope="module")
 def page(made):
-    browser = Browser(OFFLINE)
-    page = browser.page(made[0].as_uri())
-    page.until("window.scene?.checked")
-    yield page
-    browser.close()
+    if where() is None:
+        pytest.skip("Chromium is not installed: tests/devices/install.sh installs it")
+    with closing(Browser(OFFLINE)) as browser:
+        page = browser.page(made[0].as_uri())
+        page.until("window.scene?.checked")
+        yield page
 
 
-@in_a_browser
 def test_the_page_computes_the_samples_of_stimlib(made, page):
     found = page.js("scene.checked")
     assert found["same"] and found["sha256"] == made[1].sha256
@@ -209,7 +212,6 @@ def test_the_page_computes_the_samples_of_stimlib(made, page):
     assert page.js("document.querySelector('h1').textContent") == EVIL
 
 
-@in_a_browser
 @pytest.mark.parametrize("rate", [FS, 48000])
 def test_sound_begins_and_ends_without_a_click(page, rate):
     """The recorded motion as it is heard; at another rate it is interpolated."""
@@ -235,7 +237,6 @@ def test_sound_begins_and_ends_without_a_click(page, rate):
     assert np.all(y[-rate // 20 :] == 0)
 
 
-@in_a_browser
 def test_a_recording_plays_and_a_parameter_changes_it(page):
     page.click("#run")
     page.until("document.querySelector('#state').textContent === 'running'")
@@ -257,7 +258,6 @@ def test_a_recording_plays_and_a_parameter_changes_it(page):
     assert page.complaints() == []
 
 
-@in_a_browser
 def test_a_page_says_if_samples_differ(made, page, tmp_path):
     path = tmp_path / "other.html"
     path.write_text(made[1].page.replace(made[1].sha256, "0" * 64), "utf-8")
@@ -267,7 +267,6 @@ def test_a_page_says_if_samples_differ(made, page, tmp_path):
     assert said.endswith(f"the samples differ: their SHA-256 is {made[1].sha256}.")
 
 
-@in_a_browser
 def test_no_text_of_others_runs(page, tmp_path):
     path = tmp_path / "evil.html"
     path.write_text(empty(EVIL), "utf-8")

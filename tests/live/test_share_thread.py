@@ -1,20 +1,12 @@
 """The audio thread of a shared page in node: sources, changes, fades, other rates."""
 
 import json
-import shutil
-import subprocess
-from pathlib import Path
 
 import numpy as np
-import pytest
+from live.node import HERE, LIVE, told
 from scipy.interpolate import CubicHermiteSpline
 
-THREAD = Path(__file__).with_name("thread.js")
-WORKLET = Path(__file__).parents[2] / "stimlib" / "live" / "web" / "worklet.js"
 FS, MOST = 8000, 128
-pytestmark = pytest.mark.skipif(
-    shutil.which("node") is None, reason="needs node, which runs the audio thread without a browser"
-)
 
 
 def source(kind, low=-1.0, high=3.0, freq=5.0, value=0.5):
@@ -33,13 +25,8 @@ def started(calls, say=None, rate=FS, motion=(), **sources):
     }
     begin = {"start": {"params": [], "sources": sources, "session": 1}}
     say = {0: [begin]} | (say or {})
-    words = [
-        "node",
-        THREAD,
-        WORKLET,
-        json.dumps({"rate": rate, "o": o, "calls": calls, "say": say}),
-    ]
-    made = json.loads(subprocess.run(words, capture_output=True, text=True, check=True).stdout)
+    how = json.dumps({"rate": rate, "o": o, "calls": calls, "say": say})
+    made = told(HERE / "thread.js", LIVE / "web" / "worklet.js", how)
     return np.array(made["heard"]), np.array(made["rows"]), made["ended"]
 
 

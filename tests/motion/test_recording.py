@@ -1,5 +1,5 @@
-"""Recordings: every policy and every bad file on small files, the same bits at every
-cut, and real recordings.
+"""Recordings: every policy and every bad file on small files, what equal times mean,
+time in another unit, the same bits at every cut, and real recordings.
 """
 
 import re
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from numpy.testing import assert_allclose
+from pandas import Categorical, DataFrame
 from refusals import refused
 from scipy.interpolate import PchipInterpolator
 
@@ -16,6 +17,7 @@ import stimlib
 from stimlib import Input
 from stimlib.errors import BadValue, RecordingError, UnknownName
 from stimlib.files import audio as file
+from stimlib.motion import pchip
 from stimlib.motion.recorded import Recording, parse_source, recording
 from stimlib.motion.text import parse_map, parse_where
 
@@ -59,15 +61,12 @@ def test_position_is_pchip_through_the_reports_and_held_outside(csv):
     x, y = np.cumsum(rng.normal(0, 1e-4, (2, 60)), axis=1).round(7)
     r = recording(csv(t_s=t, x_m=x, y_mm=1000 * y), {"x": "x_m", "y": "y_mm*1e-3", "z": "x_m*2"})
     t = t - t[0]
-    inside = np.linspace(0, t[-1], 5001)
+    at = np.concatenate([t, np.linspace(0, t[-1], 5001)])
     for name, values in (("x", x), ("y", y), ("z", 2 * x)):
-        assert_allclose(r.motion[name](t), values, rtol=0, atol=1e-15)
-        whole = PchipInterpolator(t, values)(inside)
-        assert_allclose(r.motion[name](inside), whole, rtol=0, atol=1e-15)
-    assert r.motion["x"]([-5.0, 1e9]).tolist() == [x[0], x[-1]]
-    assert r.duration == t[-1] and not r.has_lifts
+        wanted = PchipInterpolator(t, values)(at)
+        assert_allclose(r.motion[name](at), wanted, rtol=0, atol=1e-15)
+    assert r.motion["x"]([-5.0, 1e9]).tolist() == [x[0], x[-1]] and r.duration == t[-1]
     assert r.info["jumps"] == r.info["lifts"] == r.info["gaps"] == []
-    assert r.contact([-1.0, 0.0, 0.3, 99.0]).tolist() == [1.0] * 4
 
 
 FORCE = {"t_s": [0, 0.01], "f": [1, 2]}
@@ -143,9 +142,6 @@ def test_where_selects_rows(csv, where):
     r = recording(csv(TRIALS), {"x": "f*1e-4"}, where=where)
     assert r.info["reports"] == 4 and r.motion["x"](0.0) == 50 * 1e-4
     assert "np." not in repr(r)
-
-
-# -- repeats, gaps, silence
 
 
 def gap(seconds, **more):
@@ -306,13 +302,13 @@ def jumping(*at, n=400):
 
 
 def test_a_jump_breaks_contact_of_all_and_is_no_motion():
-    r = recording(jumping(100) | {"y": steady(400)["x"]}, {"x": "x", "y": "y"})
-    assert r.info["jumps"] == [(100, pytest.approx(5.1))] and not r.has_lifts
+    r = recording(jumping(20, n=60) | {"y": steady(60)["x"]}, {"x": "x", "y": "y"})
+    assert r.info["jumps"] == [(20, pytest.approx(5.1))] and not r.has_lifts
     t = times(r)
-    assert np.array_equal(r.contact(t) == 0, (t >= 0.99) & (t < 1.0))
-    for name, after in (("x", 0.15), ("y", 0.1)):
-        assert r.motion[name]([0.99, 0.995, 0.9999]).tolist() == [0.099] * 3
-        assert r.motion[name](1.0) == pytest.approx(after)
+    assert np.array_equal(r.contact(t) == 0, (t >= 0.19) & (t < 0.2))
+    for name, after in (("x", 0.07), ("y", 0.02)):
+        assert r.motion[name]([0.19, 0.195, 0.1999]).tolist() == [0.019] * 3
+        assert r.motion[name](0.2) == pytest.approx(after)
     touching = r.contact(t) > 0
     speed = np.abs(np.diff(r.motion["x"](t)) * FS)[touching[1:] & touching[:-1]]
     assert speed.max() < 0.1 * 1.0001
@@ -322,24 +318,156 @@ def test_a_jump_breaks_contact_of_all_and_is_no_motion():
     assert 0.05 < v.max() < 0.1 * 1.0001  # no bump is invented
 
 
+TWO = jumping(100) | {"p": np.arange(400) * 100}
+
+
 @pytest.mark.parametrize(
-    ("limit", "columns", "jumps"),
+    ("table", "columns", "how", "jumps"),
     [
-        (None, {"x": "x"}, 0),
-        (6, {"x": "x"}, 0),
-        (1.0, {"x": "x"}, 1),
-        ({"x": 1.0}, {"x": "x", "p": "p"}, 1),
-        ({"x": 1.0, "p": None}, {"x": "x", "p": "p"}, 1),
+        (TWO, {"x": "x"}, {"max_speed": None}, 0),
+        (TWO, {"x": "x"}, {"max_speed": 6}, 0),
+        (TWO, {"x": "x"}, {"max_speed": 1.0}, 1),
+        (TWO, {"x": "x", "p": "p"}, {"max_speed": {"x": 1.0}}, 1),
+        (TWO, {"x": "x", "p": "p"}, {"max_speed": {"x": 1.0, "p": None}}, 1),
+        (jumping(9, 20, n=50), {"x": "x"}, {}, 2),
+        (jumping(9, 20, 30, n=350), {"x": "x"}, {}, 3),
     ],
 )
-def test_max_speed(limit, columns, jumps):
-    r = recording(jumping(100) | {"p": np.arange(400) * 100}, columns, max_speed=limit)
-    assert len(r.info["jumps"]) == jumps
+def test_jumps_are_faster_than_max_speed_and_few(table, columns, how, jumps):
+    assert len(recording(table, columns, **how).info["jumps"]) == jumps
 
 
-@pytest.mark.parametrize(("at", "n"), [([9, 20], 50), ([9, 20, 30], 350)])
-def test_so_few_jumps_are_jumps(at, n):
-    assert len(recording(jumping(*at, n=n), {"x": "x"}).info["jumps"]) == len(at)
+# -- equal times, time in another unit, and large numbers
+
+# a tablet: stamps in ms, two or three reports in some of them
+COARSE = "t_ms,x_mm,contact\n0,1,1\n10,2,1\n10,3,1\n20,4,1\n20,5,1\n20,6,0\n30,7,1\n30,8,1\n"
+COLUMNS = {"x": "x_mm*1e-3"}
+MS = "t_ms*1e-3"
+REPEATS = "last", "mean", "spread"
+ONE_TIME = "t_s,x\n1,0\n1,0.001\n1,0.002\n"
+NAMED = "Time (s),x\n0,0\n8,0.001\n16,0.002\n"
+SILENT = "t_s,x\n0,0\n0.01,0.001\n0.01,0.002\n3,0.003\n3.01,0.004\n3.02,0.005\n"
+
+
+def every(period, name="t_s"):
+    """Twenty reports so far apart; the position is 1 mm more in each."""
+    return f"{name},x\n" + "".join(f"{period * i!r},{0.001 * i}\n" for i in range(20))
+
+
+STAMPS = [0, 10, 15, 20, 20 + 10 / 3, 30, 35]  # the report in the air, at 26.7 ms, is none
+
+
+@pytest.mark.parametrize(
+    ("how", "stamps", "x", "reports", "lift"),
+    [
+        ("spread", STAMPS, [1, 2, 3, 4, 5, 7, 8], 8, (7, pytest.approx(0.08 / 3))),
+        # from 0.01 to the lift at 0.02 there is no contact
+        ("last", [0, 10, 30], [1, 3, 8], 4, (5, pytest.approx(0.02))),
+        ("mean", [0, 10, 30], [1, 2.5, 7.5], 4, (5, pytest.approx(0.02))),
+    ],
+)
+def test_equal_times_are_spread_or_one_report(csv, how, stamps, x, reports, lift):
+    r = recording(csv(COARSE), COLUMNS, time=MS, repeats=how, max_speed=None)
+    knots = r.motion["x"]._knots
+    assert_allclose(knots, np.array(stamps) * 1e-3, rtol=1e-12)
+    assert_allclose(r.motion["x"](knots) * 1e3, x, rtol=1e-12)
+    assert (r.info["reports"], r.info["repeats"], r.info["lifts"]) == (reports, 4, [lift])
+    assert "equal times: 4" in str(r) and r.duration == pytest.approx(stamps[-1] * 1e-3)
+    assert r.contact([0.0, 0.01, 0.027, 0.03]).tolist() == [1, how == "spread", 0, 1]
+    assert f"repeats='{how}'" in repr(r)
+    assert repr(eval(repr(r), {"recording": recording})) == repr(r)
+
+
+@pytest.mark.parametrize(
+    ("text", "how", "says"),
+    [
+        (COARSE, {"columns": COLUMNS, "time": MS}, r'row 4: .*such rows: 4\).*repeats="spread"'),
+        *((ONE_TIME, {"repeats": how}, "two rows with rising time") for how in REPEATS),
+        (NAMED, {"time": "Time (s)"}, r"time=\"'Time \(s\)'\*1e-3\""),
+        *(
+            (every(period), {"max_speed": None}, says)
+            for period, says in ((0.9e-7, "no clock gives"), (0.51, "slow for a hand"))
+        ),
+        (NAMED, {"time": "'Time (s)'*2"}, r"time=\"\('Time \(s\)'\*2\)\*1e-3\""),
+    ],
+)
+def test_times_that_are_refused(csv, text, how, says):
+    refused(RecordingError, says, recording, csv(text), **{"columns": {"x": "x"}} | how)
+
+
+@pytest.mark.parametrize(
+    ("text", "how", "knots"),
+    [
+        (SILENT, {"repeats": "spread", "reports": "on_change"}, [0, 0.01, 0.015]),  # no silence
+        (NAMED, {"time": "('Time (s)'*2)*1e-3"}, [0, 0.016, 0.032]),
+        (every(1e-7), {"max_speed": None}, [0, 1e-7, 2e-7]),
+        (every(0.49), {"max_gap": 0.5}, [0, 0.49, 0.98]),
+        *((every(0.1), {"repeats": repeats}, [0, 0.1, 0.2]) for repeats in REPEATS),
+    ],
+)
+def test_times_that_are_taken(csv, text, how, knots):
+    r = recording(csv(text), {"x": "x"}, **how)
+    assert r.motion["x"]._knots[:3] == pytest.approx(knots)
+    assert r.motion["x"](knots) == pytest.approx([0.0, 0.001, 0.002])
+
+
+@pytest.mark.parametrize(
+    ("scale", "unit", "factor"), [(1e3, "ms", "1e-3"), (1e6, "us", "1e-6"), (1e9, "ns", "1e-9")]
+)
+@pytest.mark.parametrize("reports", ["always", "on_change"])
+def test_time_in_another_unit_is_asked_about(csv, scale, unit, factor, reports):
+    path = csv(every(0.008 * scale, "t"))
+    how = {"columns": {"x": "x"}, "reports": reports}
+    says = rf'time in {unit}\? write time="t\*{factor}"; .*max_gap'
+    error = refused(RecordingError, says, recording, path, time="t", **how)
+    assert f"{8e-3 * scale:g}" in str(error)
+    for more, period in (
+        ({"time": f"t*{factor}"}, 0.008),
+        ({"time": "t", "max_gap": 0.008 * scale}, 0.008 * scale),
+    ):
+        assert recording(path, **how, **more).info["period"] == pytest.approx(period)
+
+
+LARGE = ["1e308", "-1e308", "1e309", "5e-324", "1e-308", "1e17", "0", "-0.0", "1e150"]
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"repeats": "spread"}, {"reports": "on_change"}, {"repeats": "mean", "max_gap": 1e300}],
+)
+def test_any_number_gives_a_motion_or_an_error(csv, options):
+    rng = np.random.default_rng(7)
+    for _ in range(80):
+        n = int(rng.integers(2, 6))
+        t, x = (np.array(LARGE)[rng.integers(0, len(LARGE), n)] for _ in "tx")
+        t = sorted(t, key=float) if rng.random() < 0.5 else [f"{i * 0.01}" for i in range(n)]
+        path = csv(t_s=t, x=x)
+        try:
+            r = recording(path, {"x": "x", "y": "x*1e-308"}, max_speed=None, **options)
+        except RecordingError:
+            continue
+        at = np.linspace(-0.1, 1.1, 31) * r.duration
+        assert all(np.isfinite(f(at)).all() for f in (r.motion["x"], r.motion["y"], r.contact))
+
+
+def test_cubics_have_the_bits_of_scipy(monkeypatch):
+    """Stretch by stretch, in blocks of any size, which is the most that is worked on at
+    once.
+    """
+    rng = np.random.default_rng(0)
+    for trial in range(200):
+        monkeypatch.setattr(pchip, "BLOCK", int(rng.integers(1, 9)) if trial % 2 else 1 << 16)
+        n = int(rng.integers(1, 30))
+        t, x = np.cumsum(rng.uniform(0.001, 0.02, n)), np.cumsum(rng.normal(0, 1, n))
+        if trial % 3:
+            x = rng.integers(-3, 4, n) * rng.choice([1e-3, 1.0, 1e100], n)
+        whole = rng.random(n - 1) < rng.choice([0.5, 0.9, 1.0])
+        expected = np.zeros((4, n))
+        expected[3] = x
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], whole, [False]]).astype(int)))
+        for a, b in edges.reshape(-1, 2):
+            expected[:, a:b] = PchipInterpolator(t[a : b + 1], x[a : b + 1]).c
+        assert np.array_equal(pchip.cubics(t, x, whole), expected)
 
 
 # -- how it meets a scene
@@ -411,8 +539,6 @@ def test_a_rendering_and_its_sidecar(csv, tmp_path, monkeypatch):
     motion = info["motion"]
     assert motion["x1"] == motion["x2"] == repr(r.motion["x"])
     assert motion["contact"] == repr(r.contact)
-    again = parse_source(motion["x1"], pinned=True)
-    assert np.array_equal(again(times(r)), r.motion["x"](times(r)))
     csv(LIFT.replace("0.06,6", "0.06,7"))
     refused(RecordingError, "SHA-256 is .*, not", parse_source, motion["x1"], pinned=True)
 
@@ -628,37 +754,15 @@ def test_arguments_out_of_range(change, says):
 # -- tables in memory
 
 
-class Frame:
-    """What a DataFrame of pandas has of a mapping: keys and columns, and neither a
-    length of columns nor items.
-    """
-
-    def __init__(self, **columns):
-        self.columns = columns
-
-    def keys(self):
-        return iter(self.columns)
-
-    def __getitem__(self, name):
-        return self.columns[name]
-
-
-def framed(change):
-    def made(columns, csv):
-        pandas = pytest.importorskip("pandas")
-        return change(pandas.DataFrame(columns))
-
-    return made
-
-
 TABLES = {
     "a dict": lambda columns, csv: columns,
-    "a frame": lambda columns, csv: Frame(**columns),
     "texts": lambda columns, csv: columns | {"x": columns["x"].astype(str).astype(object)},
     "an archive": lambda columns, csv: csv(name="log.npz", **columns),
-    "a DataFrame": framed(lambda frame: frame),
-    "a DataFrame of its own types": framed(lambda frame: frame.convert_dtypes()),
-    "a DataFrame of categories": framed(lambda frame: frame.astype({"trial": "category"})),
+    "a DataFrame": lambda columns, csv: DataFrame(columns),
+    "a DataFrame of its own types": lambda columns, csv: DataFrame(columns).convert_dtypes(),
+    "a DataFrame of categories": lambda columns, csv: DataFrame(
+        columns | {"trial": Categorical(columns["trial"])}
+    ),
 }
 
 
@@ -675,8 +779,8 @@ def test_a_table_in_memory_or_an_archive_is_what_its_file_is(csv, kind, where):
 
 
 def test_a_frame_of_pandas_with_two_columns_of_one_name_is_refused():
-    twice = framed(lambda frame: frame.set_axis(["t_s", "x", "x"], axis=1))
-    table = twice(steady() | {"y": np.zeros(50)}, None)
+    frame = DataFrame(steady() | {"y": np.zeros(50)})
+    table = frame.set_axis(["t_s", "x", "x"], axis=1)
     refused(RecordingError, "DataFrame in memory, column x", recording, table, {"x": "x"})
 
 
@@ -690,9 +794,6 @@ def test_a_table_in_memory_has_a_hash_and_keeps_no_hold_of_the_table():
     columns["x"][7] += 1e-6
     assert np.array_equal(r.motion["x"](times(r)), before)
     refused(RecordingError, "SHA-256", recording, columns, {"x": "x"}, sha256=known)
-
-
-# -- npz
 
 
 # -- arguments and texts
@@ -752,9 +853,6 @@ def test_real_recordings(name, columns, options, lifts):
     assert r.info["jumps"] == [] and r.info["repeats"] == 0
     t = times(r)
     for motion in r.motion.values():
-        whole = motion(t)
-        parts = [motion(t[i : i + 997]) for i in range(0, len(t), 997)]
-        assert np.array_equal(np.concatenate(parts), whole)
         held = np.interp(t, motion._knots, motion(motion._knots))
         # near the straight lines between the reports
-        assert np.abs(whole - held)[r.contact(t) > 0].max() < 0.003
+        assert np.abs(motion(t) - held)[r.contact(t) > 0].max() < 0.003

@@ -3,14 +3,13 @@ memory is taken, and files of Excel.
 """
 
 import io
-import subprocess
-import sys
 import zipfile
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from laws import STRESS
+from memory import most_memory
 from refusals import refused
 
 import stimlib
@@ -182,33 +181,11 @@ def test_limits_of_a_table(path, monkeypatch, limit, most, text, says):
 
 
 def test_a_small_archive_of_much_is_refused_without_unpacking(tmp_path):
-    """64 MiB of zeros in 65 kB: the memory of a process that is told no more than its
-    own.
-    """
+    """64 MiB of zeros in 65 kB."""
     bomb = described("(67108864,)", "'|u1'", bytes(64 << 20))
-    path = zipped(tmp_path / "bomb.npz", ("x.npy", bomb))
-    del bomb
-    said = peak(path)
-    assert "67108864" not in said[0] and "recording_rows" in said[0] and said[1] < 40
-
-
-def peak(path, columns="{'x': 'x'}"):
-    """What `recording` says in a process of its own, and by how many MiB that grows."""
-    code = f"""if True:
-        import resource
-        from stimlib.motion.recorded import recording
-        from stimlib.errors import RecordingError
-        memory = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        before = memory()
-        try:
-            print(recording({str(path)!r}, {columns}))
-        except RecordingError as error:
-            print(error)
-        print(memory() - before)
-    """
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    *said, grown = done.stdout.splitlines()
-    return "\n".join(said), float(grown)
+    words = recording, zipped(tmp_path / "bomb.npz", ("x.npy", bomb)), {"x": "x"}
+    error, most = most_memory(refused, RecordingError, "recording_rows", *words)
+    assert "67108864" not in str(error) and most < 8 << 20
 
 
 @pytest.mark.longer
@@ -223,9 +200,8 @@ def test_memory_of_many_rows(path):
             f.write(
                 "".join(f"{i / 1000:.3f},{i % 999 * 1e-6:.8f},1\n" for i in range(a, a + 100_000))
             )
-    said, grown = peak(path)
-    assert f"{rows} reports" in said
-    assert grown < 100 * rows / 2**20 + 10
+    taken, most = most_memory(recording, path, {"x": "x"})
+    assert taken.info["reports"] == rows and most < 100 * rows + (10 << 20)
 
 
 LONG = b"\x93NUMPY\1\0" + (10_000).to_bytes(2, "little")

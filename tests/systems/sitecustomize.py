@@ -29,7 +29,8 @@ MISSING = {
         os: "O_NONBLOCK O_NOFOLLOW O_CLOEXEC O_ACCMODE pread pwrite preadv pwritev statvfs fork"
         " forkpty openpty getuid geteuid getgid getegid killpg getpgid setsid setpgid"
         " sched_setscheduler sched_param sched_getaffinity SCHED_FIFO register_at_fork chown"
-        " mkfifo posix_fadvise posix_fallocate wait4 waitid nice RTLD_NOW RTLD_NODELETE",
+        " mkfifo posix_fadvise posix_fallocate wait4 waitid nice RTLD_NOW RTLD_NODELETE"
+        " memfd_create copy_file_range",
         signal: "SIGKILL SIGHUP SIGCONT SIGTSTP SIGPIPE SIGUSR1 SIGUSR2 SIGALRM SIGCHLD SIGQUIT"
         " SIGSTOP pthread_sigmask pthread_kill sigwait pause alarm setitimer",
         time: "CLOCK_MONOTONIC CLOCK_REALTIME clock_gettime clock_getres",
