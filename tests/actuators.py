@@ -118,12 +118,6 @@ class Played:
         return self.device.felt(drive / self.most), Watch(self.proc)
 
 
-def overall(device, made):
-    """Return frequencies, and the gain of inverse filter and actuator there."""
-    f = np.linspace(1.0, FS / 2, 20000)
-    return f, np.abs(freqz(made.inverse(FS), 1, f, fs=FS)[1] * device.gain(f))
-
-
 def figures(name, stimuli, seed=3):
     """Return the figures of an actuator, as parts of what is stated.
 
@@ -133,7 +127,8 @@ def figures(name, stimuli, seed=3):
     """
     device, rng = ACTUATORS[name], np.random.default_rng(seed)
     made = device.calibrated(rng)
-    f, gain = overall(device, made)
+    f = np.linspace(1.0, FS / 2, 20000)
+    gain = np.abs(freqz(made.inverse(FS), 1, f, fs=FS)[1] * device.gain(f))
     inside = (f >= BAND[0]) & (f <= BAND[1])
     most = 0.4 * float(np.abs(made.gain[made._inside]).max())
     slew = most * 2 * np.pi * 150.0

@@ -1721,6 +1721,10 @@ def ours() -> dict[str, type[Block]]:
     }
 
 
+EACH = {e.cls: e for e in reversed(TABLE)}
+"""The first example of each class."""
+
+
 def missing() -> set[str]:
     """Those without an example."""
     return set(ours()) - {e.cls for e in TABLE}

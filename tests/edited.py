@@ -13,11 +13,12 @@ import json
 import linecache
 import os
 import sys
-import traceback
 import types
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
-from stimlib import BadValue
+from stimlib import BadValue, Input, Scene
 from stimlib.sweep import sweep
 
 PACKAGE = (
@@ -62,25 +63,17 @@ def loaded(place, text):
     return module
 
 
-def swept(place, text, workers, out):
-    """Return the table of this state of the source, and how many parts are in the
-    folder.
-    """
-    of = loaded(place, text)
-    words = {
-        "motion": of.hand,
-        "measures": ["rms(y)", of.figure],
-        "fs": 1000,
-        "seconds": 0.1,
-        "progress": False,
-    }
-    return sweep(of.make, {"a": [1.0, 2.0]}, out=out, workers=workers, **words)
+def swept(of, out=None, workers=0):
+    """Return the table of what such a module has."""
+    words = {"motion": of.hand, "measures": ["rms(y)", of.figure], "fs": 1000, "seconds": 0.1}
+    rows = {"a": [1.0, 2.0]}
+    return sweep(of.make, rows, out=out, workers=workers, progress=False, **words)
 
 
 def before(place, text, workers):
     """Sweep, and keep the figures."""
     try:
-        swept(place, text, workers, "out")
+        swept(loaded(place, text), "out", workers)
     except BadValue as e:
         return f"refused before: {e}"
     return ""
@@ -89,9 +82,9 @@ def before(place, text, workers):
 def after(place, text, workers):
     """Sweep once more, and say what became of the figures that were kept."""
     parts = sorted(Path("out").iterdir())
-    today = swept(place, text, workers, None)
+    today = swept(loaded(place, text), None, workers)
     try:
-        kept = swept(place, text, workers, "out")
+        kept = swept(loaded(place, text), "out", workers)
     except BadValue as e:
         return f"refused: {e}"
     if not kept.equals(today):
@@ -106,24 +99,15 @@ def both(place, old, new, workers):
 
 def in_a_process(f, *args):
     """Return what a function returns in a fork of this process."""
-    reads, writes = os.pipe()
-    if not os.fork():
-        with os.fdopen(writes, "w") as pipe:
-            try:
-                pipe.write(f(*args))
-            except BaseException:
-                pipe.write(f"failed: {traceback.format_exc()}")
-        os._exit(0)
-    os.close(writes)
-    with os.fdopen(reads) as pipe:
-        said = pipe.read()
-    os.wait()
-    return said
+    with ProcessPoolExecutor(1, get_context("fork")) as forks:
+        return forks.submit(f, *args).result()
 
 
 def main(place, folder, workers):
     """Do all cases, each in a folder of its own."""
     sys.dont_write_bytecode = True  # its time has whole seconds
+    words = {"motion": [0.0], "measures": "rms", "fs": 1000, "workers": 0, "progress": False}
+    sweep(Scene({"y": 1.0 * Input("x")}), {"seed": [0]}, **words)  # loads all once, before forks
     sys.path.insert(0, "")
     for at, (name, old, new) in enumerate(json.load(sys.stdin)):
         os.makedirs(os.path.join(folder, str(at)))

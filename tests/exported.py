@@ -15,11 +15,14 @@ from stimlib.core import maths
 from stimlib.core.maths import each, pairs
 from stimlib.errors import SceneError
 from stimlib.export import export_c
+from stimlib.motion.text import parse_motion
+from stimlib.scenes import ROWS, SHIPPED
 
+FAST = ["gcc", "-std=c99", "-O0"]
 GCC = ["gcc", "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"]
 
 
-MOST = 40  # of one scene
+MOST, COUNT = 40, 7  # blocks of one scene, and scenes
 LARGE = ("mode_shape",)  # its table takes 16 MB of text: the last group, of the stress tests
 
 
@@ -27,7 +30,8 @@ LARGE = ("mode_shape",)  # its table takes 16 MB of text: the last group, of the
 def groups():
     """(rate, scene, motion of its inputs): together they have every entry of the table.
 
-    Blocks of one scene must have different noises and names, so there are several.
+    Blocks of one scene must have different noises and names, so there are several. They
+    take seconds: for a test to ask for, not a file that is imported.
     """
     left, found = sorted(TABLE, key=lambda e: e.name in LARGE), []
     while left:
@@ -53,7 +57,7 @@ def groups():
     return found
 
 
-def compared(folder, name, compiler, run=(), options=()):
+def compared(folder, name, compiler, run=(), options=("-lm",)):
     """What the self test of an exported scene prints, compiled and run so."""
     sources = [f"{name}.c", f"{name}_test.c"]
     program = folder / f"{name}.exe"
@@ -62,10 +66,21 @@ def compared(folder, name, compiler, run=(), options=()):
     return ran.stdout
 
 
-def exported(k, folder, seconds=0.15, **words):
+def same(folder, name, samples, compiler=FAST, run=(), options=("-lm",)):
+    """Whether all samples of a self test have the bits of the processor."""
+    return compared(folder, name, compiler, run, options) == f"0 of {samples} samples differ\n"
+
+
+def exported(k, folder):
     """Export a group of the table; return how many samples its self test compares."""
     fs, scene, motion = groups()[k]
-    return export_c(scene, fs, folder, motion, f"group{k}", seconds, **words).samples
+    return export_c(scene, fs, folder, motion, f"group{k}", 0.15).samples
+
+
+def shipped(name, folder, seconds=0.25, **words):
+    """Export a scene of the library with its motion."""
+    motion = {n: parse_motion(m) for n, m in ROWS[name].drive.items()}
+    return export_c(SHIPPED[name](), 8000, folder, motion, name, seconds, **words)
 
 
 # Every node that a step or a tile may have ------------------------------------------

@@ -9,11 +9,13 @@ import time
 
 from stimlib import Input, Scene
 from stimlib.motion.generators import minimum_jerk
-from stimlib.sweep import measure
+from stimlib.scenes import squeeze
+from stimlib.sweep import grid, measure
 
 HANDS = {"slow": minimum_jerk(depth=0.02), "fast": minimum_jerk(depth=0.02, rise=0.1)}
-
-
+SCENE = squeeze(fingers=1)
+ROWS = grid(motion=HANDS, A=[0.5, 3.4], k=[500.0, 7.0], seed=range(4))
+WORDS = {"motion": HANDS, "fs": 8000, "seconds": 0.05, "progress": False}
 HELD = {"A": 3.4, "k": 500.0}  # of the fast hand: none of the rows that are tried first
 
 

@@ -2,6 +2,7 @@
 must not compile.
 """
 
+import fcntl
 import inspect
 import json
 import os
@@ -10,11 +11,10 @@ import re
 import shutil
 import subprocess
 import sys
-import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
+from unittest import mock
 
 import pytest
 
@@ -40,43 +40,24 @@ print(hashlib.sha256(y.tobytes()).hexdigest())
 """
 
 
-def environment(cache, *paths):
+def start(words, cache, *paths, stdin=None, cwd=None, **more):
+    """Python with a cache of its own; ``more`` goes into its environment."""
     path = os.pathsep.join(map(str, (*paths, ROOT)))
-    return os.environ | {
-        "STIMLIB_CACHE": str(cache),
-        "PYTHONPATH": path,
-        "PYTHONWARNINGS": "default",
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }
-
-
-def start(script, cache, *args, paths=(), **kw):
-    return subprocess.Popen(
-        [sys.executable, str(script), *args],
-        env=environment(cache, *paths),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        **kw,
-    )
+    words = [sys.executable, *map(str, words)]
+    own = {"STIMLIB_CACHE": str(cache), "PYTHONPATH": path, "PYTHONWARNINGS": "default"}
+    env = os.environ | own | {"PYTHONDONTWRITEBYTECODE": "1"} | more
+    return subprocess.Popen(words, env=env, stdin=stdin, stdout=-1, stderr=-1, text=True, cwd=cwd)
 
 
 def finish(process):
-    """Its first word, and what it logs or warns of."""
+    """What it prints, and what it logs or warns of."""
     out, err = process.communicate(timeout=300)
     assert process.returncode == 0, err[-4000:]
     return out.strip(), err
 
 
-def run(script, cache, *args, **kw):
-    return finish(start(script, cache, *args, **kw))
-
-
-@pytest.fixture
-def small(tmp_path):
-    path = tmp_path / "small.py"
-    path.write_text(SMALL)
-    return path
+def run(words, cache, *paths, **more):
+    return finish(start(words, cache, *paths, **more))
 
 
 def runtime_entry():
@@ -88,18 +69,16 @@ def runtime_entry():
 
 def give_runtime(folder):
     """A new cache folder with the runtime and nothing else."""
-    entry = runtime_entry()
     folder.mkdir(mode=0o700)
-    shutil.copytree(entry, folder / entry.name)
+    shutil.copytree(runtime_entry(), folder / runtime_entry().name)
     return folder
 
 
 @pytest.fixture(scope="module")
 def wanted(tmp_path_factory):
     """What the small scene gives, and a cache folder that has it."""
-    here = tmp_path_factory.mktemp("wanted")
-    (here / "small.py").write_text(SMALL)
-    return run(here / "small.py", give_runtime(here / "cache"))[0], here / "cache"
+    folder = give_runtime(tmp_path_factory.mktemp("wanted") / "cache")
+    return run(["-c", SMALL], folder)[0], folder
 
 
 @pytest.fixture(scope="module")
@@ -114,10 +93,10 @@ logging.getLogger('numba').setLevel('INFO')  # it fills a pipe that nobody reads
 """
 
 
-def test_processes_that_start_at_once_compile_each_entry_once(small, wanted, tmp_path):
+def test_processes_that_start_at_once_compile_each_entry_once(wanted, tmp_path):
     new = give_runtime(tmp_path / "new")
-    small.write_text(LOGS + SMALL.replace("proc =", "print(), sys.stdin.read(1)\nproc ="))
-    processes = [start(small, new, stdin=subprocess.PIPE) for _ in range(2)]
+    text = LOGS + SMALL.replace("proc =", "print(), sys.stdin.read(1)\nproc =")
+    processes = [start(["-c", text], new, stdin=subprocess.PIPE) for _ in range(2)]
     for process in processes:
         process.stdout.readline()  # until it stands before its first compilation
     for process in processes:
@@ -129,19 +108,17 @@ def test_processes_that_start_at_once_compile_each_entry_once(small, wanted, tmp
     assert sorted(compiled) == sorted({p.name for p in new.iterdir()} - {runtime_entry().name})
 
 
-def test_the_log_tells_hits_misses_and_times(small, wanted, tmp_path):
+def test_the_log_tells_hits_misses_and_times(wanted, tmp_path):
     cache = shutil.copytree(wanted[1], tmp_path / "cache")
     (lost,) = cache.glob("Guard_*")
     shutil.rmtree(lost)
-    small.write_text(LOGS + SMALL)
-    told = run(small, cache)[1]
+    told = run(["-c", LOGS + SMALL], cache)[1]
     of_cache = "stimlib.targets.numba.cache"
     assert f"{of_cache} DEBUG cache hit: runtime_" in told
     assert re.search(rf"{of_cache} INFO cache miss: {lost.name} compiled in \d", told)
     assert re.search(r"stimlib.run.processor DEBUG Processor\(.*\): \d+ rows, ready in \d", told)
     before = {p: p.stat().st_mtime_ns for p in cache.rglob("*") if p.is_file()}
-    small.write_text(SMALL)
-    assert run(small, cache) == (wanted[0], ""), "nor says a word where nobody listens"
+    assert run(["-c", SMALL], cache) == (wanted[0], ""), "nor says a word where nobody listens"
     after = {p: p.stat().st_mtime_ns for p in cache.rglob("*") if p.is_file()}
     assert after == before, "a second process compiles nothing"
 
@@ -253,41 +230,23 @@ def test_a_full_or_read_only_folder_is_a_warning(twice, mounted, options, filled
     assert not list(folder.glob("twice_*"))
 
 
-HOLDS = """
-import fcntl, sys, time
-file = open(sys.argv[1], "w")
-fcntl.flock(file, fcntl.LOCK_EX)
-print("held", flush=True)
-time.sleep(60)
-"""
-
-
 def test_who_compiles_an_entry_is_waited_for_not_for_ever(twice, tmp_path, monkeypatch):
     text = f"# {tmp_path}{TWICE}"
     lock = tmp_path / "cache" / f"twice_{caches._sum((text + salt()).encode())[:20]}.lock"
     lock.parent.mkdir(mode=0o700)
-    waiting, real = threading.Event(), time.sleep
-
-    def sleeps(seconds):
-        waiting.set()
-        real(seconds)
-
-    monkeypatch.setattr(caches.time, "sleep", sleeps)
     monkeypatch.setattr(caches, "WAIT", 0.1)
-    with subprocess.Popen([sys.executable, "-c", HOLDS, lock], stdout=subprocess.PIPE) as holder:
-        holder.stdout.read(4)
-        with ThreadPoolExecutor(1) as thread:
-            loading = thread.submit(twice, lock.parent)
-            assert waiting.wait(60)
-            assert loading.result(60) == 42.0
+    waits = mock.patch.object(caches.time, "sleep", wraps=time.sleep)
+    with lock.open("w") as held, waits as slept:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        assert twice(lock.parent) == 42.0 and slept.called
         # who has no lock does not remove its file
         assert {p.name for p in lock.parent.iterdir()} == {lock.stem, lock.name}
-        holder.kill()
 
 
 FORKS = """
 import faulthandler, logging, os, random, sys, threading
 from pathlib import Path
+from unittest import mock
 from stimlib.targets.numba import cache
 log = logging.getLogger(cache.__name__)
 log.setLevel("INFO")
@@ -325,8 +284,7 @@ def test_forks_and_threads_in_any_order_compile_each_entry_once(tmp_path):
     """A child is made while a thread of its parent compiles; one child is killed while
     it compiles, others wait for it.
     """
-    (tmp_path / "forks.py").write_text(FORKS)
-    out, _ = run(tmp_path / "forks.py", tmp_path / "cache", TWICE, cwd=tmp_path)
+    out, _ = run(["-c", FORKS, TWICE], tmp_path / "cache", cwd=tmp_path)
     compiled = sorted(re.findall(r"cache miss: (\w+)_\w{20} compiled", out))
     assert compiled == ["ends", *(f"entry{k}" for k in range(5)), "slow"], out
     assert "[0, 0, 0, 9]" in out
@@ -433,7 +391,6 @@ def test_an_edit_is_never_served_stale(tmp_path, cache):
     process, with one cache.
     """
     (tmp_path / "user.py").write_text(USER)
-    (tmp_path / "edits.py").write_text(EDITS)
     edits = [
         ({}, [12, 18]),
         ({"step": "p.gain * FACTOR * helper(x) + s.last"}, [12, 19]),
@@ -444,7 +401,7 @@ def test_an_edit_is_never_served_stale(tmp_path, cache):
     ]
     texts = [MODULE.format(**(DEFAULT | edit)) for edit, _ in edits]
     (tmp_path / "texts.json").write_text(json.dumps(texts))
-    out, _ = run(tmp_path / "edits.py", cache, cwd=tmp_path, paths=[tmp_path])
+    out, _ = run(["-c", EDITS], cache, tmp_path, cwd=tmp_path)
     assert out.split("\n") == [
         f"{float(one)} {float(two)}" for _, (one, two) in edits for _ in range(2)
     ]
@@ -456,7 +413,7 @@ def test_a_script_and_a_notebook_cell_define_blocks(tmp_path, cache):
     """
     body = MODULE.format(**DEFAULT) + USER.replace("import mine\n", "").replace("mine.", "")
     (tmp_path / "script.py").write_text(body)
-    assert run(tmp_path / "script.py", cache)[0].split() == ["12.0", "18.0"] * 2
+    assert run([tmp_path / "script.py"], cache)[0].split() == ["12.0", "18.0"] * 2
     cells = """
 import linecache, sys
 def cell(text, n):
@@ -468,8 +425,7 @@ cell(first, 1)
 cell(first.replace("x + 1.0", "x + 2.0"), 2)
 cell(first.replace("FACTOR = 3.0", "FACTOR = 4.0"), 3)
 """
-    (tmp_path / "notebook.py").write_text(cells)
-    out, _ = run(tmp_path / "notebook.py", cache, str(tmp_path / "script.py"))
+    out, _ = run(["-c", cells, tmp_path / "script.py"], cache)
     assert out.split() == ["12.0", "18.0"] * 2 + ["18.0", "24.0"] * 2 + ["16.0", "24.0"] * 2
 
 
@@ -501,7 +457,7 @@ for case in sys.argv[1:]:
 def test_users_choose_their_names_freely(tmp_path, cache):
     """Also where a step and its helper, from two modules, mean two numbers by one."""
     names = "GainParams", "GainState", "helper", "FACTOR"
-    texts = {"far": "FACTOR = 7.0\ndef far(x):\n    return x * FACTOR\n", "each": EACH}
+    texts = {"far": "FACTOR = 7.0\ndef far(x):\n    return x * FACTOR\n"}
     for case, new in enumerate(TAKEN):
         text = MODULE.format(**DEFAULT | {"step": "p.gain * FACTOR * helper(x) + 0.0 * s.last"})
         for name, other in zip(names, new, strict=True):
@@ -513,7 +469,7 @@ def test_users_choose_their_names_freely(tmp_path, cache):
     for name, text in texts.items():
         (tmp_path / f"{name}.py").write_text(text)
     cases = [f"mine_{k}" for k in range(len(TAKEN))]
-    out, _ = run(tmp_path / "each.py", cache, *cases, "two", "lost", paths=[tmp_path])
+    out, _ = run(["-c", EACH, *cases, "two", "lost"], cache, tmp_path)
     *said, lost = out.splitlines()
     assert said == [
         f"{case} {target} {'42.0 84.0' if case == 'two' else '12.0 18.0'}"

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import STRESS
-from test_cache import environment, finish, give_runtime, runtime_entry
+from test_cache import finish, give_runtime, run, runtime_entry, start
 
 from stimlib.system import cache_folder
 from stimlib.targets.numba import cache
@@ -59,16 +59,6 @@ print(*sorted(set(found)))
 )
 
 
-def process(text, folder, *args, **more):
-    return subprocess.Popen(
-        [sys.executable, "-c", text, *args],
-        env=environment(folder) | more,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A cache in a folder where everybody may make files, by a process that keeps
@@ -76,7 +66,7 @@ def made(tmp_path_factory):
     """
     shared = tmp_path_factory.mktemp("shared")
     shared.chmod(0o1777)
-    out, err = finish(process(MADE + ONE, shared / "deep" / "cache", str(runtime_entry())))
+    out, err = run(["-c", MADE + ONE, runtime_entry()], shared / "deep" / "cache")
     assert err == ""
     return out, shared / "deep" / "cache"
 
@@ -109,30 +99,26 @@ def test_nobody_else_gets_at_it_whatever_the_umask(made):
         assert not stat.S_IMODE(path.stat().st_mode) & 0o077, path
 
 
-def open_to_all(path):
-    path.chmod(0o777)
-
-
-def open_to_a_group(path):
-    path.chmod(0o770)
-
-
-def of_a_stranger(path):
-    if os.geteuid():
+def give_away(path, to):
+    """To a mode, or to somebody else."""
+    if to != "a stranger":
+        path.chmod(to)
+    elif os.geteuid():
         pytest.skip("only root can give a folder away")
-    os.chown(path, 65534, 65534)
+    else:
+        os.chown(path, 65534, 65534)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("to", "words"),
     [
-        (open_to_all, "others may write to it.*chmod go-w"),
-        (open_to_a_group, "others may write"),
-        (of_a_stranger, "belongs to user"),
+        (0o777, "others may write to it.*chmod go-w"),
+        (0o770, "others may write"),
+        ("a stranger", "belongs to user"),
     ],
 )
-def test_a_folder_that_is_not_private_is_not_used(folder, anew, change, words):
-    change(folder)
+def test_a_folder_that_is_not_private_is_not_used(folder, anew, to, words):
+    give_away(folder, to)
     anew(folder)
     with pytest.warns(RuntimeWarning, match=f"{words}.*set STIMLIB_CACHE"):
         place = cache.folder()
@@ -147,15 +133,14 @@ def test_a_folder_that_others_may_replace_is_not_used(tmp_path, anew):
         assert cache.folder().name.startswith("stimlib-tmp-")
 
 
-def linked(place):
-    place.symlink_to(place.rename(place.parent / "planted"))
-
-
-@pytest.mark.parametrize("change", [open_to_all, open_to_a_group, of_a_stranger, linked])
-def test_an_entry_of_a_stranger_is_not_run(folder, change):
+@pytest.mark.parametrize("to", [0o777, 0o770, "a stranger", "a link"])
+def test_an_entry_of_a_stranger_is_not_run(folder, to):
     place, text = entry(folder, "Tanh"), text_of(folder)
     assert cache._sound(place, text)
-    change(place)
+    if to == "a link":
+        place.symlink_to(place.rename(folder / "planted"))
+    else:
+        give_away(place, to)
     assert not cache._sound(place, text)
 
 
@@ -232,7 +217,7 @@ def test_what_is_damaged_is_compiled_again(made, tmp_path):
         assert not cache._sound(entry(folder, "Tanh"), text), what
         if STRESS or what in HEALED:
             folders[what] = folder
-    out, err = finish(process(FORKS, made[1], *map(str, folders.values())))
+    out, err = run(["-c", FORKS, *folders.values()], made[1])
     assert out.split() == [made[0]] * len(folders) and err == ""
     for what, folder in folders.items():
         assert cache._sound(entry(folder, "Tanh"), text_of(folder)), what
@@ -247,7 +232,7 @@ def test_an_entry_that_cannot_be_loaded_is_compiled_again(made, folder):
     sums = json.loads((place / cache.SUMS).read_text())
     sums[str(code.relative_to(place))] = cache._sum(b"not a pickle")
     (place / cache.SUMS).write_text(json.dumps(sums))
-    assert finish(process(ONE, folder)) == (made[0], "")
+    assert run(["-c", ONE], folder) == (made[0], "")
 
 
 def test_what_a_killed_process_left_is_removed_after_a_day(folder, tmp_path):
@@ -281,7 +266,7 @@ def test_what_a_killed_process_left_is_removed_after_a_day(folder, tmp_path):
 # At once ------------------------------------------------------------------------------
 def test_processes_that_meet_a_damaged_entry_at_once(made, folder):
     flip(next(entry(folder, "Tanh").rglob("*.nbc")))
-    assert {finish(p) for p in [process(ONE, folder) for _ in range(2)]} == {(made[0], "")}
+    assert {finish(p) for p in [start(["-c", ONE], folder) for _ in range(2)]} == {(made[0], "")}
     assert not list(folder.rglob("*.tmp"))
 
 
@@ -291,7 +276,7 @@ def test_threads_that_compile_at_once(made, tmp_path):
     """
     folder, own = give_runtime(tmp_path / "cache"), tmp_path / "numba"
     for _ in range(2):
-        assert finish(process(THREADS, folder, NUMBA_CACHE_DIR=str(own))) == (made[0], "")
+        assert run(["-c", THREADS], folder, NUMBA_CACHE_DIR=str(own)) == (made[0], "")
     assert not own.exists()
 
 

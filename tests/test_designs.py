@@ -23,7 +23,7 @@ def test_every_design_ends_in_time_with_a_processor_or_a_reason():
     """All blocks, each number at its ends, from 1e-3 to 1e9 Hz: a sample of them here,
     a larger one in make stress.
     """
-    command = [sys.executable, os.path.join(HERE, "extremes.py"), "13" if STRESS else "601", "0"]
+    command = [sys.executable, os.path.join(HERE, "extremes.py"), "13" if STRESS else "1201", "0"]
     run = subprocess.run(
         command,
         capture_output=True,
@@ -36,7 +36,7 @@ def test_every_design_ends_in_time_with_a_processor_or_a_reason():
     ]
     assert not wrong, "\n".join(wrong[:20])
     assert lines[-1] == "done", f"ended by {run.returncode} in {lines[-1]}\n{run.stderr[-2000:]}"
-    assert len(lines) > 100
+    assert len(lines) > 50
 
 
 @pytest.mark.parametrize(

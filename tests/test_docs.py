@@ -105,8 +105,10 @@ def test_reference_pages_show_their_pages_of_the_gallery():
         assert sorted(shown) == [f"{page.parent.name}/{n}" for n in sorted(own)] != [], page
 
 
-LONG = {"howto/sweep.rst", "howto/batches.rst", "reference/experiments_bounciness.rst"}
-"""Pages that take half a minute each, of what tests of these rooms show with less."""
+STUDIES = ("analysis", "bounciness", "nodules", "roughness")
+LONG = {"howto/sweep.rst", "howto/batches.rst", "howto/statistics.rst"}
+LONG |= {f"reference/experiments_{name}.rst" for name in STUDIES}
+"""Pages that take up to half a minute, of what tests of these rooms show with less."""
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ def test_a_value_is_at_most_one_ulp_from_the_exact_one(name):
     with np.errstate(all="ignore"):
         long = getattr(np, name)(x.astype(np.longdouble))
         far = np.abs(y - long) / np.spacing(np.abs(long).astype(float))
-    worth = np.argsort(np.where(np.isfinite(far), far, np.inf))[-200:]
+    worth = np.argsort(np.where(np.isfinite(far), far, np.inf))[-40:]
     worst = max(ulps(y[i], x[i], name) for i in worth)
     assert 0.5 < worst <= 0.9, (name, worst)  # benchmarks/elementary.py has a million of each
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from exported import GCC, compared
+from exported import GCC, same, shipped
 from refusals import refused
 
 import stimlib
@@ -19,9 +19,8 @@ from stimlib.core import maths
 from stimlib.errors import MissingPackage, SceneError
 from stimlib.export import export_c
 from stimlib.export.c99 import differences
-from stimlib.motion.text import parse_motion
 from stimlib.run.safety import Safety, protect
-from stimlib.scenes import ROWS, SHIPPED
+from stimlib.scenes import SHIPPED
 
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
 NARROW = {"precision": "float32"}
@@ -43,26 +42,16 @@ class Waves(Block):
         return maths.exp(x) + maths.sin(x) * maths.tanh(x) + maths.cos(x) * p.a, s
 
 
-def same(folder, name, samples, *options):
-    said = compared(folder, name, [*GCC, *options], options=["-lm"])
-    return said == f"0 of {samples} samples differ\n"
-
-
-def bits_of(folder, shape):
-    """The samples that the self test wants, as float64."""
-    text = (folder / "stimulus_test.c").read_text()
-    words = re.findall("UINT32_C\\((0x[0-9a-f]{8})\\)", text.partition("wanted[]")[2])
-    return np.array([int(w, 16) for w in words], np.uint32).view(np.float32).reshape(shape)
-
-
 def test_sums_and_products_are_those_of_numpy_in_float32(tmp_path):
     """Numbers and inputs are rounded once, and each operation rounds to float32."""
     x, way = Input("x", "m"), 0.03 * np.sin(np.arange(300) / 7.3)
     k = Param("k", 123.4, "N/m")
     scene = Scene({"force": k * x - stimlib.constant(0.1, "N")})
     made = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.3, **NARROW)
-    assert same(tmp_path, "stimulus", 300, "-O3")
-    got, f = bits_of(tmp_path, 300), np.float32
+    assert same(tmp_path, "stimulus", 300, [*GCC, "-O3"])
+    text = (tmp_path / "stimulus_test.c").read_text().partition("wanted[]")[2]
+    words = re.findall("UINT32_C\\((0x[0-9a-f]{8})\\)", text)
+    got, f = np.array([int(w, 16) for w in words], np.uint32).view(np.float32), np.float32
     want = f(123.4) * way[:100].astype(f) - f(0.1)
     assert got[:100].tobytes() == want.tobytes()
     y = 123.4 * way[:100] - 0.1
@@ -84,7 +73,7 @@ def test_noise_filters_and_a_safety_stage_in_float32(tmp_path):
     way = 0.03 * np.sin(np.arange(800) / 7.3)
     safety = Safety({"noise": 3.0, "wave": 1.0, "slow": 0.01}, fade=0.02)
     made = export_c(scene, 4000, tmp_path, {"x": way}, seconds=0.2, safety=safety, **NARROW)
-    assert same(tmp_path, "stimulus", 2400, "-O2")
+    assert same(tmp_path, "stimulus", 2400, [*GCC, "-O2"])
     relative = {n: most / peak for n, (_, most, peak) in made.errors.items()}
     assert max(relative.values()) < 5e-6, relative
 
@@ -93,7 +82,7 @@ def test_mathematics_of_our_own_is_in_double_and_all_else_in_single_precision(tm
     made = export_c(
         Scene({"y": Waves(Input("x"))}), 1000, tmp_path, {"x": np.linspace(-2, 2, 100)}, **NARROW
     )
-    assert same(tmp_path, "stimulus", 100, "-O2")
+    assert same(tmp_path, "stimulus", 100, [*GCC, "-O2"])
     assert made.errors["y"][1] < 2e-7 * made.errors["y"][2]
     source = re.sub(r"/\*.*?\*/", "", (tmp_path / "stimulus.c").read_text(), flags=re.S)
     assert "double stim_exp(double x)" in source and " stim_Waves_step(" in source
@@ -102,9 +91,8 @@ def test_mathematics_of_our_own_is_in_double_and_all_else_in_single_precision(tm
 
 
 def test_a_scene_in_float32(tmp_path):
-    motion = {n: parse_motion(m) for n, m in ROWS["bumps"].drive.items()}
-    made = export_c(SHIPPED["bumps"](), 8000, tmp_path, motion, "bumps", 0.1, **NARROW)
-    assert same(tmp_path, "bumps", made.samples, "-O3", "-march=native")
+    made = shipped("bumps", tmp_path, 0.1, **NARROW)
+    assert same(tmp_path, "bumps", made.samples, [*GCC, "-O3", "-march=native"])
     assert all(most < 1e-4 * peak for _, most, peak in made.errors.values())
 
 

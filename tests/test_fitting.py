@@ -3,8 +3,6 @@ and what is refused.
 """
 
 import math
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
@@ -36,12 +34,6 @@ recorded = pytest.mark.skipif(
 )
 
 
-def uneven(n=20, seed=1):
-    rng = np.random.default_rng(seed)
-    t = np.cumsum(10.0 ** rng.uniform(-4, 1, n)) - 5.0
-    return t, np.where(rng.random(n) < 0.3, 0.0, rng.standard_normal(n)).cumsum()
-
-
 def a_test(n=80, last=100.0):
     """A ramp of 0.2 s and a hold, log-spaced."""
     t = np.r_[0.0, np.geomspace(1e-3, last, n)]
@@ -69,7 +61,9 @@ def maxwell_kernels(arms):
 @pytest.mark.parametrize("alpha", [0.0, 1e-9, 0.05, 0.5, 0.95, 1.0, "arms"])
 def test_forces_at_uneven_times(alpha, onset):
     """In forty digits: the sum over straight lines, as it stands."""
-    t, y = uneven()
+    rng = np.random.default_rng(1)
+    t = np.cumsum(10.0 ** rng.uniform(-4, 1, 20)) - 5.0
+    y = np.where(rng.random(20) < 0.3, 0.0, rng.standard_normal(20)).cumsum()
     with mp.workdps(40):
         if alpha == "arms":
             got, (ramp, step) = maxwell_force(t, y, 7.0, ARMS, onset=onset), maxwell_kernels(ARMS)
@@ -101,15 +95,15 @@ def test_a_short_ramp_long_ago_keeps_its_digits():
 @pytest.mark.parametrize("alpha", [0.1, 0.5, 0.9, 1.0])
 @pytest.mark.parametrize("beta", mostly([0.5, 1.0], [0.5, 1.0, 2.0]))
 def test_the_mittag_leffler_function(alpha, beta):
-    """Against its series in 120 digits, and for large numbers its asymptotic series."""
-    with mp.workdps(120):
+    """Against its series in forty digits, and for large numbers its asymptotic one."""
+    with mp.workdps(40):
+        a = mp.mpf(alpha)
         for x in (0.0, 0.01, 0.7, 2.0 if alpha > 0.4 else 0.8):
-            terms = (mp.mpf(-x) ** k / mp.gamma(mp.mpf(alpha) * k + beta) for k in range(1500))
-            assert float(mittag_leffler(x, alpha, beta)) == pytest.approx(
-                float(mp.fsum(terms)), abs=1e-11 / (1 + x)
-            )
+            exact = mp.fsum(mp.mpf(-x) ** k * mp.rgamma(a * k + beta) for k in range(300))
+            got = float(mittag_leffler(x, alpha, beta))
+            assert got == pytest.approx(float(exact), abs=1e-11 / (1 + x))
         x = mp.mpf(10) ** 8
-        tail = -mp.fsum((-x) ** -k * mp.rgamma(beta - mp.mpf(alpha) * k) for k in range(1, 6))
+        tail = -mp.fsum((-x) ** -k * mp.rgamma(beta - a * k) for k in range(1, 6))
         assert abs(float(mittag_leffler(1e8, alpha, beta)) - float(tail)) < 1e-19
 
 
@@ -153,7 +147,8 @@ def test_a_fit_and_a_block_mean_the_same_material():
     some, held = (t[::30], y[::30]), Input("y", "m")
     one = fit_springpot(*some, springpot_force(*some, 200.0, 0.3))
     fit = fit_generalized_maxwell(*some, maxwell_force(*some, 100.0, arms), arms=2)
-    assert fit.arms == pytest.approx([pytest.approx(a, rel=1e-6) for a in arms])
+    assert fit.arms == [pytest.approx(a, rel=1e-6) for a in arms]
+    assert fit.k0 == pytest.approx(100.0, rel=1e-6)
     for block, wanted, tol in (
         (one.block(held, scheme="l1", tol=1e-12), springpot, 1e-9 * np.abs(springpot).max()),
         (fit.block(held), maxwell, 1e-9),
@@ -186,15 +181,12 @@ def test_a_spring_and_a_dashpot_are_at_the_ends(alpha):
     assert 0 <= fit.intervals["alpha"][0] <= fit.alpha <= fit.intervals["alpha"][1] <= 1
 
 
-@pytest.mark.parametrize("spring", [True, False])
-def test_maxwell_arms_are_found_again(spring):
+def test_maxwell_arms_are_found_again_without_a_spring():
     t, y = a_test()
-    arms, k0 = [(80.0, 0.06), (50.0, 1.0), (20.0, 15.0)], 40.0 * spring
-    fit = fit_generalized_maxwell(t, y, maxwell_force(t, y, k0, arms), arms=3, spring=spring)
-    assert fit.k0 == pytest.approx(k0, rel=1e-6)
-    for got, wanted in zip(fit.arms, arms, strict=True):
-        assert got == pytest.approx(wanted, rel=1e-5)
-    assert ("k0" in fit.values) == spring
+    arms = [(80.0, 0.06), (50.0, 1.0), (20.0, 15.0)]
+    fit = fit_generalized_maxwell(t, y, maxwell_force(t, y, 0.0, arms), arms=3, spring=False)
+    assert fit.arms == [pytest.approx(a, rel=1e-5) for a in arms]
+    assert fit.k0 == 0.0 and "k0" not in fit.values
 
 
 @pytest.mark.stress
@@ -280,23 +272,13 @@ SEEN = {
 }
 
 
-def muscle(name):
-    t, y, f, _ = np.loadtxt(DATA / "muscle-relaxation" / f"{name}.csv", delimiter=",", skiprows=1).T
-    return t, y - y[0], f, t > 2.0 + RAMPS[name.split("_")[1]]
-
-
-def indentation():
-    with np.load(DATA / "afm-relaxation" / "afm_relaxation_5khz.npz") as z:
-        t, place, force, part = z["t_s"], z["separation_m"], z["force_N"], z["segment"]
-    touch = np.searchsorted(t, 0.124)
-    return t, np.where(t >= t[touch], place[touch] - place, 0.0), force, float(t[part == 1][0])
-
-
 @recorded
 @pytest.mark.parametrize("name", mostly(["AvgRelaxed_0p1s", "AvgpCa4p4_100s"], SEEN))
 def test_muscle(name):
     """Stress in kPa over length in um: the hold within 7 % rms."""
-    t, y, f, hold = muscle(name)
+    path = DATA / "muscle-relaxation" / f"{name}.csv"
+    t, y, f, _ = np.loadtxt(path, delimiter=",", skiprows=1).T
+    y, hold = y - y[0], t > 2.0 + RAMPS[name.split("_")[1]]
     fit = fit_springpot(t, y, f, where=hold)
     chi, alpha, percent = SEEN[name]
     assert fit.chi == pytest.approx(chi, rel=2e-3) and fit.alpha == pytest.approx(alpha, abs=6e-4)
@@ -310,7 +292,10 @@ def test_an_indented_sample():
     """From 20 ms on within 1.5 % rms; of every sample too, not averaged, with its
     noise.
     """
-    t, y, f, start = indentation()
+    with np.load(DATA / "afm-relaxation" / "afm_relaxation_5khz.npz") as z:
+        t, place, f, part = z["t_s"], z["separation_m"], z["force_N"], z["segment"]
+    touch, start = np.searchsorted(t, 0.124), float(t[part == 1][0])
+    y = np.where(t >= t[touch], place[touch] - place, 0.0)
     refused(BadValue, "thin", fit_springpot, t, y, f)
     short, ys, fs = thin(t, y, f, start=start, before=400)
     where, later = short > start + 0.02, t > start + 0.02
@@ -423,9 +408,3 @@ def test_pictures_and_words(tmp_path):
     np.testing.assert_array_equal(errors.get_ydata(), 100 * fits[0].relative)
     refused(SinkError, None, fits[0].plot, tmp_path / "nowhere" / "p.png")
     refused(SinkError, None, fits[0].plot, tmp_path / "p.movie")
-
-
-def test_nothing_heavy_is_loaded_before_it_is_needed():
-    heavy = "scipy.optimize", "scipy.linalg", "matplotlib", "numba", "pint"
-    code = f"import sys, stimlib.fitting.relaxation; print({set(heavy)} & set(sys.modules))"
-    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "set()\n"

@@ -319,9 +319,6 @@ def test_outputs_that_are_none(outputs):
     refused((SceneError, BadValue), "output|Scene|number", Scene, outputs)
 
 
-# Python's own operators ---------------------------------------------------------------
-
-
 # Classes ------------------------------------------------------------------------------
 def test_final_and_abstract_classes_and_their_names():
     with pytest.raises(TypeError, match="Mul is final"):

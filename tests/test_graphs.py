@@ -319,7 +319,7 @@ def check_independence(scene, fs, seed, x, sets):
             assert_same(got[list(outputs).index(name)], y[name], f"{name} among {list(outputs)}")
 
 
-GRAPHS = 120 if STRESS else 20  # each is compiled anew
+GRAPHS = 120 if STRESS else 10  # each is compiled anew
 
 
 @pytest.mark.longer
@@ -428,7 +428,7 @@ def gated_scenes(draw):
     return inside[-1], gate
 
 
-@settings(max_examples=GRAPHS // 3)
+@settings(max_examples=40 if STRESS else 6)
 @given(gated_scenes(), st.integers(0, 5))
 def test_enabled_samples_in_a_row_are_the_stream_that_was_never_gated(gated, seed):
     block, gate = gated

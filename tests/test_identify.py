@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 import pytest
+from laws import mostly
 from refusals import refused
 from scipy import signal, stats
 
@@ -126,9 +127,9 @@ def test_a_bound_holds_where_the_best_lies_beyond():
     assert set(fit.params) == {"k"} and 100.0 <= fit.params["k"] < 100.1
 
 
-@pytest.mark.parametrize("some", [np.ones(N, bool), T < 0.3], ids=["all samples", "weights of 0"])
-def test_a_linear_fit_is_that_of_least_squares_with_its_intervals(some):
+def test_a_linear_fit_is_that_of_least_squares_with_its_intervals():
     """Where weights leave samples out, of the others."""
+    some = T < 0.3
     columns = np.stack([rendered(static, k=1.0, b=0.0), rendered(static, k=0.0, b=1.0)], axis=1)
     noise = 0.05 * np.random.default_rng(4).standard_normal(N)
     target = np.where(some, columns @ [400.0, 5e4] + noise, 77.0)
@@ -208,7 +209,7 @@ def test_levels_of_noise_from_a_recording_of_other_noise():
     assert fit.converged and fit.params == pytest.approx({"a": 3.0, "p": 0.3}, rel=0.04)
 
 
-@pytest.mark.parametrize("low", [2.0, 15.0, 16.0, 100.0])
+@pytest.mark.parametrize("low", mostly([2.0, 16.0], [2.0, 15.0, 16.0, 100.0]))
 def test_a_psd_in_its_three_forms(low):
     """A signal, its PSD from scipy, and a function, at all bins of the band; at least
     four bins below it.

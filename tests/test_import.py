@@ -53,6 +53,8 @@ for block in (x * 2, stimlib.blocks.velocity(x) > 0.0, y):
     assert loaded(code) == set(), "units that are written as '' need no library"
     code += "\nstimlib.compile(squeeze(), 8000, target='python')"
     assert loaded(code, ("ssl", "http.client", "urllib.request", "numpy.ma")) == set()
+    of_fits = "scipy.optimize", "scipy.linalg", "matplotlib", "numba", "pint"
+    assert loaded("import stimlib.fitting.relaxation", of_fits) == set()
 
 
 def test_a_command_starts_without_numpy_and_a_search_for_garbage():

@@ -10,29 +10,26 @@ from stimlib.design.levels import amplitude
 
 
 @pytest.mark.parametrize(
-    ("level", "unit", "peak"),
+    ("arguments", "peak"),
     [
-        ("2", "", 2.0),
-        ("2 m/s^2", "m/s^2", 2.0),
-        ("2 m/s**2 peak", "m/s^2", 2.0),
-        ("2 m/s^2 RMS", "m/s^2", 2 * math.sqrt(2)),
-        ("5 um pp", "m", 2.5e-6),
-        ("3 pp", "", 1.5),
-        ("-50 mN", "N", -0.05),
-        ("2e-10 m", "m", 2e-10),
-        ("20 dB re 1 um", "m", 10e-6),
-        ("-6 dB re 2um rms", "m", 2e-6 * 10**-0.3 * math.sqrt(2)),
-        ("0 dB re 1 g_0", "m/s^2", 9.80665),
-        ("15 dB re 0.3", "", 0.3 * 10**0.75),
+        (("2", ""), 2.0),
+        (("2 m/s^2", "m/s^2"), 2.0),
+        (("2 m/s**2 peak", "m/s^2"), 2.0),
+        (("2 m/s^2 RMS", "m/s^2"), 2 * math.sqrt(2)),
+        (("5 um pp", "m"), 2.5e-6),
+        (("3 pp", ""), 1.5),
+        (("-50 mN", "N"), -0.05),
+        (("2e-10 m", "m"), 2e-10),
+        (("20 dB re 1 um", "m"), 10e-6),
+        (("-6 dB re 2um rms", "m"), 2e-6 * 10**-0.3 * math.sqrt(2)),
+        (("0 dB re 1 g_0", "m/s^2"), 9.80665),
+        (("15 dB re 0.3", ""), 0.3 * 10**0.75),
+        (("20 dB SL", "m", 0.2e-6), 2e-6),
+        (("-20dB sl", "m", 0.2e-6), 0.02e-6),
     ],
 )
-def test_a_level_is_its_amplitude(level, unit, peak):
-    assert amplitude(level, unit) == pytest.approx(peak, rel=1e-12)
-
-
-def test_above_the_threshold():
-    assert amplitude("20 dB SL", "m", 0.2e-6) == pytest.approx(2e-6)
-    assert amplitude("-20dB sl", "m", threshold=0.2e-6) == pytest.approx(0.02e-6)
+def test_a_level_is_its_amplitude(arguments, peak):
+    assert amplitude(*arguments) == pytest.approx(peak, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from laws import STRESS, assert_same, impulse_response, mostly, pair, rows, run
 from refusals import refused
+from test_outputs import Halves
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
@@ -51,24 +52,6 @@ class Turn(Block):
     def step(p, s, x):
         a = s.a + p.a * x
         return (bent(a), cos(a)), Turned(0.9 * a)
-
-
-@dataclass(frozen=True, eq=False)
-class Halves(Block):
-    """A tile with two outputs, which two loops around it need."""
-
-    outputs = ("low", "high")
-    x: Block
-
-    def units(self, *u):
-        return u[0], u[0]
-
-    @staticmethod
-    def tile(p, s, x, low, high):
-        for i in range(x.size):
-            low[i] = 0.5 * x[i]
-            high[i] = 0.75 * x[i]
-        return s
 
 
 class Sum(NamedTuple):

@@ -232,7 +232,7 @@ def test_a_wrong_block_says_what_is_wanted(target):
     ],
 )
 def test_copies_that_make_no_sense(seeds, threads, words):
-    refused(BadValue, words, stimlib.compile(SCENE, FS, "python").many, seeds, threads)
+    refused(BadValue, words, stimlib.compile(SCENE, FS).many, seeds, threads)
 
 
 @both

@@ -163,6 +163,11 @@ def _three(p, s, x):
     return (x, x, x), s
 
 
+def of_two_outputs():
+    cls = _class(outputs=("a", "b"), units=lambda self, *u: u * 2, step=staticmethod(_three))
+    return stimlib.compile(Scene({"y": cls(x).a}), FS, "python")
+
+
 @pytest.mark.parametrize(
     ("make", "error", "words"),
     [
@@ -172,24 +177,13 @@ def _three(p, s, x):
         (lambda: stimlib.core.graph.Pick(ROTOR, "z"), BadValue, "no output 'z'"),
         (lambda: stimlib.core.graph.Pick(x, "z"), BadValue, "no output 'z'"),
         (lambda: _class(outputs=("a", "b"))(x), SceneError, "one for each of a, b"),
+        (of_two_outputs, SceneError, "must return 2 samples, for a, b, and returned 3"),
         (lambda: _class(outputs=("x", "b")), TypeError, "output name 'x'"),
         (lambda: _class(outputs=("children", "b")), TypeError, "output name 'children'"),
     ],
 )
 def test_what_is_refused(make, error, words):
     refused(error, words, make)
-
-
-def test_a_wrong_number_of_samples_is_refused():
-    cls = _class(outputs=("a", "b"), units=lambda self, *u: u * 2, step=staticmethod(_three))
-    refused(
-        SceneError,
-        "must return 2 samples, for a, b, and returned 3",
-        stimlib.compile,
-        Scene({"y": cls(x).a}),
-        FS,
-        "python",
-    )
 
 
 def test_a_file_cannot_pick_what_is_not_there():

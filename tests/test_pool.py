@@ -289,10 +289,6 @@ class Mute(Exception):
     __repr__ = __reduce_ex__ = __str__
 
 
-class Base(BaseException):
-    pass
-
-
 class Unreadable(Exception):
     """Only the process that gets it cannot read it."""
 
@@ -317,7 +313,6 @@ def throw(error, *args):
         (Mute, (), JobFailed, "Mute, which gives no text"),
         (SystemExit, (3,), JobFailed, "SystemExit: 3"),
         (KeyboardInterrupt, ("stop",), JobFailed, "KeyboardInterrupt: stop"),
-        (Base, (4,), JobFailed, "Base: 4"),
         (GeneratorExit, (5,), JobFailed, "GeneratorExit: 5"),
         (Unreadable, (), OSError, "no"),
         (EOFError, ("end",), EOFError, "end"),

@@ -154,9 +154,9 @@ def test_where_of_a_comparison_is_no_longer_a_constant():
 def test_a_generator_that_is_faster_than_a_hand_is_told_once(motion, speed, tmp_path):
     scene = Scene({"force": 2.0 * x, "other": 1.0 * Input("z", "m")})
     both = dict.fromkeys("xz", parse_motion(motion))
-    proc = stimlib.compile(scene, 8000, target="python")
+    proc = stimlib.compile(scene, 8000)
     for make in (
-        lambda: render(scene, both, 8000, 0.5, target="python"),
+        lambda: render(scene, both, 8000, 0.5),
         lambda: audio.write(tmp_path / "a.wav", proc, both, 0.5, progress=False),
     ):
         with warnings.catch_warnings(record=True) as told:

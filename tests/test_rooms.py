@@ -18,8 +18,10 @@ MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in ST
 
 
 @cache
-def tree(module: str) -> ast.Module:
-    return ast.parse(MODULES[module].read_text())
+def nodes(module: str) -> list[ast.AST]:
+    """What its text says of others: imports, and constants."""
+    tree = ast.parse(MODULES[module].read_text())
+    return [n for n in ast.walk(tree) if isinstance(n, ast.ImportFrom | ast.Constant)]
 
 
 @cache
@@ -28,7 +30,7 @@ def imports(module: str) -> set[tuple[str, str]]:
     functions and for type checkers.
     """
     found = set()
-    for node in ast.walk(tree(module)):
+    for node in nodes(module):
         if isinstance(node, ast.ImportFrom):
             target = node.module or ""
             if node.level:
@@ -55,18 +57,21 @@ def test_every_room_has_its_floor():
     assert {room(m) for m in MODULES} - {"__init__"} == set(ORDER)
 
 
-def test_every_room_has_its_sentence_in_the_order_of_imports():
+def table_of(heading: str) -> str:
+    """A table of the page on architecture."""
     page = (STIMLIB.parent / "docs" / "explanation" / "architecture.rst").read_text()
-    table = page.partition("\nRooms\n")[2].partition("\nWhere something new goes\n")[0]
+    return page.partition(f"\n{heading}\n")[2].partition("\nWhere something new goes\n")[0]
+
+
+def test_every_room_has_its_sentence_in_the_order_of_imports():
+    table = table_of("Rooms")
     assert re.findall(r"^``(\w+)`` +\w", table, re.M) == ORDER[:-1], (
         "docs/explanation/architecture.rst, Rooms: a line for each of ROOMS, in their order"
     )
 
 
 def test_the_page_on_architecture_names_what_is_there():
-    page = (STIMLIB.parent / "docs" / "explanation" / "architecture.rst").read_text()
-    table = page.partition("\nWhere something is\n")[2].partition("\nWhere something new goes\n")[0]
-    names = re.findall(r"``([\w.]+\.\w+)``", table)
+    names = re.findall(r"``([\w.]+\.\w+)``", table_of("Where something is"))
     assert len(names) >= 12
     for name in names:
         module, _, what = name.rpartition(".")
@@ -91,7 +96,7 @@ def test_no_module_names_another_one_in_a_text():
     """What lower rooms call of upper ones is stated in the package; see above.py."""
     named = {"stimlib." + m.removesuffix(".__init__") for m in MODULES}
     for module in MODULES.keys() - {"__init__"}:
-        texts = {n.value for n in ast.walk(tree(module)) if isinstance(n, ast.Constant)}
+        texts = {n.value for n in nodes(module) if isinstance(n, ast.Constant)}
         assert not texts & named, module
 
 

@@ -13,20 +13,19 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from contract import TABLE as TABLE_OF_BLOCKS
-from laws import assert_same, cut_at, pair, played, rows, run
+from laws import assert_same, cut_at, played, rows, run
 from refusals import refused
 
 import stimlib
 from stimlib import Input, Scene, constant
-from stimlib.core import maths, steps
+from stimlib.core import steps
 from stimlib.core.graph import Block
 from stimlib.core.loop_code import Cycle
-from stimlib.core.maths import fma, sin, where
+from stimlib.core.maths import where
 from stimlib.core.program import design_of, program_of
 from stimlib.errors import SceneError, UnitError
 
 x = Input("x")
-LIMIT = 4.0
 
 # What authors write in a file of theirs -----------------------------------------------
 MODULE = """
@@ -376,52 +375,6 @@ class Numbers(NamedTuple):
     table: np.ndarray
     seed: np.uint64
     gain: float
-
-
-class Memory(NamedTuple):
-    line: np.ndarray
-    n: np.uint64
-    y: float
-
-
-def clipped(v):
-    return where(v > LIMIT, LIMIT, 2.0 * v * 0.5)
-
-
-@dataclass(frozen=True, eq=False)
-class Everything(Block):
-    """All that a step may use."""
-
-    x: Block
-
-    def design(self, fs):
-        return Numbers(np.array([0.5, 0.25, 2.0]), np.uint64(2**63 + 5), 0.9), Memory(
-            np.zeros(5), np.uint64(3), 0.0
-        )
-
-    @staticmethod
-    def step(p, s, x):
-        i = np.int64(s.n % np.uint64(s.line.size))
-        old = s.line[i]
-        s.line[i] = x
-        total = 0.0
-        for k in range(p.table.size):
-            total += p.table[k] * old
-        y = maths.flush(fma(p.gain, s.y, total)) + sin(x) + clipped(abs(-x)) + (x != x)
-        n = ((s.n + p.seed) >> np.uint64(1)) ^ np.uint64(12345)
-        y = where((n & np.uint64(1)) == np.uint64(0), y, maths.unbits(maths.bits(y)) * LIMIT)
-        a, (c, d) = y, (1.0, 2.0)
-        return a + c - d / 4.0 + maths.as_float(n) * 1e-25, Memory(
-            s.line, s.n + np.uint64(1), maths.tanh(y)
-        )
-
-
-def test_what_a_step_may_use_has_the_same_bits_everywhere():
-    scene = Scene({"y": Everything(x)})
-    u = np.random.default_rng(0).standard_normal((1, 200))
-    procs = pair(scene, 1000)
-    assert_same(*(p.process(u) for p in procs))
-    assert_same(*(p.state for p in procs))
 
 
 def test_a_step_changed_in_place_is_compiled_again():

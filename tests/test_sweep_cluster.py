@@ -12,27 +12,28 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from swept import HANDS, deadly_in_the_middle, last
+from laws import mostly
+from refusals import refused
+from swept import ROWS, SCENE, WORDS, deadly_in_the_middle, last
 from waiting import until
 
 from stimlib import BadValue, Input, Scene, SinkError
-from stimlib.scenes import squeeze
-from stimlib.sweep import engines, grid, sweep
+from stimlib.sweep import engines, sweep
 
 distributed = pytest.importorskip("distributed")
-ROWS = grid(motion=HANDS, A=[0.5, 3.4], k=[500.0, 7.0], seed=range(4))
 ALL = 32
-WORDS = {"motion": HANDS, "fs": 8000, "seconds": 0.05, "progress": False}
-SCENE = squeeze(fingers=1)
-STRESS = pytest.mark.stress
+QUIET = {"threads_per_worker": 1, "silence_logs": 50}
+
+
+def swept(measures, **words):
+    """The sweep of all rows, as a rule in this process."""
+    return sweep(SCENE, ROWS, measures=measures, **(words or {"workers": 0}), **WORDS)
 
 
 @pytest.fixture(scope="module")
 def cluster():
     with (
-        distributed.LocalCluster(
-            2, threads_per_worker=1, dashboard_address=":0", silence_logs=50
-        ) as made,
+        distributed.LocalCluster(2, dashboard_address=":0", **QUIET) as made,
         distributed.Client(made) as client,
     ):
         yield client
@@ -58,7 +59,7 @@ def whole(folder):
 def test_a_cluster_gives_the_bits_of_this_process_and_survives_its_workers(
     cluster, tmp_path, monkeypatch
 ):
-    here = sweep(SCENE, ROWS, measures=["rms", last], workers=0, **WORDS)
+    here = swept(["rms", last])
     monkeypatch.setattr(engines, "FEWEST", 2)
     monkeypatch.setattr("stimlib.sweep.scheduler.MOST_ROWS", 2)
     monkeypatch.setattr("stimlib.sweep.store.EVERY", 0.0)
@@ -72,32 +73,25 @@ def test_a_cluster_gives_the_bits_of_this_process_and_survives_its_workers(
         return take(engine)
 
     monkeypatch.setattr(engines.Cluster, "take", kill_one)
-    there = sweep(SCENE, ROWS, measures=["rms", last], on=cluster, out=tmp_path, **WORDS)
-    assert there.equals(here) and killed and whole(tmp_path) == ALL
-    assert sweep(SCENE, ROWS, measures=["rms", last], on=cluster, out=tmp_path, **WORDS).equals(
-        here
-    ), "nothing runs again"
+    words = {"on": cluster, "out": tmp_path}
+    assert swept(["rms", last], **words).equals(here) and killed and whole(tmp_path) == ALL
+    assert swept(["rms", last], **words).equals(here), "nothing runs again"
 
 
 def test_other_versions_are_told_before_the_first_run(cluster, monkeypatch):
     monkeypatch.setattr("stimlib.sweep.study.versions", lambda: {"numpy": "1.0"})
-    with pytest.raises(
-        BadValue,
-        match=r"worker tcp://.* has numpy .*, and not 1.0 as here: .* install the same there",
-    ):
-        sweep(SCENE, ROWS, measures="rms", on=cluster, **WORDS)
-    with pytest.raises(SinkError, match="no Dask scheduler at tcp://127.0.0.1:1"):
-        monkeypatch.setattr(engines, "PATIENCE", 0.5)
-        sweep(SCENE, ROWS, measures="rms", on="tcp://127.0.0.1:1", **WORDS)
+    says = r"worker tcp://.* has numpy .*, and not 1.0 as here: .* install the same there"
+    refused(BadValue, says, swept, "rms", on=cluster)
+    monkeypatch.setattr(engines, "PATIENCE", 0.5)
+    says, nowhere = "no Dask scheduler at tcp://127.0.0.1:1", "tcp://127.0.0.1:1"
+    refused(SinkError, says, swept, "rms", on=nowhere)
 
 
 def test_that_a_cluster_has_no_workers_is_said_once_and_they_are_waited_for(monkeypatch):
     monkeypatch.setattr(engines, "LONELY", 0.2)
     said = []
     with (
-        distributed.LocalCluster(
-            1, processes=False, threads_per_worker=1, dashboard_address=None, silence_logs=50
-        ) as made,
+        distributed.LocalCluster(1, processes=False, dashboard_address=None, **QUIET) as made,
         distributed.Client(made) as client,
     ):
         made.scale(0)
@@ -109,11 +103,10 @@ def test_that_a_cluster_has_no_workers_is_said_once_and_they_are_waited_for(monk
             made.scale(1)
 
         monkeypatch.setattr(engines.warnings, "warn", come)
-        table = sweep(SCENE, ROWS, measures="rms", on=client, **WORDS)
-    assert [t for t in said if "has no workers: the sweep waits for some to come" in t] == said[
-        :1
-    ] and len(said) == 1, said
-    assert table.equals(sweep(SCENE, ROWS, measures="rms", workers=0, **WORDS))
+        table = swept("rms", on=client)
+    (text,) = said
+    assert "has no workers: the sweep waits for some to come" in text
+    assert table.equals(swept("rms"))
 
 
 def test_two_sweeps_at_once_have_their_own_factories(cluster):
@@ -132,80 +125,53 @@ def test_two_sweeps_at_once_have_their_own_factories(cluster):
     np.testing.assert_array_equal(five, 5.0 * one)
 
 
-@STRESS
+@pytest.mark.stress
 def test_a_row_that_ends_its_worker_is_an_error_of_that_row(cluster):
-    table = sweep(SCENE, ROWS, measures=["rms", deadly_in_the_middle], on=cluster, **WORDS)
-    bad = [r for r in table.to_pylist() if r["error"]]
-    assert [(r["k"], r["A"], r["seed"], r["motion"]) for r in bad] == [(7.0, 3.4, 2, "fast")]
-    assert bad[0]["error"] == "3 times: it ended its process by signal 9"
+    table = swept(["rms", deadly_in_the_middle], on=cluster)
+    (bad,) = [r for r in table.to_pylist() if r["error"]]
+    assert (bad["k"], bad["A"], bad["seed"], bad["motion"]) == (7.0, 3.4, 2, "fast")
+    assert bad["error"].startswith("3 times: it ended its process by signal 9")
 
 
 CLIENT = """
 import sys
-sys.path.insert(0, {tests!r})
-import test_sweep_cluster as t
-t.engines.FEWEST = 2
-import stimlib.sweep.scheduler, stimlib.sweep.store
-stimlib.sweep.scheduler.MOST_ROWS, stimlib.sweep.store.EVERY = 2, 0.0
-on = sys.argv[2] if len(sys.argv) > 2 else None
+from stimlib.sweep import engines, scheduler, store, sweep
+from swept import ROWS, SCENE, WORDS, last
+engines.FEWEST = scheduler.MOST_ROWS = 2
+store.EVERY = 0.0
+where = {"on": sys.argv[2]} if len(sys.argv) > 2 else {"workers": 2}
 try:
-    words = t.WORDS | {{"on": on, "workers": None if on else 2}}
-    t.sweep(t.SCENE, t.ROWS, measures=["rms", t.last], out=sys.argv[1], **words)
+    sweep(SCENE, ROWS, measures=["rms", last], out=sys.argv[1], **where, **WORDS)
 except KeyboardInterrupt as e:
     print(e)
     sys.exit(130)
 """
+ENDS = {
+    signal.SIGINT: (130, "{} of 32 rows were done; run it again"),
+    signal.SIGKILL: (-signal.SIGKILL, ""),
+    "its cluster": (1, "SinkError: the cluster went away"),
+}
 
 
-def started(tmp_path, *on):
-    """A sweep in a process and session of its own; four of its rows wait while the
-    file held is there.
-    """
-    (tmp_path / "held").touch()
-    code = CLIENT.format(tests=os.path.dirname(__file__))
-    words = [sys.executable, "-c", code, str(tmp_path / "out"), *on]
-    env = os.environ | {"STIMLIB_HELD": str(tmp_path / "held")}
-    return subprocess.Popen(words, stdout=-1, stderr=-1, text=True, start_new_session=True, env=env)
-
-
-def after(job, folder, parts):
-    """Wait for so many parts."""
-
-    try:
-        until(lambda: len(list(folder.glob("part-*"))) >= parts or job.poll() is not None)
-        assert job.poll() is None, job.communicate()
-    except BaseException:
-        os.killpg(job.pid, signal.SIGKILL)
-        raise
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=STRESS)])
-def test_a_sweep_that_was_stopped_goes_on(tmp_path, number):
-    job, folder = started(tmp_path), tmp_path / "out"
-    after(job, folder, 6)
-    os.kill(job.pid, number)
-    out, err = job.communicate(timeout=120)
-    there = whole(folder)
-    assert 6 <= there <= ALL - 4 and "Traceback" not in err, (there, err)
-    if number == signal.SIGINT:
-        assert job.returncode == 130 and f"{there} of {ALL} rows were done; run it again" in out
-    workers = ["pgrep", "-s", str(job.pid)]
-    until(lambda: not subprocess.run(workers, capture_output=True).stdout)
-    here = sweep(SCENE, ROWS, measures=["rms", last], workers=0, out=folder, **WORDS)
-    assert whole(folder) == ALL and not here["error"].drop_null()
-
-
-@STRESS
-def test_a_cluster_that_goes_away_loses_only_what_flies(tmp_path, monkeypatch):
-    here = sweep(SCENE, ROWS, measures=["rms", last], workers=0, **WORDS)
+@pytest.mark.parametrize("stop", mostly([signal.SIGINT], ENDS))
+def test_a_sweep_that_was_stopped_goes_on(tmp_path, monkeypatch, stop):
+    (tmp_path / "held").touch()  # four of its rows wait while this is there
     monkeypatch.setenv("STIMLIB_HELD", str(tmp_path / "held"))
-    words = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
-    with distributed.LocalCluster(2, **words) as made:
-        job = started(tmp_path, made.scheduler_address)
-        after(job, tmp_path / "out", 6)
-    _, err = job.communicate(timeout=120)
-    assert "SinkError: the cluster went away" in err, err
-    assert 6 <= whole(tmp_path / "out") <= ALL - 4
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    folder, cluster = tmp_path / "out", None
+    if stop == "its cluster":
+        cluster = distributed.LocalCluster(2, dashboard_address=None, **QUIET)
+    where = [cluster.scheduler_address] if cluster else []
+    words = [sys.executable, "-c", CLIENT, folder, *where]
+    with subprocess.Popen(words, stdout=-1, stderr=-1, text=True, start_new_session=True) as job:
+        try:
+            until(lambda: len([*folder.glob("part-*")]) >= 6 or job.poll() is not None)
+        finally:
+            cluster.close() if cluster else job.send_signal(stop)
+        out, err = job.communicate(timeout=120)
+    there, (code, says) = whole(folder), ENDS[stop]
+    assert 6 <= there <= ALL - 4 and says.format(there) in out + err, (there, out, err)
+    assert job.returncode == code and ("Traceback" in err) == (code == 1), err
     monkeypatch.undo()
-    again = sweep(SCENE, ROWS, measures=["rms", last], workers=0, out=tmp_path / "out", **WORDS)
-    assert again.equals(here) and whole(tmp_path / "out") == ALL
+    assert swept(["rms", last], workers=0, out=folder).equals(swept(["rms", last]))
+    assert whole(folder) == ALL

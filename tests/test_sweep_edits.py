@@ -2,7 +2,6 @@
 folder is refused.
 """
 
-import hashlib
 import json
 import os
 import subprocess
@@ -11,10 +10,10 @@ import types
 
 import numpy as np
 import pytest
+from edited import swept
 from laws import STRESS, mostly
 
 from stimlib import BadValue
-from stimlib.sweep import sweep
 
 HEAD = """
 import array, collections, dataclasses, decimal, enum, fractions, functools, types
@@ -296,31 +295,19 @@ NOT_RUN = {
 }
 
 
-def loaded(text, folder):
-    """Return make, measure and motion of a module with this source."""
-    text, path = HEAD + PLAIN + text, folder / f"{hashlib.sha256(text.encode()).hexdigest()}.py"
-    path.write_text(text)
-    sys.modules["of_an_edit"] = module = types.ModuleType("of_an_edit")
-    module.__file__ = str(path)
-    exec(compile(text, path, "exec", dont_inherit=True), vars(module))
-    return module.make, module.figure, module.hand
-
-
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
+    """Sweep what a source makes, with figures that are kept."""
     monkeypatch.setattr(np, "of_a_test", None, raising=False)
-    monkeypatch.setitem(sys.modules, "of_an_edit", None)
+    monkeypatch.setitem(sys.modules, "of_an_edit", module := types.ModuleType("of_an_edit"))
 
     def run(text, out=tmp_path / "out"):
-        make, figure, hand = loaded(text, tmp_path)
-        words = {
-            "motion": hand,
-            "measures": ["rms(y)", figure],
-            "fs": 1000,
-            "seconds": 0.1,
-            "progress": False,
-        }
-        return sweep(make, {"a": [1.0, 2.0]}, out=out, workers=0, **words)
+        text, path = HEAD + PLAIN + text, tmp_path / f"{abs(hash(text))}.py"
+        path.write_text(text)
+        vars(module).clear()
+        vars(module).update(__name__="of_an_edit", __file__=str(path))
+        exec(compile(text, path, "exec", dont_inherit=True), vars(module))
+        return swept(module, out)
 
     return run
 

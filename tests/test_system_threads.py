@@ -45,29 +45,28 @@ def test_the_caller_waits_where_room_items_wait(room):
     assert given == [*range(room), "waited", room] and begun == list(range(room + 1))
 
 
-@pytest.mark.parametrize("own", [None, KeyError("mine"), KeyboardInterrupt()], ids=repr)
-def test_the_earliest_error_is_raised_and_nothing_goes_on(own):
+@pytest.mark.parametrize(
+    ("first", "own", "expected"),
+    [
+        (1, None, ValueError),
+        (1, KeyError("mine"), ValueError),
+        (1, KeyboardInterrupt(), KeyboardInterrupt),
+        (3, KeyError("mine"), KeyError),  # where the items are fine
+    ],
+)
+def test_the_earliest_error_is_raised_and_nothing_goes_on(first, own, expected):
     busy = []
 
     def fails(item):
         busy.append(item)
         time.sleep(0.01)
         busy.pop()
-        if item:
+        if item >= first:
             raise ValueError(item)
 
-    expected = type(own) if isinstance(own, KeyboardInterrupt) else ValueError
     with pytest.raises(expected) as info, beside(fails, room=3) as give:
         for i in range(3):
             give(i)
         if own is not None:
             raise own
     assert (info.value is own or info.value.args == (1,)) and not busy
-
-
-def test_an_error_of_the_caller_is_raised_where_the_items_are_fine():
-    done = []
-    with pytest.raises(KeyError), beside(done.append) as give:
-        give(1)
-        raise KeyError("mine")
-    assert done == [1]

@@ -58,9 +58,15 @@ def test_other_weightings_follow_the_standard():
     assert weighting(0.0) == 0
 
 
-def test_what_cannot_be_weighted():
-    refused(UnknownName, "choose one of Wh, Wk", weighting, 1.0, "Wx")
-    refused(BadValue, "0 or above", weighting, [-1.0])
-    refused(BadValue, "at least one", weighted_rms, [], 100.0)
-    refused(BadValue, "finite", weighted_rms, [1.0, np.nan], 100.0)
-    refused(BadValue, "above 0", weighted_rms, [1.0], 0.0)
+@pytest.mark.parametrize(
+    ("error", "says", "call", "given"),
+    [
+        (UnknownName, "choose one of Wh, Wk", weighting, (1.0, "Wx")),
+        (BadValue, "0 or above", weighting, ([-1.0],)),
+        (BadValue, "at least one", weighted_rms, ([], 100.0)),
+        (BadValue, "finite", weighted_rms, ([1.0, np.nan], 100.0)),
+        (BadValue, "above 0", weighted_rms, ([1.0], 0.0)),
+    ],
+)
+def test_what_cannot_be_weighted(error, says, call, given):
+    refused(error, says, call, *given)

@@ -275,9 +275,9 @@ def same(what: Any) -> Any:
     return what
 
 
-_beside: dict[tuple[int, str], tuple[Local, set[bytes]]] = {}
-"""In a Dask worker, by thread and name of the sweep: the process next to it, and its
-motions.
+_beside: dict[tuple[int, str], tuple[Local, set[str]]] = {}
+"""In a Dask worker, by thread and name of the sweep: the process next to it, and the
+names of its motions.
 """
 
 
@@ -302,12 +302,15 @@ def run_beside(
         held = [key for key in list(_beside) if key[0] == thread]
         for key in held[: 1 - SWEEPS]:
             _end(key)
-        _beside[thread, sweep] = Local(plan, given), {digest for _, digest in keys}
+        _beside[thread, sweep] = Local(plan, given), set(given)
     engine, known = _beside[thread, sweep]
-    new = {name: m for name, m in given.items() if m[0] not in known}
-    known.update(digest for digest, _ in new.values())
+    new = {name: m for name, m in given.items() if name not in known}
+    known.update(new)
     engine.submit(None, data, look, seconds, packed(new))
-    return engine.take()[1]
+    _, found = engine.take()
+    if isinstance(found, Death):
+        _end((thread, sweep))  # the next process would have the motions of the first job alone
+    return found
 
 
 def end_beside(sweep: str) -> None:

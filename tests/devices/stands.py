@@ -2,7 +2,6 @@
 
 import os
 import sys
-import threading
 import time
 import types
 from contextlib import contextmanager
@@ -249,22 +248,3 @@ def is_exact(frames, s, log, seconds):
     plain = (stimlib.render(s.scene, hands, fs, seconds, seed=7).y / 50.0).astype(np.float32).T
     assert np.array_equal(got[head:-head, :outputs], plain[head:-head])
     assert np.abs(plain).max() > 0.3
-
-
-def together(works):
-    """Do all of these at once, each in a thread; the first error is raised."""
-    wrong = []
-
-    def guarded(work):
-        try:
-            work()
-        except BaseException as e:
-            wrong.append(e)
-
-    threads = [threading.Thread(target=guarded, args=(work,)) for work in works]
-    for t in threads:
-        t.start()
-    for t in threads:
-        t.join()
-    if wrong:
-        raise wrong[0]

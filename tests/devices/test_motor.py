@@ -31,13 +31,6 @@ def rig(rng, n=300, noise=NOISE, shape=gamma, even=False):
     return {"current": i, "position": x, "force": f}
 
 
-def written(path, rows, header="i_mA,x_mm,F_N", scales=(1e3, 1e3, 1.0)):
-    columns = [s * rows[n] for n, s in zip(("current", "position", "force"), scales, strict=True)]
-    lines = [",".join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True)]
-    path.write_text("\n".join([header, *lines]) + "\n")
-    return path
-
-
 MILLI = {"current": "mA", "position": "mm", "force": "N"}
 
 
@@ -65,7 +58,10 @@ def test_the_interval_holds_in_95_of_100_rigs():
 def test_a_file_in_other_units_gives_the_same(tmp_path):
     rows = rig(np.random.default_rng(1))
     names = {"current": "i_mA", "position": "x_mm", "force": "F_N"}
-    found = calibrate_motor(written(tmp_path / "cell.csv", rows), **names, units=MILLI)
+    columns = 1e3 * rows["current"], 1e3 * rows["position"], rows["force"]
+    told = {"delimiter": ",", "header": ",".join(names.values()), "comments": "", "fmt": "%.9g"}
+    np.savetxt(path := tmp_path / "cell.csv", np.column_stack(columns), **told)
+    found = calibrate_motor(path, **names, units=MILLI)
     same = calibrate_motor(rows)
     np.testing.assert_allclose(found.table, same.table, rtol=1e-7)
     assert found.unit == "N/A" and found.position[-1] == pytest.approx(0.04)

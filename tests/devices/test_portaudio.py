@@ -98,38 +98,6 @@ def connected(capture, channels):
         capture.client.connect(port, to)
 
 
-def over_jack(server, channels, seconds=1.0):
-    """A session in freewheel mode, captured by a second client.
-
-    The server goes at its pace again before the session's client ends: libjack 1.9.21
-    may recurse without end (and take the capturing process with it) when a client
-    leaves a graph that runs without a clock.
-    """
-    fs = server.rate
-    # without a clock a 1000 Hz server runs some million frames a second until it is
-    # told "go"
-    room = max(round(seconds * fs) + 60 * fs, 4_000_000)
-    with portaudio(on_jack(server)), Capture(server.name, channels, room) as capture:
-        s, log = textured_sink(sink, channels, name="system", clocked=False)
-        with s:
-            s.open(fs, channels, server.block)
-            connected(capture, channels)
-            capture.client.set_freewheel(True)
-            s.start(seconds)
-            s.wait(60)
-            capture.client.set_freewheel(False)
-        frames = capture.frames.copy()
-    assert (s.report().produced, s.report().lost) == (seconds * fs, 0)
-    is_exact(frames, s, log, seconds)
-
-
-@needs_jack
-@pytest.mark.parametrize(("fs", "block", "channels"), [(8000, 64, 1), (48000, 32, 2)])
-def test_over_jack_is_exact(fs, block, channels):
-    with Jackd(fs, block) as server:
-        over_jack(server, channels)
-
-
 @needs_jack
 def test_what_does_not_fit_the_device():
     with Jackd(8000, 64) as server, portaudio(on_jack(server)):

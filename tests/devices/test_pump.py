@@ -6,12 +6,13 @@ import time
 
 import numpy as np
 import pytest
+from devices.servers import kept, replayed
 
 import stimlib
 from stimlib import Input, Param, Scene
 from stimlib.devices.engine import Pump
 from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals
-from stimlib.run.safety import Safety, protect, to_device
+from stimlib.run.safety import Safety, protect
 from stimlib.scenes import squeeze
 
 FS = 8000
@@ -22,17 +23,13 @@ class Bench:
     hear.
     """
 
-    def __init__(
-        self, scene, source, channels=None, fs=FS, log=True, full_scale=50.0, largest=4096
-    ):
-        self.safety = Safety(full_scale)
-        self.proc = stimlib.compile(protect(scene, self.safety), fs)
+    def __init__(self, scene, source, channels=None, fs=FS, full_scale=50.0):
+        self.scene, self.fs, self.safety = scene, fs, Safety(full_scale)
         self.channels = list(range(len(scene.outputs))) if channels is None else channels
-        self.pump = Pump(self.proc, self.safety, self.channels, source, log)
-        self.buffer = np.full((len(self.channels), largest), np.nan, np.float32)
-        self.pump.buffers("OUTS")[:] = self.buffer.ctypes.data + 4 * largest * np.arange(
-            len(self.channels)
-        )
+        proc = stimlib.compile(protect(scene, self.safety), fs)
+        self.pump = Pump(proc, self.safety, self.channels, source, log=True)
+        self.buffer = np.full((len(self.channels), 4096), np.nan, np.float32)
+        self.pump.buffers("OUTS")[:] = [row.ctypes.data for row in self.buffer]
         self.out, self.events, self.motion, self.logged = [], [], [], []
 
     def block(self, n, lost=0):
@@ -59,23 +56,13 @@ class Bench:
     def heard(self):
         return np.concatenate(self.out)
 
-    def reference(self, x, events=None):
+    def reference(self, x):
         """The same from the processor alone: motion and events are all it needs."""
-        proc = stimlib.compile(self.proc.scene, self.proc.fs)
-        parts, i = [], 0
-        for at, kind, e in self.events if events is None else events:
-            if kind == "set":
-                parts.append(proc.process(np.ascontiguousarray(x[:, i:at])))
-                i = at
-                proc.set(e["name"], e["value"], ramp=e["ramp"] / proc.fs)
-        parts.append(proc.process(np.ascontiguousarray(x[:, i:])))
-        return to_device(
-            np.concatenate(parts, axis=1), self.safety.scales(proc.outputs), self.channels
-        )
+        return replayed(self.scene, self.safety, x, self.fs, self.events, self.channels)
 
 
-def fingers(n, fs=FS):
-    t = np.arange(n) / fs
+def fingers(n):
+    t = np.arange(n) / FS
     return np.stack(
         [0.01 * (1 - np.cos(2 * np.pi * 2 * t)), 0.004 * (1 - np.cos(2 * np.pi * 3 * t))]
     )
@@ -92,15 +79,13 @@ def cuts(kind, n):
     return sizes
 
 
-def test_what_was_told_is_told_once():
-    """Rows as they were processed, then none."""
-    bench = Bench(squeeze(), Recorded(fingers(1000))).begun(1000)
-    pump = bench.pump
+def test_rows_are_told_as_they_were_processed_and_once():
+    bench = Bench(squeeze(), Recorded(fingers(1000))).begun()
+    pump = bench.pump  # which writes into the buffer of the bench
     for n in (64, 7):
         pump.block(n)
-        assert (len(pump.motion()), len(pump.frames())) == (n, n)
-        assert (len(pump.motion()), len(pump.frames())) == (0, 0)
-    assert [kind for _, kind, _ in pump.events()] == ["set"] and pump.events() == []
+        reads = pump.motion, pump.motion, pump.frames, pump.frames
+        assert [len(read()) for read in reads] == [n, 0, n, 0]
 
 
 @pytest.mark.parametrize("kind", [1, 16, 64, 100, 256, 1000, "mixed"])
@@ -138,49 +123,34 @@ def test_the_samples_do_not_depend_on_the_block(kind):
 STEADY = Scene({"y": stimlib.constant(50.0)})
 
 
-def is_smooth(y):
-    """From silence to silence in steps of less than a hundredth."""
-    assert np.abs(np.diff(y, prepend=0)).max() < 0.01 and not y[-1]
-
-
-@pytest.mark.parametrize("before", [0, 50, 159, 160, 200, 160 + 960])
-def test_a_stop_goes_back_from_where_it_is_but_not_beyond_the_end(before):
-    """Before sample 0 it goes back at once; close to the end no sample more is made."""
-    bench = Bench(STEADY, None).begun(1000, np.array([50.0]))
+@pytest.mark.parametrize(
+    ("before", "rises", "length", "earliest", "begins", "index", "silent"),
+    [
+        (0, True, 1000, 0, [0], 0, 0),
+        (50, True, 1000, 0, [0], 0, 100),
+        (159, True, 1000, 0, [0], 0, 318),
+        (160, True, 1000, 0, [1], 161, 321),
+        (200, True, 1000, 0, [40], 200, 360),
+        (1120, True, 1000, 0, [960], 1000, 1320),
+        (80, False, None, 0, [80], 240, 240),
+        (100, False, 100, 0, [], 100, 260),
+        (300, False, None, 700, [700], 860, 860),
+    ],
+)
+def test_a_stop_fades_from_where_it_is(before, rises, length, earliest, begins, index, silent):
+    """Before sample 0 it goes back at once, close to the end no sample more is made,
+    and none begins before the earliest.
+    """
+    bench = Bench(STEADY, None).begun(length, np.array([50.0]) if rises else None)
     bench.block(before)
-    bench.pump.stop("stop")
-    bench.block(500)
-    y, index = bench.heard()[:, 0], bench.pump.index
-    is_smooth(y)
-    assert not y[1320 if before > 1000 else before + 161 + before // 160 :].any()
-    assert bench.pump.state == bench.pump.native.DONE
-    assert index == 1000 if before > 1000 else (index == 0) == (before < 160)
-
-
-def test_a_stop_fades_from_the_next_block_or_from_the_earliest_sample():
-    for length, at, more in ((None, 80, {}), (100, 100, {}), (None, 300, {"earliest": 700})):
-        bench = Bench(STEADY, None).begun(length)
-        bench.block(at)
-        bench.pump.stop("error", **more)
-        bench.block(1000)
-        is_smooth(bench.heard()[:, 0])
-        at = more.get("earliest", at)
-        assert length or (at, "stop", {"reason": "error"}) in bench.events
-        assert length or bench.pump.index == at + 160
-    assert bench.heard()[699, 0] == 1 > bench.heard()[701, 0]
-
-
-def test_what_a_device_skips_before_sample_0_is_no_loss():
-    bench = Bench(squeeze(), Recorded(fingers(1000)))
-    bench.block(64, lost=1000)
-    assert not bench.heard().any() and bench.pump.index == 0
-    bench.begun(1000, np.zeros(2))
-    for lost in (0, 64, 1000):
-        bench.block(64, lost)
-    assert bench.pump.index == 3 * 64 - 160
-    assert (bench.pump.read("LOST"), bench.pump.read("UNDERRUNS")) == (0, 0)
-    bench.block(64, 10)
-    assert bench.pump.read("LOST") == 10
+    bench.pump.stop("error", earliest)
+    bench.block(1000)
+    y = bench.heard()[:, 0]
+    assert np.abs(np.diff(y, prepend=0)).max() < 0.01
+    assert not y[silent:].any() and (y[max(silent - 3, 0) : max(silent - 1, 0)] > 0).all()
+    assert (bench.pump.state, bench.pump.index) == (bench.pump.native.DONE, index)
+    stops = [(at, e["reason"]) for at, kind, e in bench.events if kind == "stop"]
+    assert stops == [(at, "error") for at in begins]
 
 
 def test_fades_have_room_where_changes_have_none():
@@ -201,24 +171,25 @@ def test_fades_have_room_where_changes_have_none():
     assert [kind for _, kind, _ in bench.events].count("set") == 2 * 256 + 2
 
 
-def test_lost_frames_are_produced_and_told():
+def test_lost_frames_are_produced_and_told_from_sample_0_on():
     x = fingers(4000)
     bench = Bench(squeeze(), Recorded(x))
-    bench.block(64, lost=1000)  # before the start there is nothing to lose
-    bench.pump.start(4000)
+    bench.block(64, lost=1000)
+    bench.begun(4000, np.zeros(2))
+    for lost in (0, 64, 1000):  # the first two end before sample 0
+        bench.block(64, lost)
+    assert (bench.pump.index, bench.pump.read("LOST")) == (3 * 64 - 160, 0)
     plan = [(64, 0), (64, 100), (64, 0), (64, 2000), (256, 0), (64, 3)]
-    lost, at = [], 0
+    lost, at = [], bench.pump.index
     for n, gone in plan:
         if gone:
             lost.append((at, gone))
         at += n + gone
         bench.block(n, gone)
     assert [(at, e["frames"]) for at, kind, e in bench.events if kind == "lost"] == lost
-    kept = np.ones(at, bool)
-    for i, n in lost:
-        kept[i : i + n] = False
+    there = kept(bench.events, at)
     whole = bench.reference(x[:, :at])
-    assert np.array_equal(bench.heard()[64:], whole[kept])
+    assert np.array_equal(bench.heard()[64 + 160 :], whole[there])
     assert np.array_equal(np.concatenate(bench.motion), x[:, :at].T), (
         "the motion of what was lost is in the log too"
     )
@@ -306,18 +277,6 @@ def test_signals_as_positions():
     assert not bench.heard()[-100:].any()
 
 
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
-def test_a_motion_that_is_not_finite_never_reaches_the_device(wrong):
-    x = fingers(2000)
-    x[0, 700] = wrong
-    bench = Bench(squeeze(), Recorded(x)).begun(2000)
-    bench.blocks([64] * 32)
-    heard = bench.heard()
-    assert np.isfinite(heard).all() and np.abs(heard).max() <= 1
-    assert np.array_equal(heard[:2000], bench.reference(x))
-    assert heard[600:700, 0].any() and not heard[900:, 0].any() and heard[900:1700, 1].any()
-
-
 def test_a_log_that_is_not_read_says_what_it_lacks():
     """Gaps and losses do not overlap, and what comes after is logged again."""
     scene, x = Scene({"y": Param("a", 0.5) * Input("x")}), np.ones((1, 10**5))
@@ -352,10 +311,6 @@ def test_percentiles_of_block_times():
     p5, p50, p99 = pump.percentiles(5, 50, 99)
     assert pump.percentiles(10, 10.5) == [p5, p50], "10.5 % of 100 blocks are 11"
     assert 3e-9 <= p5 <= 4e-9 and 1000e-9 <= p50 <= 1125e-9 and 1e-3 <= p99 <= 1.125e-3
-    bench = Bench(squeeze(), Recorded(fingers(1000))).begun()
-    bench.pump.write("STALL", 20_000)
-    bench.block(64)
-    assert 0.02 <= bench.pump.percentiles(100)[0] < 1.0
 
 
 def test_how_late_blocks_begin():

@@ -14,11 +14,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from commands import ran
 from fuzz.mutations import mutated
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
+from refusals import refused
 
-from stimlib.devices import Stream, lsl_motion, osc_motion, serial_motion, udp_motion
+from stimlib import SinkError
+from stimlib.devices import Stream, lsl_motion, lsl_streams, receiver, serial_motion, udp_motion
 from stimlib.devices.rows import REMEDIES, row_of
 from stimlib.devices.sources import Receiver
 
@@ -267,7 +270,7 @@ def test_a_part_of_a_line_is_no_row(line):
     """The port opens within a line, is unplugged, comes back, and has a pause."""
     port, plug = line
     device = plug()
-    taken = Taken(serial_motion(port))
+    taken = Taken(receiver(f"serial:{port}"))
 
     def sends(data, x, partial=None):
         os.write(device, data)
@@ -357,13 +360,13 @@ def osc():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
-    with osc_motion(port, "/hand") as receive:
+    with receiver(f"osc:{port}/hand") as receive:
         yield receive, ("127.0.0.1", port)
 
 
 @pytest.fixture
 def udp():
-    with udp_motion(0) as receive:
+    with receiver("udp:0") as receive:
         yield receive, ("127.0.0.1", receive.port)
 
 
@@ -385,9 +388,15 @@ def test_lsl_channels_have_indexes_and_labels():
     info = pylsl.StreamInfo(name, "MoCap", 3, 0.0, "double64", name)
     info.set_channel_labels(["x", "z", "y"])
     outlet = pylsl.StreamOutlet(info)
-    words = pylsl.StreamOutlet(pylsl.StreamInfo(f"{name} text", "", 1, 0.0, "string", name))
+    words = pylsl.StreamOutlet(pylsl.StreamInfo(f"{name} text", "T", 1, 500.0, "string", name))
+    there = [(s["name"], s["type"], s["channels"], s["fs"]) for s in lsl_streams()]
+    assert {(name, "MoCap", 3, 0.0), (f"{name} text", "T", 1, 500.0)} <= {*there}
+    said = ran(["devices", "--streams"]).stdout
+    assert f"{name} (MoCap) of " in said and "3 channels" in said and "500 Hz" in said
+    refused(SinkError, "no stream 'nobody' appeared", lsl_motion, "nobody", wait=0.1)
     chunk = [[0.0, math.nan, 0.1], [0.0, 0.0, 0.2], [0.0, 0.0, 0.2], [0.0, 0.0, math.nan]]
     with lsl_motion(name) as receive, lsl_motion(f"{name} text") as receive_text:
+        assert receive(0.0) == ([], [], [])
         for column in ("y", 2):  # by name and by index
             taken, x = Taken(receive, column), []
             outlet.push_chunk(chunk)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from devices.servers import Seen, begun, largest_step
+from devices.servers import Seen, begun, played
 from refusals import refused
 
 import stimlib
@@ -59,6 +59,9 @@ STILL = Scene({"y": stimlib.constant(1.0)})
         (lambda: Live(0.0), BadValue, "keep"),
         (lambda: Signal(np.nan), BadValue, "finite"),
         (lambda: Recorded(ZEROS), BadValue, "shape"),
+        (lambda: columns_of("push: ", np.zeros((2, 3)), ["x"]), BadValue, "push: x must be"),
+        (lambda: columns_of("push: ", [["far"]], ["x"]), BadValue, "push: x must be numbers"),
+        (lambda: NullSink("squeeze", 1.0), BadValue, "Scene"),
         (lambda: NullSink(SCENE, 1.0), BadValue, "motion"),
         (lambda: NullSink(SCENE, motion={"x": ZEROS}), BadValue, "safety is missing"),
         (lambda: NullSink(STILL, 1.0, motion={"x": np.sin}), UnknownName, None),
@@ -66,14 +69,6 @@ STILL = Scene({"y": stimlib.constant(1.0)})
 )
 def test_what_does_not_fit(call, error, says):
     refused(error, says, call)
-
-
-def test_what_is_pushed_is_finite():
-    with NullSink(Scene({"y": Input("a") + Input("b")}), 1.0, motion=Live(), clocked=False) as sink:
-        sink.open(FS)
-        for b in ([2, np.nan], np.ma.array([2, 3], mask=[0, 1], dtype=float)):
-            refused(BadValue, "push: b is nan in column 1", sink.push, {"a": [0, 1], "b": b})
-        assert sink.push({"a": [0, 1], "b": [2, 3]}) == 2
 
 
 @pytest.mark.parametrize("order", [("a", "b"), ("b", "a")])
@@ -93,6 +88,8 @@ def test_rows_of_several_inputs_are_pushed_and_read_by_name(order, one):
         refused(UnknownName, "push: there is no input c", sink.push, given | {"c": 0.0})
         for bad in ([1.0, 2.0, 3.0], np.ma.array([1, 2], mask=[0, 1]), [[1.0], [2.0, 3.0]]):
             refused(BadValue, "push: x must be numbers", sink.push, {"a": [1.0, 2.0], "b": bad})
+        for bad in ([2, np.nan], np.ma.array([2, 3], mask=[0, 1], dtype=float)):
+            refused(BadValue, "push: b is nan in column 1", sink.push, {"a": [0, 1], "b": bad})
         assert sink.push(given) == (1 if one else 4)
     written = []
     loop = ControlLoop(scene, 50.0, lambda: given, written.append, realtime=False)
@@ -120,15 +117,10 @@ def test_a_scripted_hand_is_its_function_of_time(clocked):
     assert x.shape == expected.shape and not late[:64].any() and late.any() <= clocked
 
 
-def test_a_hand_that_fails_fades_out_and_says_so():
-    log, how = Seen(), {"clocked": False}
+def test_a_hand_that_is_no_number_is_told_with_its_sample():
+    """At once, where it is seen before the start; how it fades: test_functions."""
     broken = {"x": lambda t: np.where(t < 1.0, 0.5, np.nan)}
-    with pytest.raises(SinkError, match="the motion failed: .* at sample 8000"):
-        with begun(NullSink(SCENE, 1.0, motion=broken, log=log, **how), 10) as sink:
-            sink.wait()
-    with pytest.raises(BadValue, match="not finite"):  # at once, where it is seen before the start
-        with NullSink(SCENE, 1.0, motion={"x": lambda t: t * np.nan}) as sink:
-            begun(sink)
-    y = np.concatenate(log.frames)
-    assert largest_step(y, log.events) < 0.01 and y[-1] == 0
-    assert log.end["produced"] == len(y) + log.end["unlogged"]  # whoever reads the log may be late
+    sink = NullSink(SCENE, 1.0, motion=broken, clocked=False)
+    refused(SinkError, "the motion failed: .* at sample 8000", played, sink, 10)
+    with NullSink(SCENE, 1.0, motion={"x": lambda t: t * np.nan}) as sink:
+        refused(BadValue, "not finite", begun, sink)

@@ -39,6 +39,7 @@ from stimlib.experiments.likelihood import (
     Model,
     Sets,
     curve,
+    ends,
     maximum,
     probability,
 )
@@ -91,6 +92,19 @@ def test_a_profile_interval_is_where_a_held_parameter_costs_so_much(dispersion):
     assert fit(np.array([fit.pse, 1e9])) == pytest.approx([0.74, 0.98])
     few = [chi2.ppf(0.95, 1), 2 * f.ppf(0.95, 1, 1), 2 * f.ppf(0.95, 1, 2)]
     assert allowed([2.0, 2.0, 2.0], [0, 1, 2]) == pytest.approx(few)
+
+
+def test_ends_are_infinite_where_there_are_none_and_only_what_is_looked_for_is_computed():
+    asked = []
+
+    def some(x, rows):  # straight, bent, and two that are nowhere above 0
+        asked.extend(rows)
+        return np.choose(rows, [x - 0.5, x**8 - 0.5, -1.0, -1.0])
+
+    found = ends(some, np.zeros(4), [1.0, 1.0, 1.0, -1.0])
+    assert found == pytest.approx([0.5, 0.5 ** (1 / 8), np.inf, -np.inf], abs=1e-6)
+    never = 2 + likelihood.DOUBLINGS
+    assert [asked.count(k) for k in (0, 2, 3)] == [3, never, never]
 
 
 def test_many_at_once_have_the_bits_that_each_has_alone(monkeypatch):

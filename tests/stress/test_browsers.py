@@ -3,7 +3,6 @@ touch, sizes of answers, a stimulus that is only seen, a shared page, and what a
 finds.
 """
 
-import contextlib
 import json
 import shutil
 import subprocess
@@ -41,24 +40,17 @@ SCENES = "squeeze", "bumps", "soft_surface", "texture"
 PLAIN = dict.fromkeys(("color_scheme", "reduced_motion", "forced_colors", "contrast"), "null")
 
 
-def program(name):
-    return where() if name == "chromium" else shutil.which("firefox-esr") or shutil.which("firefox")
-
-
-@pytest.fixture(scope="module")
-def playwright():
-    with sync_playwright() as made:
-        yield made
-
-
 @pytest.fixture(scope="module", params=["chromium", "firefox"])
-def browser(playwright, request):
-    if (path := program(request.param)) is None:
+def browser(request):
+    firefox = request.param == "firefox"
+    path = shutil.which("firefox-esr") or shutil.which("firefox") if firefox else where()
+    if path is None:
         pytest.skip(f"{request.param} is not installed: tests/devices/install.sh installs it")
-    more = {"channel": "moz-firefox"} if request.param == "firefox" else {"args": ["--no-sandbox"]}
-    made = getattr(playwright, request.param).launch(executable_path=path, **more)
-    yield made
-    made.close()
+    more = {"channel": "moz-firefox"} if firefox else {"args": ["--no-sandbox"]}
+    with sync_playwright() as playwright:
+        made = getattr(playwright, request.param).launch(executable_path=path, **more)
+        yield made
+        made.close()
 
 
 @pytest.fixture
@@ -228,40 +220,28 @@ def test_a_stimulus_that_is_only_seen_follows_the_pointer(opened, tmp_path, wide
     assert motion["press"].max() == pytest.approx(0.5, abs=0.01)  # a mouse's
 
 
-@pytest.fixture
-def server(tmp_path):
-    """Starts ``stimlib live SCENE`` and gives its address."""
-    with contextlib.ExitStack() as started:
-
-        def start(scene):
-            words = [sys.executable, "-m", "stimlib", "live", scene, "--no-browser"]
-            quiet = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-            process = started.enter_context(
-                subprocess.Popen(words, cwd=tmp_path, text=True, **quiet)
-            )
-            started.callback(process.kill)
-            return process.stdout.readline().strip()
-
-        yield start
-
-
-def assert_all_can_use_it(page, wide=(390, 1440)):
+def assert_all_can_use_it(page):
     """Nothing that axe-core calls serious, and nothing beside the screen."""
-    for width in wide:
+    for width in (390, 1440):
         page.set_viewport_size({"width": width, "height": 900})
         assert serious(page) == []
         assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_axe_finds_nothing_serious_on_the_live_page(opened, server, scene):
-    page = opened(server(scene))
-    page.wait_for_function(
-        "() => document.querySelector('#run').disabled === false", timeout=60_000
-    )
-    page.click("#run")
-    page.wait_for_function("() => document.querySelector('#run').textContent === 'Stop'")
-    assert_all_can_use_it(page)
+def test_axe_finds_nothing_serious_on_the_live_page(opened, tmp_path, scene):
+    words = [sys.executable, "-m", "stimlib", "live", scene, "--no-browser"]
+    quiet = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(words, cwd=tmp_path, text=True, **quiet) as server:
+        try:
+            page = opened(server.stdout.readline().strip())
+            run = "() => document.querySelector('#run')"
+            page.wait_for_function(f"{run}.disabled === false", timeout=60_000)
+            page.click("#run")
+            page.wait_for_function(f"{run}.textContent === 'Stop'")
+            assert_all_can_use_it(page)
+        finally:
+            server.kill()
 
 
 def test_a_shared_page_computes_the_same_in_both_browsers_and_all_can_use_it(opened, tmp_path):

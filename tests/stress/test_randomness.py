@@ -2,13 +2,11 @@
 is right.
 """
 
-from collections import defaultdict
 from contextlib import nullcontext
 from itertools import islice
 
 import numpy as np
 import pytest
-from scipy import stats
 from stress import randomness
 
 LINE = 0.05 * np.sin(np.arange(randomness.BLOCK) * (2 * np.pi / 64))
@@ -50,38 +48,6 @@ def test_bits_are_those_of_the_samples():
         2 * m, 2
     )
     assert np.array_equal(back.T > 2**31, y > 0)
-
-
-def test_p_values_of_right_noise_are_even(monkeypatch):
-    """Of short recordings, where a degree of freedom or a variance that is wrong bends
-    them.
-    """
-    rng, found = np.random.default_rng(2), defaultdict(list)
-    monkeypatch.setattr(randomness, "told", lambda row: row)
-    for _ in range(30):
-        y = rng.standard_normal((2, 2 * randomness.SEGMENT))
-        monkeypatch.setattr(randomness, "samples_of", lambda *sources, y=y: iter([y]))
-        for row in randomness.of_samples(1):
-            if "tail" not in row.test:  # of a few counts: a step is no even distribution
-                found[row.test].append(row.p)
-    assert len(found) == 9
-    for test, p in found.items():
-        squares = np.sum(stats.norm.isf(np.array(p) / 2) ** 2)
-        assert (
-            stats.kstest(p, "uniform").pvalue > 1e-3 < stats.chi2.sf(squares, len(p)) < 1 - 1e-3
-        ), test
-
-
-def test_tails_are_those_of_the_binomial_distribution(monkeypatch):
-    """Too many beyond 3 sigma and too few are as unlikely."""
-    n, part = randomness.BLOCK, 2 * stats.norm.sf(3)
-    calm = np.clip(np.random.default_rng(3).standard_normal((2, n)), -2.9, 2.9)
-    for many in (round(n * part + z * np.sqrt(n * part)) for z in (-3, 3)):
-        y = calm.copy()
-        y[:, :many] = 3.5
-        monkeypatch.setattr(randomness, "samples_of", lambda *sources, y=y: iter([y]))
-        (p,) = {row.p for row in randomness.of_samples(1) if f"{many} beyond 3" in row.test}
-        assert p == pytest.approx(2 * stats.norm.sf(3), rel=0.2)
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,6 @@ from laws import (
     cut_at,
     float_words,
     pair,
-    random_cuts,
     rows,
     run,
 )
@@ -79,10 +78,8 @@ FINITE = {
 }
 INPUTS = FINITE | {"nan and inf anywhere": wrong}
 
-# Rates and blocks ---------------------------------------------------------------------
+# Rates --------------------------------------------------------------------------------
 RATES = [1000.0, 2000.0, 4000.0, 8000.0, 11025.0, 22050.0, 44100.0, 48000.0, 96000.0, 192000.0]
-PRIMES = [2, 3, 5, 7, 11, 13, 31, 61, 67, 127, 131, 257, 509, 1021, 2053, 4099, 8191]
-SIZES = [1, *PRIMES, 63, 64, 65, 128, 129, 1024, 4096, 8192, 8193]
 
 # Ends of a number that lies from 0 to 1 -----------------------------------------------
 SMALL = [5e-324, 1e-300, 1e-30, 2.0**-53, 1e-9]
@@ -135,10 +132,6 @@ MUST = {
     "laws": (
         "From 1 to 192 kHz, the response agrees with the physical law within the tolerance of"
         " the block."
-    ),
-    "blocks": (
-        "Samples and state are the same for blocks of 1 to 8193 samples, including primes and"
-        " random lengths."
     ),
     "ends": (
         "With alpha and duty at their limits, and at the floats next to them, samples are"
@@ -259,23 +252,6 @@ def test_the_law_at_every_rate(entry):
             )
             saw("laws", f"{entry.name} at {fs:g} Hz, as a part of its tolerance", used)
             assert used <= 1
-
-
-@pytest.mark.parametrize("entry", ALL)
-def test_every_size_of_block(entry):
-    n, fs = 2 * 8193 + 1, entry.rates[0]
-    proc = stimlib.compile(entry.scene(), fs)
-    x = rows(proc, entry.x(n, fs), entry.inputs)
-    whole, end = run(proc, x), proc.state
-    rng = np.random.default_rng(0)
-    for cuts in [cut_at(n, size) for size in SIZES] + [
-        random_cuts(n, rng),
-        random_cuts(n, rng, 500),
-    ]:
-        proc.reset()
-        assert_same(run(proc, x, cuts), whole, f"cuts at {cuts[1:3]}..")
-        assert_same(proc.state, end, "state")
-        saw("blocks")
 
 
 # Ends ---------------------------------------------------------------------------------

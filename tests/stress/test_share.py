@@ -7,7 +7,7 @@ each scene. Needs clang with lld, or zig (ZIG names the program).
 
 import numpy as np
 import pytest
-from exported import LARGE as LARGE_BLOCKS, groups
+from exported import COUNT, groups
 from live.chromium import Browser, where
 from live.shared import OFFLINE, changes_for, need_compiler, numbers, with_changes
 
@@ -33,33 +33,16 @@ def browser():
     made.close()
 
 
-@pytest.fixture
-def opened(browser, tmp_path):
-    """Shares a scene, opens it from disk: scene, motion, page in Chromium, file."""
-    pages = []
-
-    def open_(name, seconds):
-        scene, n, path = SHIPPED[name](), round(seconds * FS), tmp_path / f"{name}.html"
-        motion = {i: parse_motion(m) for i, m in ROWS[name].drive.items()}
-        share(scene, FS, path, motion, seconds, title=name)
-        x = positions(sources_of(motion, tuple(scene.inputs), n), 0, n, FS)
-        page = browser.page(path.as_uri())
-        pages.append(page)
-        page.js("window.scene.checked")
-        return scene, x, page, path
-
-    yield open_
-    for page in pages:
-        assert page.complaints() == []
-        page.close()
-
-
 @pytest.mark.parametrize("name", [n for n in SHIPPED if n not in LARGE])
-def test_a_scene(name, opened):
+def test_a_scene(name, browser, tmp_path):
     """At least 1e5 samples of squeeze, a second of the others; all parameters move."""
-    scene, x, page, path = opened(name, 7.0 if name == "squeeze" else 1.0)
-    n = x.shape[1]
-    found = page.js("scene.checked")
+    scene, path, seconds = SHIPPED[name](), tmp_path / "a.html", 7.0 if name == "squeeze" else 1.0
+    motion = {i: parse_motion(m) for i, m in ROWS[name].drive.items()}
+    share(scene, FS, path, motion, seconds, title=name)
+    n = round(seconds * FS)
+    x = positions(sources_of(motion, tuple(scene.inputs), n), 0, n, FS)
+    page = browser.page(path.as_uri())
+    found = page.js("window.scene.checked")
     assert found["same"] and found["spent"] < found["block"]
     cuts = [n // 3 + 17 * k for k in range(len(scene.params))]
     values = [1.1 * p.value for p in scene.params.values()]
@@ -75,15 +58,15 @@ def test_a_scene(name, opened):
     )
     assert got.shape == want.shape and differ == 0 and rms > 0
     assert got.size >= 1e5 or name != "squeeze"
+    assert page.complaints() == []
+    page.close()
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of a block's horizon
-@pytest.mark.parametrize("k", range(len(groups())))
+@pytest.mark.parametrize("k", range(COUNT - 1))  # the last has a table of 16 MB of text
 def test_the_table_of_blocks(k, browser, tmp_path):
     """Without a C library: ``fma`` and ``fmod`` of the page are its own."""
     fs, scene, motion = groups()[k]
-    if {*scene.outputs} & {*LARGE_BLOCKS}:
-        pytest.skip("its table takes 16 MB of text")
     made = share(scene, fs, tmp_path / "blocks.html", motion)
     page = browser.page((tmp_path / "blocks.html").as_uri())
     found = page.js("scene.checked")
