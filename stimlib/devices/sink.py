@@ -384,6 +384,8 @@ class Sink:
                 self.pump.start(frames, self._first())
         except BaseException:
             self.close()
+            if not self._over.is_set():  # it was closed before it had begun
+                self._finish(time.monotonic() + CLOSE_WITHIN)
             raise
         if self._refused:
             warnings.warn(
@@ -514,21 +516,25 @@ class Sink:
                 why = f"{self.device}: the device did not let go; it was left behind, silent"
                 warnings.warn(why, RuntimeWarning, stacklevel=3)
             if self._started:
-                self._over.set()
-                if self._worker is None:  # no thread could be started
-                    self._work()
-                elif threading.current_thread() is not self._worker:  # as where a log calls close
-                    self._worker.join(max(0.1, end - 0.1 - time.monotonic()))
-                    if self._worker.is_alive():
-                        warnings.warn(
-                            "the log is not written yet: the disk is slow",
-                            RuntimeWarning,
-                            stacklevel=3,
-                        )
+                self._finish(end)
             open_sinks.discard(self)
             logger.info(
                 "%s: closed %r%s", self.device, self, f", {self.report()}" if self._started else ""
             )
+
+    def _finish(self, end: float) -> None:
+        """End the threads of a started session, and with them the log."""
+        if self._feeder:
+            self._feeder.stop()
+        self._over.set()
+        if self._worker is None:  # no thread could be started
+            self._work()
+        elif threading.current_thread() is not self._worker:  # as where a log calls close
+            self._worker.join(max(0.1, end - 0.1 - time.monotonic()))
+            if self._worker.is_alive():
+                warnings.warn(
+                    "the log is not written yet: the disk is slow", RuntimeWarning, stacklevel=4
+                )
 
     def _inside(self) -> bool:
         """Return whether the current thread computes the sink's next samples.
@@ -895,8 +901,10 @@ class Sink:
             self._fail(e, what="the log cannot be written")
             self.pump.write("WAIT", 0)  # for room in it
             writer, self._recorder.writer = self._recorder.writer, None
+            from ..files.log_writer import LogWriter
+
             self._recorder.see = None  # which may be what raised
-            if isinstance(self._log_to, (str, os.PathLike)):
+            if isinstance(writer, LogWriter):
                 with suppress(SinkError):  # as told: its files end with what they have
                     writer.close()
             while not self._over.wait(0.01):

@@ -341,25 +341,11 @@ def present(
     if (calibration := options.pop("calibration", None)) is not None:
         safety = calibration.safety(scene, safety, experiment.fs)
         late = len(safety.to_dict()["inverse"]["taps"]) // 2
-    if log is not None:
-        Path(log).parent.mkdir(parents=True, exist_ok=True)
-        to = (
-            log
-            if sink != "file"
-            else LogWriter(
-                log,
-                header(
-                    scene, safety, experiment.fs, seed=seed, params=params, channels=[*channels]
-                ),
-                True,
-            )
-        )
     send = options.get("send") or ()
     options |= {
         "motion": _moves(experiment, scene),
         "seed": seed,
         "params": params,
-        "log": to,
         "markers": () if t.starts is None else (STARTS,),
         "send": [noticed, *(send if isinstance(send, Sequence) else [send])],
     }
@@ -375,10 +361,29 @@ def present(
     )
     if known is not None:
         ends = min(ends, known + round(t.interval * experiment.fs))
-    if not isinstance(playing := made(scene, safety, **options, **clock), Sink):
-        raise BadValue(f"present: sink gives a {type(playing).__name__}, where it must give a Sink")
-    with suppress(MotionError), playing:  # it is in the report
+    if log is not None:
+        Path(log).parent.mkdir(parents=True, exist_ok=True)
+        to = (
+            log
+            if sink != "file"
+            else LogWriter(
+                log,
+                header(
+                    scene, safety, experiment.fs, seed=seed, params=params, channels=[*channels]
+                ),
+                True,
+            )
+        )
+    try:
+        if not isinstance(playing := made(scene, safety, log=to, **options, **clock), Sink):
+            given = type(playing).__name__
+            raise BadValue(f"present: sink gives a {given}, where it must give a Sink")
         playing.open(experiment.fs, channels if len(channels) < len(scene.outputs) else None)
+    except BaseException:
+        if isinstance(to, LogWriter):
+            to.close()
+        raise
+    with suppress(MotionError), playing:  # it is in the report
         playing.start((ends + late) / experiment.fs)
         zero = datetime.now(UTC).isoformat()
         playing.mark("trial", sample=0)

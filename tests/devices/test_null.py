@@ -19,6 +19,7 @@ import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError
 from stimlib.devices.null import NullSink
 from stimlib.devices.sink import Sink
+from stimlib.files.log_reader import read_log
 from stimlib.run.safety import Safety
 from stimlib.scenes import pulse
 
@@ -95,6 +96,22 @@ def test_a_log_that_cannot_take_every_change_is_told():
         s.wait(60)
 
 
+class Still(NullSink):
+    """A device that never asks for a block."""
+
+    def start_loop(self, loop):
+        pass
+
+
+def test_a_device_that_goes_before_its_first_block_leaves_a_whole_log(tmp_path):
+    sink = begun(Still(STEADY, 1.0, realtime=False, log=tmp_path))
+    sink.mark("trial", sample=0)
+    sink.device_lost("it has gone")
+    sink.close()
+    log = read_log(tmp_path)
+    assert log.report["delivered"] == log.report["markers"] == 0
+
+
 def test_a_log_may_close_its_sink():
     class Closes(Seen):
         def event(self, at, kind, **data):
@@ -107,6 +124,20 @@ def test_a_log_may_close_its_sink():
     sink.set("level", 0.5)
     sink._worker.join(60)
     assert sink.error is None and log.end["produced"] == sum(map(len, log.frames)) + log.end["lost"]
+
+
+def test_a_sink_that_is_closed_while_it_begins_ends_its_threads_and_its_log(tmp_path):
+    def leaves(t):
+        if hasattr(sink, "pump"):
+            sink.close()
+        return 0.0 * t
+
+    sink = clocked(Scene({"y": 1 * Input("x")}), motion={"x": leaves}, log=tmp_path)
+    refused(SinkError, "closed meanwhile", begun, sink)
+    for thread in (sink._feeder, sink._telling.thread, sink._worker):
+        thread.join(60)
+        assert not thread.is_alive()
+    assert read_log(tmp_path).report["produced"] == 0
 
 
 # The process --------------------------------------------------------------------------

@@ -17,7 +17,9 @@ from stimlib.experiments import (
     Timing,
     TwoInterval,
     choice,
+    observed,
     run,
+    stream,
 )
 
 SPRING = stimlib.Scene({"force": stimlib.Param("k", 2.0, "N/m") * stimlib.Input("x", "m")})
@@ -76,6 +78,12 @@ def simulate(data, made=None, **options):
     return session
 
 
+def trials_of(made, person, code, session=1, seed=1):
+    """The trials of a session in which an observer answers; nothing is displayed."""
+    design = made.designed(code, session)
+    return [t for t, _ in observed(design, seed, person, stream(seed, "observer"))]
+
+
 def some(data, trials, made=None, by=observer, **options):
     """A session that was left after some trials, of an observer or a person (None)."""
     with Session(made or experiment(), data, "P01", **options) as session:
@@ -87,7 +95,9 @@ def some(data, trials, made=None, by=observer, **options):
 
 
 class Scripted:
-    """A front end that notes what it is asked, and answers from a list."""
+    """A front end that notes what it is asked, and answers from a list; it leaves where
+    its answer is to leave.
+    """
 
     def __init__(self, *answers, picks=()):
         self.answers, self.picks, self.noted = list(answers), list(picks), []
@@ -106,4 +116,6 @@ class Scripted:
 
     def ask(self, trial, question, replays):
         self.noted.append((question.name, replays))
-        return self.answers.pop(0)
+        if (answer := self.answers.pop(0)) == "leave":
+            raise KeyboardInterrupt
+        return answer

@@ -276,7 +276,7 @@ ANY = st.tuples(
 
 
 @pytest.mark.parametrize("export", [bids_rows, psych_rows, table_rows])
-@settings(max_examples=200 if STRESS else 30)
+@settings(max_examples=200 if STRESS else 12)
 @given(drawn=st.lists(ANY, min_size=1, max_size=4))
 def test_each_trial_is_a_row_of_every_export_or_it_is_refused(export, kinds, drawn):
     found = []

@@ -11,7 +11,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from experiments.some import SPRING, experiment
-from laws import STRESS
 from refusals import refused
 
 from stimlib.errors import BadValue, UnknownName
@@ -41,6 +40,7 @@ from stimlib.experiments import (
     shuffled,
     stream,
     turn_of,
+    williams,
 )
 
 PAIR = TwoInterval(
@@ -252,73 +252,6 @@ def test_a_state_is_plain_data_and_update_leaves_it_alone():
     assert len({s.seed for t in shown if t.track == "c" for s in t.stimuli}) == 2 * 6
 
 
-def test_quest_goes_on_after_many_answers_and_after_a_slip():
-    """A session of any length is read back, and no answer leaves all curves at 0."""
-    rows = ((1.0, 1.5, 2.0, 2.5, 3.0), (1.5, 2.0, 2.5), (0.2, 0.4))
-    long = Quest(PAIR, *rows, trials=3000)
-    state = {"seed": 1, "levels": [1.5, 2.5] * 1000, "outcomes": [0, 1] * 1000}
-    assert long.estimate(state)["mean"].value == pytest.approx(2.0, abs=1e-9)
-    assert long.next(state).level in rows[0]
-    weibull = Quest(PAIR, (0.0, 0.5, 1.0, 2.0), (0.8, 1.6), slopes=(2.0,), lapses=(0.0,))
-    assert weibull.next(weibull.init(1)).level > 0.0  # at 0 nothing is learnt
-    sharp = Quest(PAIR, (1.0, 2.0, 3.0), (1.5, 2.5), (1e-3,), lapses=(0.0,))
-    slip = {"seed": 1, "levels": [1.0, 2.0, 1.0], "outcomes": [0, 1, 1]}
-    assert 1.5 <= sharp.estimate(slip)["mean"].value <= 2.5
-
-
-FELT = TwoInterval("felt", "which", Stimulus("tone", {"A": 0.0}), Stimulus("tone"), "A")
-
-
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("kind", ["comparison", "detection", "weibull", "yes-no"])
-def test_quest_has_the_levels_and_estimates_of_the_package_questplus(kind):
-    """Levels equal, estimates to rounding: 1000 runs of these kinds were, by hand."""
-    from questplus import QuestPlus
-
-    rng = stream(3, kind)
-    for _ in range(6 if STRESS else 2):
-        rows = {
-            "levels": np.sort(rng.uniform(0.1, 3.0, rng.integers(3, 12))),
-            "means": np.sort(rng.uniform(0.2, 2.5, rng.integers(1, 9))),
-            "lapses": rng.uniform(0.0, 0.1, 2),
-        }
-        wide = rng.uniform(0.1, 1.0, 3)
-        steep = kind in ("weibull", "yes-no")
-        rows |= {"slopes": 5 * wide} if steep else {"deviations": wide}
-        rows |= {"guesses": (0.0, 0.1, 0.2)} if kind == "yes-no" else {}
-        design = Quest(FELT if kind in ("detection", "weibull") else PAIR, **rows, trials=15)
-        low = {"comparison": {}, "yes-no": {"lower_asymptote": [0.0, 0.1, 0.2]}}
-        theirs = QuestPlus(
-            stim_domain={"intensity": list(design.levels)},
-            param_domain={
-                "threshold" if steep else "mean": list(design.means),
-                "slope" if steep else "sd": list(design.slopes or design.deviations),
-                "lapse_rate": list(design.lapses),
-                **low.get(kind, {"lower_asymptote": [0.5]}),
-            },
-            outcome_domain={"response": ["yes", "no"]},
-            func="weibull" if steep else "norm_cdf_2" if kind == "comparison" else "norm_cdf",
-            stim_scale="linear",
-        )
-        state = design.init(1)
-        while (trial := design.next(state)) is not None:
-            assert trial.level == theirs.next_stim["intensity"]
-            more = bool(rng.random() < 0.6)
-            theirs.update(
-                stim={"intensity": trial.level}, outcome={"response": "yes" if more else "no"}
-            )
-            state = {
-                **state,
-                "levels": [*state["levels"], trial.level],
-                "outcomes": [*state["outcomes"], int(more)],
-            }
-        np.testing.assert_allclose(
-            [found.value for found in design.estimate(state).values()],
-            list(theirs.param_estimate.values()),
-            rtol=1e-12,
-        )
-
-
 @pytest.mark.parametrize("n", [3, 4, 5, 7, 8, 9, 10, 12, 14, 18, 22, 26, 30, 32])
 def test_graeco_latin_squares_are_orthogonal(n):
     square = graeco_latin(n)
@@ -358,38 +291,6 @@ def test_answers_are_held_against_their_question(question, good, bad):
     question.check(question.guess(np.random.default_rng(1)))
     for value in bad:
         refused(BadValue, "q: .* is no answer; answer ", question.check, value)
-
-
-def test_quest_and_a_trial_of_another_chance_level_are_refused():
-    """Quest reads the task's, fits the trial's: of an odd-one-out in three it would
-    search a curve without guesses.
-    """
-
-    class Oddity:
-        condition = "odd"
-
-        def trial(self, level, seed, n):
-            return dc.replace(PAIR.trial(level, seed, n), chance=1 / 3)
-
-    design = Quest(Oddity(), (1.0, 2.0), means=(1.0, 2.0), deviations=(0.5,))
-    refused(
-        BadValue,
-        r"Quest: the task has the chance level None, its trial 0.333; give the task's class",
-        design.next,
-        design.init(seed=1),
-    )
-    Oddity.chance = 1 / 3
-    assert design.next(design.init(seed=1)).chance == 1 / 3
-
-
-def test_quest_takes_rows_of_numpy_and_lists():
-    """As np.linspace gives them; a list failed at the first trial, an array where it
-    was made.
-    """
-    plain = Quest(PAIR, (1.0, 1.5, 2.0), means=(1.0, 1.5), deviations=(0.5,), trials=3)
-    rows = dict(means=[1.0, 1.5], deviations=np.array([0.5]))
-    made = Quest(PAIR, np.linspace(1.0, 2.0, 3), **rows, trials=3)
-    assert made == plain and made.next(made.init(seed=1)) == plain.next(plain.init(seed=1))
 
 
 def stairs(**words):
@@ -447,6 +348,13 @@ NORMAL = {"deviations": (1.0,)}
         (ConstantStimuli, {"items": ((PAIR, 5.0),), "repeats": 2.5}, "repeats = 2.5"),
         (ConstantStimuli, {"items": ((PAIR, 5.0),), "repeats": 0}, "at least 1"),
         (ConstantStimuli, {"items": ((PAIR, 1.0),) * 2}, "twice"),
+        (
+            ConstantStimuli,
+            {"items": ((PAIR, 1.0),), "repeats": 2, "shuffle": "apart"},
+            "two items or more",
+        ),
+        *((williams, {"n": n}, f"n = {n} must be a number") for n in (1, 0, -4, 1001)),
+        (williams, {"n": 2.5}, "n = 2.5 must be a whole number"),
         (Interleaved, {"tracks": [STAIRS]}, "tracks = .* must be a dict"),
         (Interleaved, {"tracks": {}}, "name of its track"),
         (Sequential, {"parts": [STAIRS]}, "parts = .* must be a dict"),

@@ -50,7 +50,14 @@ short = experiment(design=design, replays=1, familiarisation=known, observer=obs
 def made():
     return short
 number = 3
+levels = ConstantStimuli(tuple((TASK, k) for k in (1.0, 1.5, 2.0, 2.5, 3.0)), 6)
+planned = experiment(design=levels)
 """
+
+
+def plan(jnd="0.4", pse="2", people="2", more=""):
+    words = f"power {{}}:planned --jnd {jnd} --pse {pse} --participants {people} --experiments 2"
+    return f"{words} {more}".split()
 
 
 @pytest.fixture
@@ -126,17 +133,10 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
     ]
 
 
-PLANNED = """
-levels = ConstantStimuli(tuple((TASK, k) for k in (1.0, 1.5, 2.0, 2.5, 3.0)), 6)
-planned = experiment(design=levels)
-"""
-
-
-@pytest.mark.parametrize("log", [False, True])
-def test_the_errors_of_a_planned_jnd_are_those_of_power(file, log):
+@pytest.mark.parametrize(("log", "sizes"), [(False, "2,3"), (True, "2")])
+def test_the_errors_of_a_planned_jnd_are_those_of_power(file, log, sizes):
     """With the same people, whose JNDs are log-normal: mean 0.4, spread 0.1."""
-    file.write_text(file.read_text() + PLANNED)
-    words = ["--jnd", 0.4, "--pse", 2, "--between", 0.1, "--participants", "2,3"]
+    words = ["--jnd", 0.4, "--pse", 2, "--between", 0.1, "--participants", sizes]
     words += ["--experiments", 2, "--seed", 3, *["--log"] * log]
     said = stimlib("power", f"{file}:planned", *words)
     wide = NormalDist().inv_cdf(0.75)
@@ -151,7 +151,7 @@ def test_the_errors_of_a_planned_jnd_are_those_of_power(file, log):
         jnds.append([v.jnd * v.pse if log else v.jnd for v in fits])
         return np.nanmean(jnds[-1]), np.nan
 
-    for n in (2, 3):
+    for n in map(int, sizes.split(",")):
         jnds = []
         design = experiment_of(f"{file}:planned")
         found = power(design, person, mean_jnd, n, truth=0.4, experiments=2, seed=3)
@@ -160,24 +160,6 @@ def test_the_errors_of_a_planned_jnd_are_those_of_power(file, log):
         assert [v.strip() for v in row.split("│")[3:6]] == numbers.split()
     people = math.ceil((1.96 * np.nanstd(jnds, ddof=1) / 0.04) ** 2)
     assert f"silent: {people} participants of 30 trials" in said
-
-
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [
-        (["--jnd", "0"], "--jnd 0: give"),
-        (["--pse", "-2", "--log"], "--pse -2: give a finite"),
-        (["--between", "nan"], "--between nan: give"),
-        (["--participants", "4,x"], "--participants 4,x: give whole"),
-        (["--link", "cubic"], "--link = 'cubic' must be one of probit"),
-        (["--pse", "90"], "condition 'silent': no JND"),
-    ],
-)
-def test_a_plan_that_cannot_be_computed_is_refused(file, words, text):
-    file.write_text(file.read_text() + PLANNED)
-    plan = {"--jnd": 0.4, "--pse": 2, "--participants": 2, "--experiments": 2}
-    given = [v for name, value in plan.items() if name not in words for v in (name, value)]
-    assert f"error: {text}" in stimlib("power", f"{file}:planned", *given, *words, status=2)
 
 
 def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
@@ -205,6 +187,12 @@ def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
         (["run", "{}:short", "--participant", "P1", "--device", "x"], "--device.*not for null"),
         (["resume", "{}:short", "--participant", "P1"], "no session .* to resume"),
         (["run", "{}:short"], "Missing option '--participant'"),
+        (plan(jnd="0"), "--jnd 0: give"),
+        (plan(pse="-2", more="--log"), "--pse -2: give a finite"),
+        (plan(more="--between nan"), "--between nan: give"),
+        (plan(people="4,x"), "--participants 4,x: give whole"),
+        (plan(more="--link cubic"), "--link = 'cubic' must be one of probit"),
+        (plan(pse="90"), "condition 'silent': no JND"),
     ],
 )
 def test_mistakes_get_one_line(file, tmp_path, monkeypatch, words, says):
@@ -316,31 +304,27 @@ def test_keys_of_a_terminal_are_taken_and_shown_only_where_they_are_asked_for(pt
     )
 
 
-def test_the_terminal_is_as_it_was_whatever_ends_a_session(pty):
-    usual = signal.getsignal(signal.SIGTSTP)
+def test_the_terminal_is_as_it_was_whatever_ends_or_suspends_a_session(pty, monkeypatch):
+    def look():
+        return termios.tcgetattr(pty.fd), signal.getsignal(signal.SIGTSTP)
+
+    before, stopped = look(), []
+    monkeypatch.setattr(terminal.signal, "raise_signal", lambda s: stopped.append((s, *look())))
     for end in (KeyboardInterrupt, SystemExit, SinkError("gone")):
         with pytest.raises((KeyboardInterrupt, SystemExit, SinkError)), terminal.terminal():
-            attributes = termios.tcgetattr(pty.fd)
+            attributes, _ = inside = look()
             assert not attributes[3] & (termios.ECHO | termios.ICANON)
             assert attributes[3] & termios.ISIG
             no_key = attributes[6][termios.VQUIT]
             assert no_key == b"\0" != pty.before[6][termios.VQUIT], "no key ends it without this"
+            os.kill(os.getpid(), signal.SIGTSTP)
+            assert look() == inside and stopped.pop() == (
+                signal.SIGTSTP,
+                pty.before,
+                signal.SIG_DFL,
+            )
             raise end
-        assert termios.tcgetattr(pty.fd) == pty.before
-        assert signal.getsignal(signal.SIGTSTP) is usual
-
-
-def test_a_session_that_is_suspended_gives_the_shell_its_terminal(pty, monkeypatch):
-    stopped = []
-    monkeypatch.setattr(terminal.signal, "raise_signal", lambda s: stopped.append((s, *look())))
-
-    def look():
-        return termios.tcgetattr(pty.fd), signal.getsignal(signal.SIGTSTP)
-
-    with terminal.terminal():
-        inside = look()
-        os.kill(os.getpid(), signal.SIGTSTP)
-        assert look() == inside and stopped == [(signal.SIGTSTP, pty.before, signal.SIG_DFL)]
+        assert look() == before
 
 
 def test_a_rating_of_nine_is_a_key_and_one_of_ten_a_line():

@@ -5,6 +5,7 @@ from math import isnan
 
 import numpy as np
 import pytest
+from experiments.some import trials_of
 from refusals import refused
 from scipy.stats import norm, t as student
 
@@ -21,7 +22,6 @@ from stimlib.experiments import (
     TwoInterval,
     check_graeco_latin,
     columns,
-    observed,
     run,
     sessions,
     stream,
@@ -44,7 +44,7 @@ def test_sessions_and_their_order():
     for session in (0, 16):
         refused(BadValue, "there are 15", pair_of, "P01", session)
     experiment = firmness()
-    trials = trials_of(experiment, 3, person(lambda alpha, firmness: 300 * firmness))
+    trials = trials_of(experiment, person(lambda alpha, firmness: 300 * firmness), "P01", 3)
     assert [t.training for t in trials] == 2 * (10 * [True] + 50 * [False])
     assert [n for n, t in enumerate(trials) if t.pause] == [60]
     counted = [t.stimuli[0].params["firmness"] for t in trials if not t.training]
@@ -154,7 +154,7 @@ def test_a_roved_parameter_is_no_cue():
 def test_bounciness_roves_firmness():
     plain, made, more = (bouncy.bounciness(rove) for rove in (0.0, 0.2, 0.3))
     roved, steady = (
-        {t.stimuli[0].params["firmness"] for t in trials_of(experiment, 1, made.observer)}
+        {t.stimuli[0].params["firmness"] for t in trials_of(experiment, made.observer, "P01")}
         for experiment in (made, plain)
     )
     assert len(roved) == 120 and min(roved) >= 1 / 1.2 and max(roved) <= 1.2 and steady == {1.0}
@@ -162,8 +162,3 @@ def test_bounciness_roves_firmness():
     assert len({f["key"] for f in facts}) == 3  # their sessions are not analysed as one
     assert facts[0]["design"].endswith(".bounciness.session")
     assert facts[1]["design"]["keywords"] == {"rove": 0.2}
-
-
-def trials_of(made, session, observer, participant="P01"):
-    design = made.designed(participant, session)
-    return [t for t, _ in observed(design, 1, observer, stream(1, "person"))]

@@ -58,20 +58,27 @@ ONE_STIMULUS = (Stimulus("spring"),)
 
 
 class Front(Scripted):
-    """A front end that ends a stimulus, and answers, after some time; it notes what is
-    displayed then.
+    """A front end that ends a stimulus, and answers, after some time; it notes whether
+    one is displayed then, and leaves in the last of its squeezes.
     """
 
     seconds = 0.15
 
+    def __init__(self, *answers, squeezes=9):
+        super().__init__(*answers)
+        self.squeezes = squeezes
+
     def ready(self, text):
         self.noted.append((text, playing()))
-        time.sleep(self.seconds * text.startswith("When"))
+        if text.startswith("When"):
+            time.sleep(self.seconds)
+            self.squeezes -= 1
+        if not self.squeezes:
+            raise KeyboardInterrupt
 
     def ask(self, trial, question, replays):
-        self.noted.append((question.name, playing()))
         time.sleep(self.seconds)
-        return self.answers.pop(0)
+        return super().ask(trial, question, playing())
 
 
 def playing():
@@ -212,9 +219,7 @@ def test_right_and_wrong_are_a_column(tmp_path):
         assert correct(two, Answer(said)) is right
 
 
-@pytest.mark.parametrize(
-    ("sink", "seconds", "long"), [("null", 0.1234, 123), ("offline", 9.0, 150)]
-)
+@pytest.mark.parametrize(("sink", "seconds", "long"), [("null", 0.0234, 23), ("offline", 9.0, 150)])
 def test_a_simulated_observer_ends_a_stimulus_at_its_own_time(tmp_path, sink, seconds, long):
     """Or with it, if that takes longer."""
     timing = Timing(0.15, gap=0.0, before=0.0, ramp=0.01, until="answer")
@@ -339,36 +344,15 @@ def test_a_hand_moves_while_a_key_is_awaited():
         present(wrong, part, "null", meanwhile=lambda: None, realtime=False)
 
 
-class Leaves(Front):
-    """Who leaves before the trial, stimulus or session that is due at a step, or
-    instead of an answer.
-    """
-
-    left = 9
-
-    def ready(self, text):
-        super().ready(text)
-        self.left -= 1
-        if not self.left:
-            raise KeyboardInterrupt
-
-    def ask(self, trial, question, replays):
-        if (value := super().ask(trial, question, replays)) == "leave":
-            raise KeyboardInterrupt
-        return value
-
-
 def test_an_interrupted_session_of_self_paced_intervals_is_resumed(tmp_path):
     """A trial that was left in its second interval comes again, and the questions after
     the session are asked when they were not.
     """
     made = experiment(design=ONE, timing=DONE, after=AFTER)
-    early = Leaves()
-    early.left = 3  # in the second squeeze
     for front, resume, left in (
-        (early, False, 0),
-        (Leaves("first", "soft", "leave"), True, 1),
-        (Leaves("soft", "none"), True, 2),
+        (Front(squeezes=2), False, 0),
+        (Front("first", "soft", "leave"), True, 1),
+        (Front("soft", "none"), True, 2),
     ):
         with suppress(KeyboardInterrupt), Session(made, tmp_path, "P01", resume=resume) as session:
             run(session, front, "null")

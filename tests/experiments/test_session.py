@@ -5,9 +5,9 @@ refused where something was changed.
 import inspect
 import json
 import os
+import random
 import shutil
-import subprocess
-import sys
+import signal
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -28,7 +28,7 @@ from experiments.some import (
     some,
     still,
 )
-from laws import assert_same, mostly, random_cuts, run as cut_run
+from laws import STRESS, assert_same, mostly, random_cuts, run as cut_run
 from refusals import refused
 
 import stimlib
@@ -70,6 +70,7 @@ from stimlib.experiments import (
 from stimlib.experiments.session import LOG, Session
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
+from stimlib.files.log_writer import LogWriter
 from stimlib.run.safety import Safety
 from stimlib.scenes import SHIPPED
 from stimlib.system import safe_files
@@ -77,6 +78,12 @@ from stimlib.system import safe_files
 ODD = OneInterval("a", "odd", {"red": Stimulus("spring"), "green": Stimulus("spring")})
 VOLTS = stimlib.Scene(SPRING.outputs | {"v": stimlib.constant(1.0, "V")})
 HIGH = Own(ConstantStimuli(((TASK, 9.0),)))
+
+
+def forks(test):
+    """A test that forks, of a process that may have the threads of JAX."""
+    skips = pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks")
+    return pytest.mark.filterwarnings("ignore:os.fork")(skips(test))
 
 
 # Trials are scenes --------------------------------------------------------------------
@@ -193,6 +200,16 @@ def test_a_channel_is_the_same_in_every_trial():
     assert (stimlib.render(scene, {"x": still}, fs=1000, seconds=0.4)["buzz"] == 0).all()
 
 
+def test_a_recording_of_a_trial_that_cannot_be_opened_is_closed(tmp_path, monkeypatch):
+    ended, close = [], LogWriter.close
+    monkeypatch.setattr(LogWriter, "close", lambda log: (close(log), ended.append(log.folder)))
+    scene = stimlib.Scene({"force": lowpass(SPRING.outputs["force"], 600.0)})
+    made = experiment(scenes={"spring": scene})
+    cut = "cutoff = 600 Hz does not fit"
+    refused(StimlibError, cut, present, made, pair(), "file", tmp_path / "a.stimlog")
+    assert ended == [tmp_path / "a.stimlog"]
+
+
 def test_parameters_of_two_scenes_are_kept_apart(tmp_path):
     """Of one name, with other values, units and defaults; the log has each with the
     number of its interval.
@@ -257,22 +274,19 @@ def test_what_is_displayed_was_compiled_before_and_nothing_is_displayed_for_it(
 ):
     """The first of a kind would begin late, and tell that it is one."""
     opened, started = [], []
-    take, begin = NullSink.open, NullSink.start
 
-    def seen(sink, *how):
-        opened.append(sink)
-        take(sink, *how)
-
-    def begun(sink, seconds):
-        started.append(sink)
-        begin(sink, seconds)
+    def noted(name, sinks):
+        method = getattr(NullSink, name)
+        monkeypatch.setattr(
+            NullSink, name, lambda sink, *how: (sinks.append(sink), method(sink, *how))
+        )
 
     def forms(sinks):  # blocks and how they hang together, without their numbers
         programs = [sink.scene.program.instances for sink in sinks]
         return {tuple((type(q.block), q.kind, q.clock, q.args) for q in p) for p in programs}
 
-    monkeypatch.setattr(NullSink, "open", seen)
-    monkeypatch.setattr(NullSink, "start", begun)
+    noted("open", opened)
+    noted("start", started)
     squared = {"force": SPRING.outputs["force"] * stimlib.Input("x", "m")}
     other = OneInterval("w", "softer", {n: Stimulus(n) for n in ("first", "second")})
     main = ConstantStimuli(((TASK, 4.0), (TASK, 1.0), (TASK, 2.0), (other, "second")))
@@ -468,17 +482,62 @@ def test_what_was_edited_is_named(tmp_path, change, why):
             refused((SinkError, BadValue), why, act, session.folder)
 
 
-@pytest.mark.parametrize("kills", [8, pytest.param(200, marks=pytest.mark.stress)])
-def test_killed_at_random_moments_nothing_is_lost_and_nothing_doubled(tmp_path, kills):
-    command = [
-        sys.executable,
-        str(Path(__file__).with_name("killed.py")),
-        str(tmp_path),
-        str(kills),
-        "1",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0 and int(done.stdout.split()[0]) >= kills, done.stdout + done.stderr
+def dying(name, left):
+    """A call of the system in the midst of which the process is killed when so many
+    calls have been made.
+    """
+    real = getattr(os, name)
+
+    def call(*args, **how):
+        if not left:
+            if name == "write":
+                real(args[0], args[1][: len(args[1]) // 2])
+            os.kill(os.getpid(), signal.SIGKILL)
+        left.pop()
+        return real(*args, **how)
+
+    return call
+
+
+def plain(folder):
+    records = read(folder).records if (folder / "session.json").exists() else []
+    return [(r.number, r.trial, r.answer.values) for r in records]
+
+
+@forks
+@pytest.mark.parametrize("seed", range(40 if STRESS else 1))
+def test_killed_at_any_moment_nothing_is_lost_and_nothing_doubled(tmp_path, seed):
+    """A child plays and is killed, and another goes on, until one comes to the end; the
+    log has every answer that was kept.
+    """
+    made = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0)), 4))
+    whole = plain(simulate(tmp_path / "whole", made).folder)
+    folder, rng, saved, killed = tmp_path / "pair" / "P01-s1", random.Random(seed), [], True
+
+    def play(told):
+        resume = (folder / "session.json").exists()
+        with Session(made, tmp_path, "P01", resume=resume) as session:
+            put = session.put
+            session.put = lambda *answer: (put(*answer), told.write(b"."))[0]
+            run(session, Simulated(session, observer), nothing)
+
+    while killed:
+        left = [None] * rng.randrange(20)
+        with (tmp_path / "told").open("wb", buffering=0) as told:
+            if (pid := os.fork()) == 0:
+                try:
+                    for name in ("open", "write", "fsync", "replace", "unlink"):
+                        setattr(os, name, dying(name, left))
+                    play(told)
+                    os._exit(0)
+                finally:
+                    os._exit(1)
+        status = os.waitpid(pid, 0)[1]
+        killed = status == signal.SIGKILL
+        assert killed or status == 0
+        kept, saved = len(saved) + (tmp_path / "told").stat().st_size, plain(folder)
+        assert kept <= len(saved) and saved == whole[: len(saved)]
+    assert saved == whole
 
 
 @pytest.mark.parametrize("cut", [1, 40, -1])
@@ -513,9 +572,7 @@ def test_lines_that_are_missing_at_the_end_are_told(tmp_path, lines, witness):
         refused(SinkError, f"trials {(lines or 0) + 1} to {last} are missing", act)
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks")
-# of JAX, where another test in this process has loaded it
-@pytest.mark.filterwarnings("ignore:os.fork")
+@forks
 def test_a_fork_of_a_session_writes_nothing(tmp_path):
     with Session(experiment(), tmp_path, "P01") as session:
         answer = observer(session.due(), stream(1))

@@ -4,6 +4,7 @@ programs' printed results, and simulated people.
 
 import numpy as np
 import pytest
+from laws import mostly
 from mpmath import mp, mpf, ncdf, npdf, quad
 from refusals import refused
 from scipy.stats import binom, norm
@@ -21,9 +22,12 @@ def right(d, m):
         )
 
 
-@pytest.mark.parametrize(("m", "k"), [(2, 3), (2, 99), (3, 80), (8, 99), (32, 3), (1000, 80)])
-def test_d_of_a_forced_choice_is_where_the_integral_is_the_proportion(m, k):
+@pytest.mark.parametrize(
+    "case", mostly([(2, 99), (32, 3)], [(2, 3), (2, 99), (3, 80), (8, 99), (32, 3), (1000, 80)])
+)
+def test_d_of_a_forced_choice_is_where_the_integral_is_the_proportion(case):
     """Hacker and Ratcliff (1979) print these to two digits."""
+    m, k = case
     assert float(right(forced_choice(k, 100, m).d, m)) == pytest.approx(k / 100, abs=1e-13)
     assert forced_choice(10, 10 * m, m).d == pytest.approx(0, abs=1e-12)
     assert forced_choice(10**9 - 1, 10**9).d == pytest.approx(2**0.5 * 5.99780701, rel=1e-7)

@@ -1,21 +1,27 @@
 """Staircases: types of steps, targets, and the estimate from reversals."""
 
+import dataclasses as dc
 import json
 import math
 from functools import partial
 
 import numpy as np
 import pytest
+from laws import STRESS
 from refusals import refused
 from scipy.special import ndtr
 
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
     Answer,
+    Psychometric,
     Staircase,
     Stimulus,
     Trial,
     TwoInterval,
+    observed,
+    outcome,
+    stream,
 )
 
 
@@ -203,6 +209,37 @@ def test_the_error_of_the_estimate_is_the_true_one(words):
         found.append(stairs.estimate(asked(stairs, lambda x: rng.random() < ndtr(x))[0]))
     spread = np.std([f["level"] for f in found])
     assert np.sqrt(np.mean([f["error"] ** 2 for f in found])) / spread == pytest.approx(1, abs=0.15)
+
+
+BOUNDED = Staircase(
+    PAIR, 2.0, (1.0, 10.0), steps=(1.0, 0.5, 0.25), step_type="lin", down=2, reversals=12
+)
+
+
+def found_by(stairs, truth, deviation, seed):
+    """Return the estimate that a staircase makes of an observer."""
+    answers = observed(stairs, seed, Psychometric(truth, deviation), stream(seed, "who"))
+    # as a file of few digits has it
+    rows = [(trial.level * (1 + 1e-12), outcome(trial, answer)) for trial, answer in answers]
+    return stairs.estimate(dict(zip(("level", "outcome"), zip(*rows, strict=True), strict=True)))
+
+
+def test_a_staircase_says_that_it_sits_on_a_bound():
+    """In 40 runs of each of 8 rules a target one sigma outside is named in all, and one
+    three sigma inside in none.
+    """
+    rng, near = np.random.default_rng(1), dc.replace(BOUNDED, stuck=1000)  # by its reversals alone
+    for seed in range(8 if STRESS else 2):
+        truth = rng.choice([1.0 - rng.uniform(1.0, 3.0), 10.0 + rng.uniform(0.2, 6.0)])
+        for stairs, at, problem in (
+            (BOUNDED, truth, "edge"),
+            (BOUNDED, rng.uniform(2.5, 8.0), ""),
+            (near, 10.2, "edge"),
+            (near, 9.0, ""),
+        ):
+            assert found_by(stairs, at, 0.6, seed)["problem"] == problem
+    at_once = found_by(dc.replace(BOUNDED, stuck=3, reversals=2), 99.0, 0.6, 1)
+    assert (at_once["problem"], at_once["reversals"]) == ("edge", 0)
 
 
 # Errors -------------------------------------------------------------------------------

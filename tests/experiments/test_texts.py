@@ -149,25 +149,16 @@ def test_the_total_is_told_where_answers_do_not_change_it(tmp_path):
         assert face.noted[0] == first
 
 
-class Leaving(Scripted):
-    """Who leaves when no answer is left."""
-
-    def ask(self, trial, question, replays):
-        if not self.answers:
-            raise KeyboardInterrupt
-        return super().ask(trial, question, replays)
-
-
 def test_a_resumed_session_says_where_it_goes_on_and_repeats_nothing(tmp_path):
     known = {"soft": Stimulus("spring")}
     made = experiment(design=SHORT, instructions="Squeeze.", familiarisation=known)
     again, last = "The session goes on where it stopped.", "That was the last one. Thank you."
     for resume, answers, told in (
-        (False, [], ["Squeeze.", "Trial 1 of 2"]),
-        (True, ["first"], [again, "Trial 1 of 2", "Trial 2 of 2"]),
+        (False, ["leave"], ["Squeeze.", "Trial 1 of 2"]),
+        (True, ["first", "leave"], [again, "Trial 1 of 2", "Trial 2 of 2"]),
         (True, ["first"], [again, "Trial 2 of 2", last]),
     ):
-        face = Leaving(*answers, picks=["soft"])
+        face = Scripted(*answers, picks=["soft"])
         with suppress(KeyboardInterrupt), Session(made, tmp_path, "P01", resume=resume) as session:
             run(session, face, lambda trial, folder: folder.mkdir() or {})
         assert [text for text in face.noted if isinstance(text, str)] == told
