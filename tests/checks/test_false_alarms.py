@@ -92,6 +92,15 @@ def sliding_on(name):
 
 
 CLICKS = {"click": "x", "detents": "angle", "friction": "x", "wall": "x", "impact": "x"}
+MORE: list[str] = []
+
+
+def alike(rows):
+    """Correct renderings of one kind; one in four of them here, all in make stress."""
+    MORE.extend(name for k, name in enumerate(rows) if k % 4)
+    return rows
+
+
 # scene, motion, words of render, and what the report then says somewhere
 CORRECT = {
     "a held hand": (
@@ -100,147 +109,173 @@ CORRECT = {
         {},
         "no slope can be fitted",
     ),
-    **{
-        f"a held hand that wobbles by {by}": (
-            lambda: squeeze(fingers=1),
-            {"x1": 1 / 3 + by * np.sin(N / 50)},
-            {},
-            "",
-        )
-        for by in (1e-18, 1e-9)
-    },
+    **alike(
+        {
+            f"a held hand that wobbles by {by}": (
+                lambda: squeeze(fingers=1),
+                {"x1": 1 / 3 + by * np.sin(N / 50)},
+                {},
+                "",
+            )
+            for by in (1e-18, 1e-9)
+        }
+    ),
     "a loop behind a gate": (
         a_loop_behind_a_gate,
         {"x": np.repeat([0.0, 1.0, 0.0], 3000)},
         {},
         "generator",
     ),
-    **{
-        f"a springpot of {horizon} s, {scheme}": (
-            lambda scheme=scheme, horizon=horizon: Scene(
-                {"f": springpot(Y, 3.0, 0.4, scheme, 1e-10, horizon)}
-            ),
-            {"y": minimum_jerk()},
-            {"fs": 1000, "seconds": min(horizon, 0.5)},
-            "Springpot: physical law" if horizon == 3.0 else "",
-        )
-        for scheme, horizon in (("gl", 0.008), ("l1", 0.1), ("gl", 3.0), ("l1", 3.0))
-    },
-    **{
-        f"a springpot of {alpha} and a dashpot whose tail is cut off": (
-            lambda alpha=alpha: Scene({"f": springpot_series(Y, 25.0, alpha, b=2.0)}),
-            {"y": minimum_jerk()},
-            {"fs": 1000, "seconds": 0.1},
-            "",
-        )
-        for alpha in (0.6, 0.9)
-    },
-    **{
-        f"a springpot of {alpha} at {fs} Hz to {tol}": (
-            lambda alpha=alpha, tol=tol: s.viscoelastic(alpha, tol=tol),
-            {"y": minimum_jerk()},
-            {"fs": fs, "seconds": 0.05},
-            "full sum",
-        )
-        for alpha, fs, tol in ((0.5, 192000, 1e-10), (0.9, 96000, 1e-10), (0.5, 8000, 1e-13))
-    },
-    **{
-        f"noise that ran before sample 0 behind {name}": (
-            lambda gate=gate: gated(gate, white_noise(seed=1)),
-            {},
-            {"seconds": 0.3},
-            "",
-        )
-        for name, gate in {
-            "a parameter": Param("g", 1.0),
-            "a comparison": b.nonzero(Param("g", 1.0)),
-            "a noise": white_noise(seed=2) > 0.0,
-            "a number": constant(2.0),
-        }.items()
-    },
-    **{
-        f"an oscillator that noise moves behind a gate, {n} samples": (
-            lambda: gated(Input("x"), moved_by_noise()),
-            {"x": np.where(np.arange(n) % 7 > 0, 1.0, 0.0)},
-            {},
-            "y: noise as displayed",
-        )
-        for n in (16, 2400)
-    },
-    **{
-        f"bumps on a carrier of {freq} Hz at {speed} m/s": (
-            lambda freq=freq: bumps(freq=freq),
-            {"x": constant_speed(speed, 0.1)},
-            {"seconds": 0.5},
-            "",
-        )
-        for freq, speed in ((0.0, 0.02), (0.0, 5.0), (1e-9, 0.02), (157.9, 5.0), (3999.0, 0.02))
-    },
-    **{  # a groove was taken for the next ridge
-        f"a finger at {x!r} that rests on or beside an edge, {wave}": (
-            lambda wave=wave: bumps(wave, 1, length=1.0),
-            {"x": np.full(300, x)},
-            {},
-            "",
-        )
-        for wave in ("square", "sawtooth", "sine")
-        for x in (np.nextafter(2.0, 0), 1.5, np.nextafter(1.0, 3))
-    },
-    **{  # -0.1 x 6/0.1 is -6, and (-0.1 x 6)/0.1 is not: the law has the scene's rounding
-        f"a finger on the edge at -0.1 m, {name}": (make, {"x": np.full(400, -0.1)}, {}, "")
-        for name, make in {
-            "bumps": bumps,
-            "plate": lambda: touch_screen("square", rectify="half"),
-        }.items()
-    },
-    **{
-        f"a finger that trembles by a rounding over an edge, {wave}": (
-            lambda make=make, wave=wave: make(wave, bumps=0.06, length=0.1, duty=0.06),
-            {"x": 1e-12 * np.cumsum(ANY)},
-            {},
-            "",
-        )
-        for make, wave in ((bumps, "sine"), (touch_screen, "square"))
-    },
-    **{  # beyond its bounds: the nearest one
-        f"a duty of {duty}, {wave}": (
-            lambda make=make, wave=wave: make(wave, amplitude=0.4),
-            {"x": constant_speed(0.03, 0.1)},
-            {"fs": 48000, "seconds": 0.1, "params": {"duty": duty}},
-            "voltage",
-        )
-        for make, wave, duty in (
-            (bumps, "square", 0.0),
-            (bumps, "sawtooth", 1e-9),
-            (bumps, "half_sine", 2.0),
-            (touch_screen, "sine", 1e-9),
-            (touch_screen, "half_sine", -1.0),
-        )
-    },
-    **{
-        f"a plate whose carrier is rectified: {rectify}": (
-            lambda rectify=rectify: touch_screen(rectify=rectify, amplitude=0.1),
-            {"x": constant_speed(0.03, 0.1)},
-            {"fs": 48000, "seconds": 0.1},
-            "every stage",
-        )
-        for rectify in (None, "half", "full")
-    },
+    **alike(
+        {
+            f"a springpot of {horizon} s, {scheme}": (
+                lambda scheme=scheme, horizon=horizon: Scene(
+                    {"f": springpot(Y, 3.0, 0.4, scheme, 1e-10, horizon)}
+                ),
+                {"y": minimum_jerk()},
+                {"fs": 1000, "seconds": min(horizon, 0.5)},
+                "Springpot: physical law" if horizon == 3.0 else "",
+            )
+            for scheme, horizon in (("gl", 0.008), ("l1", 0.1), ("gl", 3.0), ("l1", 3.0))
+        }
+    ),
+    **alike(
+        {
+            f"a springpot of {alpha} and a dashpot whose tail is cut off": (
+                lambda alpha=alpha: Scene({"f": springpot_series(Y, 25.0, alpha, b=2.0)}),
+                {"y": minimum_jerk()},
+                {"fs": 1000, "seconds": 0.1},
+                "",
+            )
+            for alpha in (0.6, 0.9)
+        }
+    ),
+    **alike(
+        {
+            f"a springpot of {alpha} at {fs} Hz to {tol}": (
+                lambda alpha=alpha, tol=tol: s.viscoelastic(alpha, tol=tol),
+                {"y": minimum_jerk()},
+                {"fs": fs, "seconds": 0.05},
+                "full sum",
+            )
+            for alpha, fs, tol in ((0.5, 192000, 1e-10), (0.9, 96000, 1e-10), (0.5, 8000, 1e-13))
+        }
+    ),
+    **alike(
+        {
+            f"noise that ran before sample 0 behind {name}": (
+                lambda gate=gate: gated(gate, white_noise(seed=1)),
+                {},
+                {"seconds": 0.3},
+                "",
+            )
+            for name, gate in {
+                "a parameter": Param("g", 1.0),
+                "a comparison": b.nonzero(Param("g", 1.0)),
+                "a noise": white_noise(seed=2) > 0.0,
+                "a number": constant(2.0),
+            }.items()
+        }
+    ),
+    **alike(
+        {
+            f"an oscillator that noise moves behind a gate, {n} samples": (
+                lambda: gated(Input("x"), moved_by_noise()),
+                {"x": np.where(np.arange(n) % 7 > 0, 1.0, 0.0)},
+                {},
+                "y: noise as displayed",
+            )
+            for n in (16, 2400)
+        }
+    ),
+    **alike(
+        {
+            f"bumps on a carrier of {freq} Hz at {speed} m/s": (
+                lambda freq=freq: bumps(freq=freq),
+                {"x": constant_speed(speed, 0.1)},
+                {"seconds": 0.5},
+                "",
+            )
+            for freq, speed in ((0.0, 0.02), (0.0, 5.0), (1e-9, 0.02), (157.9, 5.0), (3999.0, 0.02))
+        }
+    ),
+    **alike(
+        {  # a groove was taken for the next ridge
+            f"a finger at {x!r} that rests on or beside an edge, {wave}": (
+                lambda wave=wave: bumps(wave, 1, length=1.0),
+                {"x": np.full(300, x)},
+                {},
+                "",
+            )
+            for wave in ("square", "sawtooth", "sine")
+            for x in (np.nextafter(2.0, 0), 1.5, np.nextafter(1.0, 3))
+        }
+    ),
+    **alike(
+        {  # -0.1 x 6/0.1 is -6, and (-0.1 x 6)/0.1 is not: the law has the scene's rounding
+            f"a finger on the edge at -0.1 m, {name}": (make, {"x": np.full(400, -0.1)}, {}, "")
+            for name, make in {
+                "bumps": bumps,
+                "plate": lambda: touch_screen("square", rectify="half"),
+            }.items()
+        }
+    ),
+    **alike(
+        {
+            f"a finger that trembles by a rounding over an edge, {wave}": (
+                lambda make=make, wave=wave: make(wave, bumps=0.06, length=0.1, duty=0.06),
+                {"x": 1e-12 * np.cumsum(ANY)},
+                {},
+                "",
+            )
+            for make, wave in ((bumps, "sine"), (touch_screen, "square"))
+        }
+    ),
+    **alike(
+        {  # beyond its bounds: the nearest one
+            f"a duty of {duty}, {wave}": (
+                lambda make=make, wave=wave: make(wave, amplitude=0.4),
+                {"x": constant_speed(0.03, 0.1)},
+                {"fs": 48000, "seconds": 0.1, "params": {"duty": duty}},
+                "voltage",
+            )
+            for make, wave, duty in (
+                (bumps, "square", 0.0),
+                (bumps, "sawtooth", 1e-9),
+                (bumps, "half_sine", 2.0),
+                (touch_screen, "sine", 1e-9),
+                (touch_screen, "half_sine", -1.0),
+            )
+        }
+    ),
+    **alike(
+        {
+            f"a plate whose carrier is rectified: {rectify}": (
+                lambda rectify=rectify: touch_screen(rectify=rectify, amplitude=0.1),
+                {"x": constant_speed(0.03, 0.1)},
+                {"fs": 48000, "seconds": 0.1},
+                "every stage",
+            )
+            for rectify in (None, "half", "full")
+        }
+    ),
     "a plate beyond its edge": (
         touch_screen,
         {"x": sinusoid(0.01, 3.0, 0.8)},
         {"seconds": 0.3},
         "",
     ),
-    **{
-        f"a texture at rest at {x} m": (
-            s.texture,
-            {"x": np.full(2000, x), "force": np.full(2000, 10 * x)},
-            {"fs": 4000, "seed": 1},
-            "",
-        )
-        for x in (0.0, 0.1)
-    },
+    **alike(
+        {
+            f"a texture at rest at {x} m": (
+                s.texture,
+                {"x": np.full(2000, x), "force": np.full(2000, 10 * x)},
+                {"fs": 4000, "seed": 1},
+                "",
+            )
+            for x in (0.0, 0.1)
+        }
+    ),
     "a vibration that decays within a sample": (
         lambda: s.impact(decay=5e-4, freq=190.0, cutoff=50.0),
         {"x": sinusoid(5e-3, 10.0)},
@@ -261,15 +296,17 @@ CORRECT = {
     ),
     "outputs named as taps": (lambda: taps("tap0"), {"x": np.ones(500)}, {}, ""),
     "outputs named as gates": (lambda: taps("gate0"), {"x": np.ones(500)}, {}, ""),
-    **{
-        f"an answer {n} samples late": (
-            lambda n=n: Scene({"y": b.delay(Input("x"), n)}),
-            {"x": np.linspace(0.0, 1.0, 500)},
-            {},
-            "Delay: impulse response",
-        )
-        for n in (4095, 4096, 9000)
-    },
+    **alike(
+        {
+            f"an answer {n} samples late": (
+                lambda n=n: Scene({"y": b.delay(Input("x"), n)}),
+                {"x": np.linspace(0.0, 1.0, 500)},
+                {},
+                "Delay: impulse response",
+            )
+            for n in (4095, 4096, 9000)
+        }
+    ),
     "pulses of a quarter of the rate, each on a sample": (
         lambda: Scene({"y": b.pulse_train(2000.0)}),
         {},
@@ -288,81 +325,93 @@ CORRECT = {
         {"fs": 1000, "seconds": 2.0},
         "written again",
     ),
-    **{
-        f"a slip within {way} m at {start} m": (
-            sticky,
-            {"x": slips(start, way), "n": n},
-            {"fs": 1000},
-            "StickSlip",
-        )
-        for start in (-0.012, -0.0119, 0.3)
-        for way, n in (
-            (0.0, np.ones(10)),
-            (3e-16, SHRINKS),
-            (6.76e-15, np.ones(10)),
-            (1e-13, SHRINKS),
-            (1e-9, np.ones(10)),
-        )
-    },
+    **alike(
+        {
+            f"a slip within {way} m at {start} m": (
+                sticky,
+                {"x": slips(start, way), "n": n},
+                {"fs": 1000},
+                "StickSlip",
+            )
+            for start in (-0.012, -0.0119, 0.3)
+            for way, n in (
+                (0.0, np.ones(10)),
+                (3e-16, SHRINKS),
+                (6.76e-15, np.ones(10)),
+                (1e-13, SHRINKS),
+                (1e-9, np.ones(10)),
+            )
+        }
+    ),
     "slips whose place is a rounding, after a way": (
         sticky,
         {"x": WANDERS, "n": np.ones(WANDERS.size)},
         {"fs": 1000},
         "StickSlip",
     ),
-    **{
-        f"slips over a stiffness that {name}": (
-            lambda name=name: sliding_on(name)[0],
-            sliding_on(name)[1],
-            {"fs": 1000},
-            "StickSlip",
-        )
-        for name in STIFFNESS
-    },
-    **{  # slips without number, and a wall of 0
-        f"{make.__name__} of {params}": (
-            make,
-            {"x": HAND},
-            {"seconds": 0.05, "params": params},
-            "written again",
-        )
-        for make, params in (
-            (s.wall, {"k": -1.0}),
-            (s.wall, {"b": -1.0}),
-            (s.wall, {"k": 0.0, "b": 2.0}),
-            (s.friction, {"normal": 1e-320}),
-            (s.friction, {"normal": 1e-200}),
-            (s.friction, {"normal": 1e-9}),
-        )
-    },
-    **{  # two integrals that nearly cancel lost 1.05 tolerances
-        f"detents over {way} rad a sample": (
-            lambda: s.detents(count=5, friction=1e-3),
-            {"angle": 3.0 + way * np.arange(3000.0)},
-            {"fs": 4000},
-            "Detents",
-        )
-        for way in (1e-13, 1e-12, 9e-12, 1.01e-11, 1e-10)
-    },
-    **{
-        f"a hand held on an edge of {name} that wobbles by {wobble}": (
-            s.SHIPPED[name],
-            {x: place + wobble * np.sin(N[:400] / 5)},
-            {"fs": 2000},
-            "",
-        )
-        for name, x in CLICKS.items()
-        for place, wobble in ((0.0, 1e-18), (1e-3, 0.0), (0.8e-3, 1e-12))
-    },
-    **{  # numbers that happen to be equal
-        f"bumps of {words}": (
-            lambda words=words: bumps(**words),
-            {"x": sinusoid(0.05, 1.0)},
-            {"seconds": 0.3},
-            "envelope times carrier",
-        )
-        for words in ({"bumps": 5}, {"gain": 1.0}, {"bumps": 0.1})
-    },
+    **alike(
+        {
+            f"slips over a stiffness that {name}": (
+                lambda name=name: sliding_on(name)[0],
+                sliding_on(name)[1],
+                {"fs": 1000},
+                "StickSlip",
+            )
+            for name in STIFFNESS
+        }
+    ),
+    **alike(
+        {  # slips without number, and a wall of 0
+            f"{make.__name__} of {params}": (
+                make,
+                {"x": HAND},
+                {"seconds": 0.05, "params": params},
+                "written again",
+            )
+            for make, params in (
+                (s.wall, {"k": -1.0}),
+                (s.wall, {"b": -1.0}),
+                (s.wall, {"k": 0.0, "b": 2.0}),
+                (s.friction, {"normal": 1e-320}),
+                (s.friction, {"normal": 1e-200}),
+                (s.friction, {"normal": 1e-9}),
+            )
+        }
+    ),
+    **alike(
+        {  # two integrals that nearly cancel lost 1.05 tolerances
+            f"detents over {way} rad a sample": (
+                lambda: s.detents(count=5, friction=1e-3),
+                {"angle": 3.0 + way * np.arange(3000.0)},
+                {"fs": 4000},
+                "Detents",
+            )
+            for way in (1e-13, 1e-12, 9e-12, 1.01e-11, 1e-10)
+        }
+    ),
+    **alike(
+        {
+            f"a hand held on an edge of {name} that wobbles by {wobble}": (
+                s.SHIPPED[name],
+                {x: place + wobble * np.sin(N[:400] / 5)},
+                {"fs": 2000},
+                "",
+            )
+            for name, x in CLICKS.items()
+            for place, wobble in ((0.0, 1e-18), (1e-3, 0.0), (0.8e-3, 1e-12))
+        }
+    ),
+    **alike(
+        {  # numbers that happen to be equal
+            f"bumps of {words}": (
+                lambda words=words: bumps(**words),
+                {"x": sinusoid(0.05, 1.0)},
+                {"seconds": 0.3},
+                "envelope times carrier",
+            )
+            for words in ({"bumps": 5}, {"gain": 1.0}, {"bumps": 0.1})
+        }
+    ),
     "bumps of no amplitude": (
         lambda: bumps(amplitude=0.0),
         {"x": constant_speed(0.02, 0.1)},
@@ -381,15 +430,17 @@ CORRECT = {
         {"fs": 1000, "seconds": 0.3},
         "as strong at 1 Hz as 300 N/m",
     ),
-    **{
-        f"a grating under {motion}": (
-            grating,
-            {"x": motion},
-            {"seconds": 0.5, "params": {"roughness": 0.1}},
-            "force: octaves of the roughness",
-        )
-        for motion in (constant_speed(0.03, 0.1), minimum_jerk(depth=0.1, rise=0.5))
-    },
+    **alike(
+        {
+            f"a grating under {motion}": (
+                grating,
+                {"x": motion},
+                {"seconds": 0.5, "params": {"roughness": 0.1}},
+                "force: octaves of the roughness",
+            )
+            for motion in (constant_speed(0.03, 0.1), minimum_jerk(depth=0.1, rise=0.5))
+        }
+    ),
     "a limited squeeze within its limits": (
         lambda: squeeze(fingers=1, limits=True),
         {"x1": minimum_jerk()},
@@ -411,7 +462,7 @@ CORRECT = {
 }
 
 
-@pytest.mark.parametrize("name", CORRECT)
+@pytest.mark.parametrize("name", mostly(CORRECT.keys() - MORE, CORRECT))
 def test_a_correct_rendering_passes(name):
     make, motion, words, says = CORRECT[name]
     r = report(make(), motion, **words)
@@ -533,16 +584,6 @@ def test_a_ramp_of_a_minute_whose_roundings_add_up_passes(tmp_path, make, name, 
 
 
 # Statistics ---------------------------------------------------------------------------
-def test_the_tails_of_weighted_sums_are_exact():
-    for n in (8, 100):
-        for deviations in (2.5, 4.0, 6.0):
-            high, low = n + deviations * np.sqrt(n), n - deviations * np.sqrt(n)
-            p = spectra.weighted_p(np.ones(n), np.full(n, high / n))
-            assert p == pytest.approx(2 * stats.gamma.sf(high, n), rel=2e-3)
-            p = spectra.weighted_p(np.ones(n), np.full(n, max(low, 0.0) / n))
-            assert p == pytest.approx(2 * stats.gamma.cdf(low, n) if low > 0 else 0.0, rel=2e-3)
-
-
 @pytest.mark.parametrize("n", mostly({10}, [10, 40, 300]))
 def test_p_values_are_those_of_the_hypothesis(n):
     """Of streams of the model; normal tails were wrong by a factor of 14 at 1e-4."""

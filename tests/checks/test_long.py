@@ -72,7 +72,7 @@ def test_every_scene_passes_the_checks_that_it_passes_at_once(name, monkeypatch)
     assert first == (name not in scenes.ONWARD)
 
 
-@pytest.mark.parametrize("at", [0.1, 2.0, LATE])
+@pytest.mark.parametrize("at", [None, 0.1, 2.0, LATE])
 def test_a_sum_is_held_in_every_stretch(short, at):
     both = Scene.combine(wall=SHIPPED["wall"](), knob=SHIPPED["grating"]())
     force = next(y for n, y in both.outputs.items() if n.startswith("knob_force"))
@@ -80,20 +80,16 @@ def test_a_sum_is_held_in_every_stretch(short, at):
     parts = Scene({"y": wall - force}, law=both).parts
     scene = Scene({"y": wall - force * (1.0 + p)}, law=parts)
     motion = {n: sinusoid(2e-3, 5.0) for n in scene.inputs} | {"p": np.zeros(12000)}
-    for off in (0.0, 1e-2):
-        motion["p"][round(FS * at) :][:100] = off
-        bad = failed(stimlib.verify(scene, motion, stimlib.render(scene, motion, FS, SECONDS)))
-        assert ("y: sum" in bad) == (off > 0) and (off or not bad)
+    if at:
+        motion["p"][round(FS * at) :][:100] = 1e-2
+    bad = failed(stimlib.verify(scene, motion, stimlib.render(scene, motion, FS, SECONDS)))
+    assert "y: sum" in bad if at else not bad
 
 
-def test_what_is_counted_is_counted_over_all_stretches(short, tmp_path):
-    scene, motion = (
-        stimlib.scenes.squeeze(fingers=2, limits=True),
-        {
-            "x1": sinusoid(0.02, 1.0),
-            "x2": sinusoid(0.06, 1.0),
-        },
-    )
+def test_what_is_counted_is_counted_over_all_stretches(short, tmp_path, monkeypatch):
+    monkeypatch.setattr("stimlib.checks.page.figures", lambda e: [])
+    scene = stimlib.scenes.squeeze(fingers=2, limits=True)
+    motion = {"x1": sinusoid(0.02, 1.0), "x2": sinusoid(0.06, 1.0)}
     made = stimlib.render(scene, motion, FS, SECONDS)
     with pytest.warns(RuntimeWarning, match="full scale"):
         made.save(tmp_path / "a.flac", full_scale=90.0)
@@ -145,14 +141,15 @@ def squeezed():
     return scene, motion, stimlib.render(scene, motion, FS, SECONDS)
 
 
-@pytest.mark.parametrize("at", [1, 4999, 5000, 11999])
-def test_one_bit_is_seen_wherever_it_is(short, squeezed, at):
+@pytest.mark.parametrize(
+    ("at", "value"), [(1, None), (4999, None), (5000, None), (11999, None), (11999, np.nan)]
+)
+def test_one_bit_is_seen_wherever_it_is(short, squeezed, at, value):
     scene, motion, made = squeezed
     y = made.y.copy()
-    y[0, at] = np.nextafter(y[0, at], 1e9)
-    assert failed(stimlib.verify(scene, motion, dc.replace(made, y=y))) == ["delivered = re-render"]
-    y[0, at] = np.nan
-    assert "finite" in failed(stimlib.verify(scene, motion, dc.replace(made, y=y)))
+    y[0, at] = value or np.nextafter(y[0, at], 1e9)
+    bad = failed(stimlib.verify(scene, motion, dc.replace(made, y=y)))
+    assert "finite" in bad if value else bad == ["delivered = re-render"]
 
 
 @pytest.mark.parametrize(
@@ -302,22 +299,20 @@ def test_a_motion_that_ends_is_held_up_to_there(short, tmp_path):
 
 # Memory -------------------------------------------------------------------------------
 def test_memory_is_that_of_a_stretch(tmp_path, monkeypatch):
-    monkeypatch.setattr(evidence, "AT_ONCE", 10_000)
-    monkeypatch.setattr(evidence, "LATER", 2_500)
-    peaks = []
-    for seconds in (5, 5, 20):  # the first compiles
+    monkeypatch.setattr(evidence, "AT_ONCE", 4_000)
+    monkeypatch.setattr(evidence, "LATER", 1_000)
+    scene, motion, peaks = stimlib.scenes.squeeze(fingers=1), {"x1": sinusoid(0.02, 1.0)}, []
+    for seconds in (2, 2, 8):  # the first compiles
         path = tmp_path / f"{seconds}.wav"
-        scene, motion = stimlib.scenes.squeeze(fingers=1), {"x1": sinusoid(0.02, 1.0)}
-        stimlib.files.audio.write(
-            path, stimlib.compile(scene, FS), motion, seconds, full_scale=60.0
-        )
+        proc = stimlib.compile(scene, FS)
+        stimlib.files.audio.write(path, proc, motion, seconds, full_scale=60.0)
         tracemalloc.start()
         try:
             report = stimlib.verify(path)
-            assert report.passed
             peaks.append(tracemalloc.get_traced_memory()[1])
         finally:
             tracemalloc.stop()
-    assert peaks[2] < 1.15 * peaks[1] + 8 * 10_000, peaks
+        assert report.passed
+    assert peaks[2] < 1.15 * peaks[1] + 8 * 4_000, peaks
     ends = [s.end for s in report.evidence.stretches()]
-    assert ends[:2] == [10_000, 12_500] and ends[-1] == 80_000
+    assert ends[:2] == [4_000, 5_000] and ends[-1] == 32_000
