@@ -27,12 +27,6 @@ def report(scene, motion, fs, seconds, **more):
     )
 
 
-def test_a_stroke_is_proved_sample_by_sample():
-    r = report(stimlib.scenes.texture(MODEL), HAND, 8000, 0.5, params={"level": 1.3})
-    law = next(c for c in r.checks if c.name.startswith("acceleration: the models'"))
-    assert r.passed and law.measured < 1e-8, str(r)
-
-
 @pytest.mark.parametrize(("factor", "fails"), [(1.0, False), (1.2, True)])
 def test_a_steady_stroke_has_the_spectrum_of_its_place(factor, fails):
     steady = {"x": constant_speed(0.1, 9.0), "force": sinusoid(0.0, 1.0, mean=1.2)}
