@@ -4,7 +4,6 @@ corners; and the tails of its statistics.
 
 import numpy as np
 import pytest
-from contract import TABLE
 from laws import STRESS, mostly
 from scipy import stats
 
@@ -13,9 +12,7 @@ from stimlib import Input, Param, Scene, blocks as b, constant, scenes as s
 from stimlib.analysis import spectra
 from stimlib.blocks import springpot, springpot_series, white_noise
 from stimlib.blocks.fractional import Springpot
-from stimlib.checks.local import Run, held
 from stimlib.core.graph import reach
-from stimlib.errors import StimlibError
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.scenes import bumps, grating, soft_surface, squeeze, touch_screen
@@ -508,35 +505,6 @@ def test_springpots_are_proved_at_every_order_rate_and_tolerance():
                         )
                         worst = max(worst, off / law.tol)
     assert 0 < worst < 0.1
-
-
-WAYS = {entry.name: entry for entry in TABLE if entry.inputs}
-SOME = "velocity springpot friction_coulomb cursor".split()
-
-
-@pytest.mark.parametrize("name", mostly(SOME, WAYS))
-def test_what_is_moved_by_a_source_of_the_scene_passes(name):
-    """It runs before sample 0, with the source at rest, or not."""
-    entry = WAYS[name]
-    sources = (
-        b.every(0.01),
-        b.oscillator(37.0, phase=0.3),
-        b.oscillator(21.0, "square") + 0.25,
-        constant(0.7),
-    )
-    for k in range(4):
-        moved = [
-            sources[(k + i) % 4] * constant(1.0, entry.unit or "1")
-            for i in range(len(entry.inputs))
-        ]
-        try:
-            scene = Scene({"y": entry.make(*moved)})
-        except StimlibError:  # of units, or of a number that has to be constant
-            continue
-        if not scene.inputs:
-            params = {n: p.value for n, p in scene.params.items()}
-            found = held(Run(scene, entry.rates[0], 3, {}, 400, params, [], [(0, 400)]))
-            assert not [h for h in found if h.error > 1], k
 
 
 @pytest.mark.filterwarnings("ignore:.*sample 0:RuntimeWarning")

@@ -277,11 +277,22 @@ def test_random_compositions_are_not_refused(seed):
 
 
 def test_what_no_input_reaches_passes_behind_its_safety_stage():
-    """What is before the guards begins before sample 0, and what is behind does not."""
-    noise = b.lowpass(b.white_noise(1), 50.0, 2)
-    tone = b.delay(b.moving_average(b.oscillator(90.0, "square"), 0.01), 5)
-    held = b.enabled(b.integrate(b.white_noise(2)), by=b.white_noise(3) > 0.0)
-    safe = protect(Scene({"a": noise, "b": tone, "c": held}), Safety(2.0))
+    """What is before the guards begins before sample 0, at rest or not, and what is
+    behind does not.
+    """
+    noise, tone = b.lowpass(b.white_noise(1), 50.0, 2), b.oscillator(21.0, "square", phase=0.3)
+    x = constant(1e-3, "m") * (b.oscillator(37.0, phase=0.3) + 0.25)
+    outputs = {
+        "filtered": noise,
+        "late": b.delay(b.moving_average(tone, 0.01), 5),
+        "gated": b.enabled(b.highpass(b.white_noise(2), 30.0), by=b.white_noise(3) > 0.0),
+        "speed": b.velocity(x),
+        "held": b.velocity(constant(0.7, "m")),
+        "springpot": b.springpot(x, 300.0, 0.5),
+        "friction": b.friction(x, 1.0, law="coulomb"),
+        "cursor": b.cursor(x, x, ([[0, 1], [0, 1]], 0.01, 0.01)).x,
+    }
+    safe = protect(Scene(outputs), Safety(dict.fromkeys(outputs, 2.0)))
     rendering = stimlib.render(safe, {}, FS, 0.05, {GAIN: 1.0})
     assert stimlib.verify(safe, {}, rendering).passed
     rendering.y[0, 30] += 1e-9

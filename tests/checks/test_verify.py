@@ -177,6 +177,7 @@ def test_a_parameter_that_moves_is_not_the_one_that_was_stated(tmp_path):
     for params in ({"g": 2.0}, {"g": 3.0}):
         report = stimlib.verify(scene, {"x": sinusoid(1.0, 3.0)}, tmp_path / "a.wav", params=params)
         assert not report.passed and "g to 3 at 0 s within 0.01 s" in report.what()
+        assert report.evidence.params == {"g": 2.0}, "from where the ramp begins"
 
 
 def test_the_command_line_states_parameters_and_seed(tmp_path):
