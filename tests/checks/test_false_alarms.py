@@ -2,6 +2,8 @@
 corners; and the tails of its statistics.
 """
 
+import dataclasses as dc
+
 import numpy as np
 import pytest
 from laws import STRESS, mostly
@@ -15,6 +17,7 @@ from stimlib.blocks.fractional import Springpot
 from stimlib.core.graph import reach
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
+from stimlib.plate import Plate
 from stimlib.scenes import bumps, grating, soft_surface, squeeze, touch_screen
 
 
@@ -88,6 +91,7 @@ def sliding_on(name):
     return Scene({"force": force}), motion | {"contact": 1.0 * ~np.isin(N, off)}
 
 
+GLASS = dc.replace(Plate.paper(measured=True), terms=10)
 CLICKS = {"click": "x", "detents": "angle", "friction": "x", "wall": "x", "impact": "x"}
 MORE: list[str] = []
 
@@ -256,6 +260,44 @@ CORRECT = {
             for rectify in (None, "half", "full")
         }
     ),
+    **{  # each of a law of its own
+        f"a plate of {words}": (
+            lambda words=words: touch_screen(model=GLASS, **words),
+            {"x": minimum_jerk(depth=0.1, rise=0.3)},
+            {"seconds": 0.5, "params": {"duty": 0.4}},
+            "voltage: every stage" if "finger" in words else "displacement: sum over",
+        )
+        for words in (
+            {},
+            {"swap": 1.0, "rectify": "half", "waveform": "sawtooth"},
+            {"waveform": "square", "amplitude": 3.0},
+            {"finger": True},
+        )
+    },
+    **{  # the sign of the amplitude does not count, up to e^2 = 0.98
+        f"ultrasound of {A} V under {normal} N": (
+            lambda: s.ultrasonic_friction(contact=True, duty=0.3, q=300.0),
+            {"x": sinusoid(0.05, 1.5), "contact": lambda t: 1.0 * (np.sin(9 * t) > -0.5)},
+            {"seconds": 0.5, "params": {"A": A, "normal": normal, "duty": 0.6}},
+            "written again",
+        )
+        for A, normal in ((12.0, 0.7), (-150.0, 200.0))
+    },
+    **{
+        f"{name} over lifts": (
+            lambda make=make: make(contact=True),
+            {CLICKS[name]: motion, "contact": lambda t: 1.0 * (np.sin(37 * t) > -0.6)},
+            {"fs": 4000, "seconds": 0.3, "params": params},
+            "written again",
+        )
+        for name, make, motion, params in (
+            ("click", s.click, sinusoid(1.3e-3, 3.0, 1e-3), {"peak": 1.5}),
+            ("detents", s.detents, sinusoid(1.0, 2.0), {"depth": 0.03}),
+            ("friction", s.friction, sinusoid(0.02, 2.0), {"normal": 0.7}),
+            ("wall", s.wall, sinusoid(2e-3, 5.0), {"b": 3.0}),
+            ("impact", s.impact, sinusoid(5e-3, 3.0), {"A": 7.0}),
+        )
+    },
     "a plate beyond its edge": (
         touch_screen,
         {"x": sinusoid(0.01, 3.0, 0.8)},
@@ -459,6 +501,7 @@ CORRECT = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:touch_screen.* are held")
 @pytest.mark.parametrize("name", mostly(CORRECT.keys() - MORE, CORRECT))
 def test_a_correct_rendering_passes(name):
     make, motion, words, says = CORRECT[name]

@@ -20,10 +20,6 @@ N, FS = 1500, 8000.0
 WIRED = {"Input", "Param", "Const", "Pick", "Tap", "Loop", "Last", "Enabled", "Segment", "White"}
 
 
-def entries():
-    return [e for e in TABLE if FS in e.rates and e.name != "differentiator_order"]
-
-
 def run_of(entry, n=N, changes=(), fs=FS):
     scene, x = entry.scene(), dict(zip(entry.inputs, entry.x(n, fs, 5), strict=True))
     params = {name: p.value for name, p in scene.params.items()}
@@ -123,7 +119,11 @@ SEEN = {  # by which part a row must be larger to be refused: a few tolerances
 }
 
 
-@pytest.mark.parametrize("entry", entries(), ids=lambda e: e.name)
+@pytest.mark.parametrize(
+    "entry",
+    [e for e in TABLE if FS in e.rates and e.name != "differentiator_order"],
+    ids=lambda e: e.name,
+)
 def test_each_block_of_the_table_is_held_and_each_change_is_seen(entry, monkeypatch):
     """Each row a few tolerances larger, of the other sign, a sample late, or not 0
     where it is: what changes is refused.
@@ -335,11 +335,6 @@ def test_a_parameter_may_move_in_a_segment_and_as_it_begins(at, ramp):
     ]
 
 
-def watched(scene, x):
-    params = {name: p.value for name, p in scene.params.items()}
-    return local.held(local.Run(scene, FS, 3, x, N, params, [], [(0, N)]))
-
-
 class Twice(Block, abstract=True):
     @staticmethod
     def step(p, s, x):
@@ -394,5 +389,6 @@ def test_a_law_that_proves_nothing_is_refused(law, says):
 
 def test_a_law_of_stimlibs_own_that_raises_is_not_for_the_user_to_correct(monkeypatch):
     monkeypatch.setitem(rows.LAWS, "Abs", lambda *of: 1 / 0)
-    scene = Scene({"y": abs(Input("x"))})
-    refused(ZeroDivisionError, None, watched, scene, {"x": np.ones(N)})
+    scene, x = Scene({"y": abs(Input("x"))}), {"x": np.ones(N)}
+    run = local.Run(scene, FS, 3, x, N, {}, [], [(0, N)])
+    refused(ZeroDivisionError, None, local.held, run)

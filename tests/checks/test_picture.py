@@ -218,17 +218,6 @@ def test_what_cannot_be_heard_is_refused_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("start", [0.0, 0.1, 0.15])  # also where the signal ends on the way
-def test_a_squeeze_without_vibration_leaves_less_than_a_hundredth_of_it(start):
-    scene = stimlib.scenes.squeeze(fingers=1)
-    motion = {"x1": lambda t: minimum_jerk()(t + start)}
-    force, still = (
-        stimlib.render(scene, motion, 8000, 1.0, params={"A": A}).y[0] for A in (3.4, 0.0)
-    )
-    true, left = np.abs(force - still).max(), np.abs(vibration(still, 8000)).max()
-    assert true > 0.1 and left < 0.01 * true
-
-
 @pytest.mark.parametrize(
     ("y", "left"), [([1.0, 2.0, 3.0], [0, 0, 0]), ([0.0, 1.0, 0.0], [-1 / 3, 2 / 3, -1 / 3])]
 )

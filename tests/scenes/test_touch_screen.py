@@ -14,37 +14,11 @@ from stimlib import Scene
 from stimlib.checks.evidence import gather
 from stimlib.checks.scenes import scene_law
 from stimlib.errors import BadValue
-from stimlib.motion.generators import constant_speed, minimum_jerk
+from stimlib.motion.generators import constant_speed
 from stimlib.plate import Patch, Plate
 from stimlib.scenes import touch_screen
 
 GLASS = dc.replace(Plate.paper(measured=True), terms=10)
-
-
-def report(scene, motion, **words):
-    return stimlib.verify(
-        scene, {"x": motion}, stimlib.render(scene, {"x": motion}, 8000, 0.5, **words)
-    )
-
-
-@pytest.mark.parametrize(
-    "more",
-    [
-        {},
-        {"swap": 1.0, "rectify": "half", "waveform": "sawtooth"},
-        {"waveform": "square", "amplitude": 3.0},
-        {"finger": True},
-    ],
-)
-@pytest.mark.filterwarnings("ignore:touch_screen.* are held")
-def test_every_stage_is_proved(more):
-    r = report(
-        touch_screen(model=GLASS, **more), minimum_jerk(depth=0.1, rise=0.3), params={"duty": 0.4}
-    )
-    assert r.passed, str(r)
-    assert "voltage: every stage" in str(r) and ("displacement: sum over" in str(r)) == (
-        "finger" not in more
-    )
 
 
 @pytest.mark.parametrize("name", touch_screen(model=GLASS).outputs)
