@@ -10,21 +10,16 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from logged import play
+from trials import pair
 
 import stimlib
 from stimlib import Input, Scene, blocks
 from stimlib.checks import evidence, local, scenes
 from stimlib.checks.session import verify_log
-from stimlib.experiments.experiment import Experiment, Timing
-from stimlib.experiments.presentation import program
-from stimlib.experiments.questions import choice
-from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.files.log_reader import read_log
-from stimlib.files.log_writer import LogWriter, header
 from stimlib.motion.generators import sinusoid
-from stimlib.run.driver import samples
-from stimlib.run.processor import Change
-from stimlib.run.safety import GAIN, Safety, protect, to_device
+from stimlib.run.safety import GAIN, Safety
 from stimlib.scenes import SHIPPED
 
 FS, STRETCH, SECONDS = 4000, 5000, 3.0  # 12 000 samples in three stretches
@@ -208,14 +203,7 @@ def test_trials_are_held_in_the_stretches_in_which_they_begin(monkeypatch, size,
     """A stretch ends between two intervals, if it can; else the report says what of an
     interval its law did not hold.
     """
-    shown, asked = {"pair": SHIPPED["wall"]()}, choice("more", "Which was more?", "first", "second")
-    timing, safety = Timing(0.2, 0.05, 0.0, 0.02), Safety(1000.0)
-    e = Experiment(
-        "pair", "1", shown, lambda *_: None, (asked,), fs=FS, safety=safety, timing=timing
-    )
-    scene, params = program(
-        e, Trial("a", (Stimulus("pair", {"k": 900.0}, 3), Stimulus("pair", {}, 5)), ("more",))
-    )
+    scene, params = pair(SHIPPED["wall"](), {"k": 900.0})
     motion = HANDS["wall"]
     made = stimlib.render(scene, motion, FS, 0.55, params=params, seed=3)
     whole = stimlib.verify(scene, motion, made)
@@ -232,40 +220,24 @@ def test_trials_are_held_in_the_stretches_in_which_they_begin(monkeypatch, size,
     )
 
 
-def logged(folder, scene, played, x, parts, changes=(), lost=()):
-    """The log of a session in which a scene that is like the stated one was played."""
-    safety, n = Safety(full_scale=60.0), x.shape[1]
-    proc = stimlib.compile(protect(played, safety), FS)
-    sets = [Change(0, GAIN, 1.0, 160 / FS), *changes]
-    with LogWriter(folder, header(scene, safety, FS)) as log:
-        for at, name, value, ramp in sets:
-            log.event(at, "set", name=name, value=value, ramp=round(ramp * FS))
-        for at, frames in lost:
-            log.event(at, "lost", frames=frames)
-        log.motion(x)
-        frames = to_device(samples(proc, x, n, sets), safety.scales(proc.outputs), [0])
-        for part in parts:
-            log.delivered(frames[part])
-        gone = sum(frames for _, frames in lost)
-        log.close({"produced": n, "delivered": n - gone, "lost": gone})
-    return folder
-
-
 @pytest.mark.parametrize("wrong", [None, "hash", "scene"])
 def test_a_session_is_held_in_stretches(short, tmp_path, wrong):
     """Delivered blocks of odd sizes, frames that are lost over the end of a stretch,
     and a parameter that is set late.
     """
-    scene = stimlib.scenes.squeeze(fingers=1)
+    scene, folder = stimlib.scenes.squeeze(fingers=1), tmp_path / "a"
     played = late("squeeze", fingers=1) if wrong == "scene" else scene
     x = sinusoid(0.02, 1.0)(np.arange(12000) / FS)[None, :]
-    parts = slice(0, 4900), slice(5200, 7777), slice(7777, None)
-    changes = [Change(11000, "k", 1500.0, 160 / FS)]
-    path = logged(tmp_path / "a", scene, played, x, parts, changes, [(4900, 300)]) / "events.jsonl"
+    sets = [(0, GAIN, 1.0, 160), (11000, "k", 1500.0, 160)]
+    play(folder, played, Safety(60.0), x, fs=FS, sets=sets, lost=[(4900, 300)])
+    told = json.loads((folder / "session.json").read_text())
+    told |= {"scene": scene.to_dict(), "scene_hash": scene.hash}
+    (folder / "session.json").write_text(json.dumps(told))
+    path = folder / "events.jsonl"
     if wrong == "hash":
         head, hashed, tail = path.read_text().rpartition('"hash"')
         path.write_text(head + hashed + re.sub('[0-9a-f]{8}"', '00000000"', tail, count=1))
-    report = verify_log(read_log(tmp_path / "a"))
+    report = verify_log(read_log(folder))
     assert failed(report) == ([] if wrong is None else ["log: delivered = replay"]), str(report)
     assert [s.at for s in report.evidence.stretches()] == [0, 5000, 10000]
 
@@ -291,7 +263,8 @@ def test_a_motion_that_ends_is_held_up_to_there(short, tmp_path):
     scene = Scene({"half": 0.5 * finger.outputs["force1"]}, law=finger)
     x = sinusoid(0.02, 1.0)(np.arange(12000) / FS)[None, :]
     x[0, 11500] = np.nan
-    report = verify_log(read_log(logged(tmp_path / "a", scene, scene, x, [slice(None)])))
+    play(tmp_path / "a", scene, Safety(60.0), x, fs=FS, sets=[(0, GAIN, 1.0, 160)])
+    report = verify_log(read_log(tmp_path / "a"))
     assert failed(report) == ["no fault"], str(report)
     assert any(c.name == "half: sum" for c in report.checks)
     assert any("the samples before 11500 only" in text for text in report.evidence.skipped)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from laws import STRESS, mostly
 from refusals import refused
+from trials import pair
 from typer.testing import CliRunner
 
 import stimlib
@@ -33,15 +34,10 @@ from stimlib.checks.session import verify_log
 from stimlib.cli import app
 from stimlib.core.parts import OWN, Part, Span, parts_of, plain
 from stimlib.devices.null import NullSink
-from stimlib.experiments.experiment import Experiment, Timing
-from stimlib.experiments.presentation import program
-from stimlib.experiments.questions import choice
-from stimlib.experiments.trial import Stimulus, Trial
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
 from stimlib.motion.generators import sinusoid
 from stimlib.motion.text import parse_motion
-from stimlib.run.safety import Safety
 from stimlib.scenes import ROWS, SHIPPED
 
 FS = 4000
@@ -633,31 +629,15 @@ def test_a_scene_of_an_older_file_is_read_and_its_law_is_said_to_lack_what_was_a
 # Trials -------------------------------------------------------------------------------
 
 
-ASKED = choice("more", "?", "first", "second")
-
-
-def trial_of(scene, ramp=0.02, **words):
-    e = Experiment(
-        "pair",
-        "1",
-        {"s": scene},
-        print,
-        (ASKED,),
-        fs=FS,
-        safety=Safety(1000.0),
-        timing=Timing(0.2, 0.05, 0.0, ramp),
-    )
-    names = list(scene.params)
-    pair = (
-        Stimulus("s", {n: 0.9 * scene.params[n].value for n in names[:1]}, 3),
-        Stimulus("s", {}, 5),
-    )
-    return e, Trial("a", pair, ("more",)), *program(e, Trial("a", pair, ("more",)))
+def weaker(scene):
+    """The first parameter a tenth lower."""
+    return {name: 0.9 * scene.params[name].value for name in list(scene.params)[:1]}
 
 
 @pytest.mark.parametrize("name", [*SCENES, "of one's own"])
 def test_the_law_of_a_scene_holds_in_each_interval_of_a_trial(name):
-    _, _, scene, params = trial_of(SCENES.get(name) or lone())
+    shown = SCENES.get(name) or lone()
+    scene, params = pair(shown, weaker(shown))
     motion = hands(name) if name in SCENES else {"x": sinusoid(0.02, 3.0)}
     made = stimlib.render(scene, motion, FS, 0.55, params=params, seed=3)
     checks = scene_law(gather(scene, motion, made))
@@ -667,7 +647,7 @@ def test_the_law_of_a_scene_holds_in_each_interval_of_a_trial(name):
 
 @pytest.mark.parametrize("ramp", mostly([0.05], [0.0, 0.05]))
 def test_a_wrong_interval_is_refused(ramp):
-    _, _, scene, params = trial_of(SCENES["squeeze"], ramp)
+    scene, params = pair(SCENES["squeeze"], {"k": 1800.0}, ramp)
     assert verified(scene, hands("squeeze"), 0.55, params=params, seed=3).passed
     (first, second), motion = (p for p in scene.parts), hands("squeeze")
     for part in (
@@ -681,14 +661,14 @@ def test_a_wrong_interval_is_refused(ramp):
 
 
 def test_each_interval_has_all_laws_of_its_scene_and_its_own_seed():
-    _, _, scene, _ = trial_of(Scene.combine(edge=SCENES["wall"], knob=SCENES["detents"]))
+    scene, _ = pair(Scene.combine(edge=SCENES["wall"], knob=SCENES["detents"]), {})
     told = [(p.law, p.name, p.span.start, p.span.seed) for p in scene.parts]
     assert told == [
         (law, f"interval_{i}", start, seed)
         for i, start, seed in ((1, 0.032, None), (2, 0.282, 5))
         for law in ("wall", "detents")
     ]
-    assert trial_of(scene)[2].parts == ()  # of a trial within a trial no law knows the time
+    assert pair(scene, {})[0].parts == ()  # of a trial within a trial no law knows the time
 
 
 # Hostile ------------------------------------------------------------------------------

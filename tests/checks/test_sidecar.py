@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 import soundfile as sf
+from logged import play
 
 import stimlib
 from stimlib import Input, Param, Scene, StimlibError, constant
@@ -15,9 +16,8 @@ from stimlib.checks import sidecar as checked
 from stimlib.checks.session import verify_log
 from stimlib.files import audio as file
 from stimlib.files.log_reader import FIELDS, read_log
-from stimlib.files.log_writer import LogWriter, header
 from stimlib.motion.generators import minimum_jerk
-from stimlib.run.safety import GAIN, Safety, protect, to_device
+from stimlib.run.safety import GAIN, Safety
 from stimlib.scenes import squeeze
 
 
@@ -191,16 +191,9 @@ def test_what_the_storage_cannot_carry_fails(tmp_path, scene, name, full_scale, 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     folder = tmp_path_factory.mktemp("session")
-    scene, safety = squeeze(), Safety(60.0)
     x = np.stack([hand(np.arange(1000) / 8000) for hand in MOTION.values()])
-    proc = stimlib.compile(protect(scene, safety), 8000)
-    proc.set("k", 1500.0, ramp=0.0)
-    with LogWriter(folder / "a", header(scene, safety, 8000.0, params={"k": 1500.0})) as log:
-        proc.set(GAIN, 1.0, ramp=160 / 8000)
-        log.event(0, "set", name=GAIN, value=1.0, ramp=160)
-        log.motion(x)
-        log.delivered(to_device(proc.process(x), safety.scales(proc.outputs), [0, 1]))
-        log.close({"produced": 1000, "delivered": 1000, "lost": 0})
+    sets = [(0, GAIN, 1.0, 160)]
+    play(folder / "a", squeeze(), Safety(60.0), x, sets=sets, params={"k": 1500.0})
     return folder / "a"
 
 

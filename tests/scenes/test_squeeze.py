@@ -11,6 +11,7 @@ from refusals import refused, warned
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 from scipy.special import lambertw
+from trials import pair
 
 import stimlib
 from stimlib import Scene, blocks as b
@@ -19,10 +20,7 @@ from stimlib.blocks.filters import Differentiator
 from stimlib.blocks.impedance import Loading
 from stimlib.blocks.noise import PinkNoise
 from stimlib.checks import laws
-from stimlib.experiments import Experiment, Stimulus, Timing, Trial, choice
-from stimlib.experiments.presentation import program
 from stimlib.motion.generators import minimum_jerk, ramp_and_hold
-from stimlib.run import Safety
 from stimlib.scenes import squeeze
 
 TAU = 1 / 8000  # the paper's sample period
@@ -263,12 +261,7 @@ def test_another_impedance_than_was_asked_for_is_refused(which, wrong):
 def test_a_parameter_of_an_impedance_is_held_in_each_interval_of_a_trial():
     """It was set before the interval begins, which has a clock of its own."""
     soft = squeeze(fingers=1, Z_c=lambda x: b.spring(x, stimlib.Param("stiff", 900.0, "N/m")))
-    both = Stimulus("soft", {"stiff": 1200.0}, 1), Stimulus("soft", {"stiff": 700.0}, 2)
-    asked, timing = choice("more", "Which?", "first", "second"), Timing(0.2, 0.05, 0.0, 0.02)
-    e = Experiment(
-        "pair", "1", {"soft": soft}, print, (asked,), fs=4000, safety=Safety(1000.0), timing=timing
-    )
-    scene, params = program(e, Trial("a", both, ("more",)))
+    scene, params = pair(soft, {"stiff": 1200.0})
     y = stimlib.render(scene, {"x1": press()["x1"]}, 4000, 0.5, params=params)
     report = stimlib.verify(scene, y.motion, y)
     assert report.passed, str(report)
