@@ -379,18 +379,6 @@ def test_a_normal_force_or_a_stiffness_that_fades_away_closes_no_guard():
     assert (np.abs(y[4, 4:10]) < 1e-30).all() and (np.abs(y[:, 14:20]) < 1e-30).all()
 
 
-@pytest.mark.parametrize("exponent", [1.0, 1.3, 2.0, 3.0])
-def test_the_damping_that_a_falling_friction_needs(exponent):
-    """The steepest fall of the curve, found on a grid."""
-    one, v = (X, X, X, 0.5, SPEED), np.linspace(1e-6, 0.1, 100_001)
-    made = Stribeck(*one) if exponent == 2 else StribeckPower(*one, exponent)
-    late = np.exp(2e-6j * np.ones(1))
-    found = made.steepest(1e9, late, [np.ones(1), None, None], [None, 0.8, None])
-    slope = np.gradient(0.8 * 0.5 * np.exp(-((v / SPEED) ** exponent)), v).min()
-    damping = float(np.abs(found[0]) / abs(1 - late.conj()[0]) / 1e9)
-    assert damping == pytest.approx(-slope, rel=2e-3)
-
-
 # The film of air ----------------------------------------------------------------------
 def load_of(amplitudes, normal=0.5, **words):
     return played(squeeze_film(normal, Input("a", "m"), **words), amplitudes, target="python")

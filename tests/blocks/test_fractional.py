@@ -4,7 +4,6 @@ its own certificate.
 The grid over an hour is long: STIMLIB_LONG=1 runs all of it.
 """
 
-import itertools
 import math
 import os
 from functools import cache
@@ -119,15 +118,15 @@ LONGEST = [  # seconds, sample rate, order, movement
 ]
 
 
-SOME = {(60, 1000.0, a, kind) for a, kind in zip(ALPHAS, itertools.cycle(KINDS), strict=False)} | {
-    (60, 8000.0, 0.5, "ramp"),
+SOME = [
+    *((60, 1000.0, a, kind) for a, kind in zip(ALPHAS[::2], [*KINDS, "ramp"], strict=True)),
     (60, 8000.0, 0.95, "quantised"),
     (3600, 1000.0, 0.05, "ramp"),
-}
+]
 
 
 @extended
-@pytest.mark.parametrize("given", LONGEST if LONG else sorted(SOME), ids=str)
+@pytest.mark.parametrize("given", LONGEST if LONG else SOME, ids=str)
 def test_a_minute_and_an_hour_to_the_last_digits(given):
     seconds, fs, alpha, kind = given
     n = int(seconds * fs)

@@ -2,9 +2,10 @@
 corners; and the tails of its statistics.
 """
 
+import dataclasses as dc
+
 import numpy as np
 import pytest
-from contract import TABLE
 from laws import STRESS, mostly
 from scipy import stats
 
@@ -13,11 +14,10 @@ from stimlib import Input, Param, Scene, blocks as b, constant, scenes as s
 from stimlib.analysis import spectra
 from stimlib.blocks import springpot, springpot_series, white_noise
 from stimlib.blocks.fractional import Springpot
-from stimlib.checks.local import Run, held
 from stimlib.core.graph import reach
-from stimlib.errors import StimlibError
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
+from stimlib.plate import Plate
 from stimlib.scenes import bumps, grating, soft_surface, squeeze, touch_screen
 
 
@@ -91,7 +91,17 @@ def sliding_on(name):
     return Scene({"force": force}), motion | {"contact": 1.0 * ~np.isin(N, off)}
 
 
+GLASS = dc.replace(Plate.paper(measured=True), terms=10)
 CLICKS = {"click": "x", "detents": "angle", "friction": "x", "wall": "x", "impact": "x"}
+MORE: list[str] = []
+
+
+def alike(rows):
+    """Correct renderings of one kind; one in four of them here, all in make stress."""
+    MORE.extend(name for k, name in enumerate(rows) if k % 4)
+    return rows
+
+
 # scene, motion, words of render, and what the report then says somewhere
 CORRECT = {
     "a held hand": (
@@ -100,131 +110,193 @@ CORRECT = {
         {},
         "no slope can be fitted",
     ),
-    **{
-        f"a held hand that wobbles by {by}": (
-            lambda: squeeze(fingers=1),
-            {"x1": 1 / 3 + by * np.sin(N / 50)},
-            {},
-            "",
-        )
-        for by in (1e-18, 1e-9)
-    },
+    **alike(
+        {
+            f"a held hand that wobbles by {by}": (
+                lambda: squeeze(fingers=1),
+                {"x1": 1 / 3 + by * np.sin(N / 50)},
+                {},
+                "",
+            )
+            for by in (1e-18, 1e-9)
+        }
+    ),
     "a loop behind a gate": (
         a_loop_behind_a_gate,
         {"x": np.repeat([0.0, 1.0, 0.0], 3000)},
         {},
         "generator",
     ),
-    **{
-        f"a springpot of {horizon} s, {scheme}": (
-            lambda scheme=scheme, horizon=horizon: Scene(
-                {"f": springpot(Y, 3.0, 0.4, scheme, 1e-10, horizon)}
-            ),
-            {"y": minimum_jerk()},
-            {"fs": 1000, "seconds": min(horizon, 0.5)},
-            "Springpot: physical law" if horizon == 3.0 else "",
+    **alike(
+        {
+            f"a springpot of {horizon} s, {scheme}": (
+                lambda scheme=scheme, horizon=horizon: Scene(
+                    {"f": springpot(Y, 3.0, 0.4, scheme, 1e-10, horizon)}
+                ),
+                {"y": minimum_jerk()},
+                {"fs": 1000, "seconds": min(horizon, 0.5)},
+                "Springpot: physical law" if horizon == 3.0 else "",
+            )
+            for scheme, horizon in (("gl", 0.008), ("l1", 0.1), ("gl", 3.0), ("l1", 3.0))
+        }
+    ),
+    **alike(
+        {
+            f"a springpot of {alpha} and a dashpot whose tail is cut off": (
+                lambda alpha=alpha: Scene({"f": springpot_series(Y, 25.0, alpha, b=2.0)}),
+                {"y": minimum_jerk()},
+                {"fs": 1000, "seconds": 0.1},
+                "",
+            )
+            for alpha in (0.6, 0.9)
+        }
+    ),
+    **alike(
+        {
+            f"a springpot of {alpha} at {fs} Hz to {tol}": (
+                lambda alpha=alpha, tol=tol: s.viscoelastic(alpha, tol=tol),
+                {"y": minimum_jerk()},
+                {"fs": fs, "seconds": 0.05},
+                "full sum",
+            )
+            for alpha, fs, tol in ((0.5, 192000, 1e-10), (0.9, 96000, 1e-10), (0.5, 8000, 1e-13))
+        }
+    ),
+    **alike(
+        {
+            f"noise that ran before sample 0 behind {name}": (
+                lambda gate=gate: gated(gate, white_noise(seed=1)),
+                {},
+                {"seconds": 0.3},
+                "",
+            )
+            for name, gate in {
+                "a parameter": Param("g", 1.0),
+                "a comparison": b.nonzero(Param("g", 1.0)),
+                "a noise": white_noise(seed=2) > 0.0,
+                "a number": constant(2.0),
+            }.items()
+        }
+    ),
+    **alike(
+        {
+            f"an oscillator that noise moves behind a gate, {n} samples": (
+                lambda: gated(Input("x"), moved_by_noise()),
+                {"x": np.where(np.arange(n) % 7 > 0, 1.0, 0.0)},
+                {},
+                "y: noise as displayed",
+            )
+            for n in (16, 2400)
+        }
+    ),
+    **alike(
+        {
+            f"bumps on a carrier of {freq} Hz at {speed} m/s": (
+                lambda freq=freq: bumps(freq=freq),
+                {"x": constant_speed(speed, 0.1)},
+                {"seconds": 0.5},
+                "",
+            )
+            for freq, speed in ((0.0, 0.02), (0.0, 5.0), (1e-9, 0.02), (157.9, 5.0), (3999.0, 0.02))
+        }
+    ),
+    **alike(
+        {  # a groove was taken for the next ridge
+            f"a finger at {x!r} that rests on or beside an edge, {wave}": (
+                lambda wave=wave: bumps(wave, 1, length=1.0),
+                {"x": np.full(300, x)},
+                {},
+                "",
+            )
+            for wave in ("square", "sawtooth", "sine")
+            for x in (np.nextafter(2.0, 0), 1.5, np.nextafter(1.0, 3))
+        }
+    ),
+    **alike(
+        {  # -0.1 x 6/0.1 is -6, and (-0.1 x 6)/0.1 is not: the law has the scene's rounding
+            f"a finger on the edge at -0.1 m, {name}": (make, {"x": np.full(400, -0.1)}, {}, "")
+            for name, make in {
+                "bumps": bumps,
+                "plate": lambda: touch_screen("square", rectify="half"),
+            }.items()
+        }
+    ),
+    **alike(
+        {
+            f"a finger that trembles by a rounding over an edge, {wave}": (
+                lambda make=make, wave=wave: make(wave, bumps=0.06, length=0.1, duty=0.06),
+                {"x": 1e-12 * np.cumsum(ANY)},
+                {},
+                "",
+            )
+            for make, wave in ((bumps, "sine"), (touch_screen, "square"))
+        }
+    ),
+    **alike(
+        {  # beyond its bounds: the nearest one
+            f"a duty of {duty}, {wave}": (
+                lambda make=make, wave=wave: make(wave, amplitude=0.4),
+                {"x": constant_speed(0.03, 0.1)},
+                {"fs": 48000, "seconds": 0.1, "params": {"duty": duty}},
+                "voltage",
+            )
+            for make, wave, duty in (
+                (bumps, "square", 0.0),
+                (bumps, "sawtooth", 1e-9),
+                (bumps, "half_sine", 2.0),
+                (touch_screen, "sine", 1e-9),
+                (touch_screen, "half_sine", -1.0),
+            )
+        }
+    ),
+    **alike(
+        {
+            f"a plate whose carrier is rectified: {rectify}": (
+                lambda rectify=rectify: touch_screen(rectify=rectify, amplitude=0.1),
+                {"x": constant_speed(0.03, 0.1)},
+                {"fs": 48000, "seconds": 0.1},
+                "every stage",
+            )
+            for rectify in (None, "half", "full")
+        }
+    ),
+    **{  # each of a law of its own
+        f"a plate of {words}": (
+            lambda words=words: touch_screen(model=GLASS, **words),
+            {"x": minimum_jerk(depth=0.1, rise=0.3)},
+            {"seconds": 0.5, "params": {"duty": 0.4}},
+            "voltage: every stage" if "finger" in words else "displacement: sum over",
         )
-        for scheme, horizon in (("gl", 0.008), ("l1", 0.1), ("gl", 3.0), ("l1", 3.0))
-    },
-    **{
-        f"a springpot of {alpha} and a dashpot whose tail is cut off": (
-            lambda alpha=alpha: Scene({"f": springpot_series(Y, 25.0, alpha, b=2.0)}),
-            {"y": minimum_jerk()},
-            {"fs": 1000, "seconds": 0.1},
-            "",
-        )
-        for alpha in (0.6, 0.9)
-    },
-    **{
-        f"a springpot of {alpha} at {fs} Hz to {tol}": (
-            lambda alpha=alpha, tol=tol: s.viscoelastic(alpha, tol=tol),
-            {"y": minimum_jerk()},
-            {"fs": fs, "seconds": 0.05},
-            "full sum",
-        )
-        for alpha, fs, tol in ((0.5, 192000, 1e-10), (0.9, 96000, 1e-10), (0.5, 8000, 1e-13))
-    },
-    **{
-        f"noise that ran before sample 0 behind {name}": (
-            lambda gate=gate: gated(gate, white_noise(seed=1)),
+        for words in (
             {},
-            {"seconds": 0.3},
-            "",
+            {"swap": 1.0, "rectify": "half", "waveform": "sawtooth"},
+            {"waveform": "square", "amplitude": 3.0},
+            {"finger": True},
         )
-        for name, gate in {
-            "a parameter": Param("g", 1.0),
-            "a comparison": b.nonzero(Param("g", 1.0)),
-            "a noise": white_noise(seed=2) > 0.0,
-            "a number": constant(2.0),
-        }.items()
+    },
+    **{  # the sign of the amplitude does not count, up to e^2 = 0.98
+        f"ultrasound of {A} V under {normal} N": (
+            lambda: s.ultrasonic_friction(contact=True, duty=0.3, q=300.0),
+            {"x": sinusoid(0.05, 1.5), "contact": lambda t: 1.0 * (np.sin(9 * t) > -0.5)},
+            {"seconds": 0.5, "params": {"A": A, "normal": normal, "duty": 0.6}},
+            "written again",
+        )
+        for A, normal in ((12.0, 0.7), (-150.0, 200.0))
     },
     **{
-        f"an oscillator that noise moves behind a gate, {n} samples": (
-            lambda: gated(Input("x"), moved_by_noise()),
-            {"x": np.where(np.arange(n) % 7 > 0, 1.0, 0.0)},
-            {},
-            "y: noise as displayed",
+        f"{name} over lifts": (
+            lambda make=make: make(contact=True),
+            {CLICKS[name]: motion, "contact": lambda t: 1.0 * (np.sin(37 * t) > -0.6)},
+            {"fs": 4000, "seconds": 0.3, "params": params},
+            "written again",
         )
-        for n in (16, 2400)
-    },
-    **{
-        f"bumps on a carrier of {freq} Hz at {speed} m/s": (
-            lambda freq=freq: bumps(freq=freq),
-            {"x": constant_speed(speed, 0.1)},
-            {"seconds": 0.5},
-            "",
+        for name, make, motion, params in (
+            ("click", s.click, sinusoid(1.3e-3, 3.0, 1e-3), {"peak": 1.5}),
+            ("detents", s.detents, sinusoid(1.0, 2.0), {"depth": 0.03}),
+            ("friction", s.friction, sinusoid(0.02, 2.0), {"normal": 0.7}),
+            ("wall", s.wall, sinusoid(2e-3, 5.0), {"b": 3.0}),
+            ("impact", s.impact, sinusoid(5e-3, 3.0), {"A": 7.0}),
         )
-        for freq, speed in ((0.0, 0.02), (0.0, 5.0), (1e-9, 0.02), (157.9, 5.0), (3999.0, 0.02))
-    },
-    **{  # a groove was taken for the next ridge
-        f"a finger at {x!r} that rests on or beside an edge, {wave}": (
-            lambda wave=wave: bumps(wave, 1, length=1.0),
-            {"x": np.full(300, x)},
-            {},
-            "",
-        )
-        for wave in ("square", "sawtooth", "sine")
-        for x in (np.nextafter(2.0, 0), 1.5, np.nextafter(1.0, 3))
-    },
-    **{  # -0.1 x 6/0.1 is -6, and (-0.1 x 6)/0.1 is not: the law has the scene's rounding
-        f"a finger on the edge at -0.1 m, {name}": (make, {"x": np.full(400, -0.1)}, {}, "")
-        for name, make in {
-            "bumps": bumps,
-            "plate": lambda: touch_screen("square", rectify="half"),
-        }.items()
-    },
-    **{
-        f"a finger that trembles by a rounding over an edge, {wave}": (
-            lambda make=make, wave=wave: make(wave, bumps=0.06, length=0.1, duty=0.06),
-            {"x": 1e-12 * np.cumsum(ANY)},
-            {},
-            "",
-        )
-        for make, wave in ((bumps, "sine"), (touch_screen, "square"))
-    },
-    **{  # beyond its bounds: the nearest one
-        f"a duty of {duty}, {wave}": (
-            lambda make=make, wave=wave: make(wave, amplitude=0.4),
-            {"x": constant_speed(0.03, 0.1)},
-            {"fs": 48000, "seconds": 0.1, "params": {"duty": duty}},
-            "voltage",
-        )
-        for make, wave, duty in (
-            (bumps, "square", 0.0),
-            (bumps, "sawtooth", 1e-9),
-            (bumps, "half_sine", 2.0),
-            (touch_screen, "sine", 1e-9),
-            (touch_screen, "half_sine", -1.0),
-        )
-    },
-    **{
-        f"a plate whose carrier is rectified: {rectify}": (
-            lambda rectify=rectify: touch_screen(rectify=rectify, amplitude=0.1),
-            {"x": constant_speed(0.03, 0.1)},
-            {"fs": 48000, "seconds": 0.1},
-            "every stage",
-        )
-        for rectify in (None, "half", "full")
     },
     "a plate beyond its edge": (
         touch_screen,
@@ -232,15 +304,17 @@ CORRECT = {
         {"seconds": 0.3},
         "",
     ),
-    **{
-        f"a texture at rest at {x} m": (
-            s.texture,
-            {"x": np.full(2000, x), "force": np.full(2000, 10 * x)},
-            {"fs": 4000, "seed": 1},
-            "",
-        )
-        for x in (0.0, 0.1)
-    },
+    **alike(
+        {
+            f"a texture at rest at {x} m": (
+                s.texture,
+                {"x": np.full(2000, x), "force": np.full(2000, 10 * x)},
+                {"fs": 4000, "seed": 1},
+                "",
+            )
+            for x in (0.0, 0.1)
+        }
+    ),
     "a vibration that decays within a sample": (
         lambda: s.impact(decay=5e-4, freq=190.0, cutoff=50.0),
         {"x": sinusoid(5e-3, 10.0)},
@@ -261,15 +335,17 @@ CORRECT = {
     ),
     "outputs named as taps": (lambda: taps("tap0"), {"x": np.ones(500)}, {}, ""),
     "outputs named as gates": (lambda: taps("gate0"), {"x": np.ones(500)}, {}, ""),
-    **{
-        f"an answer {n} samples late": (
-            lambda n=n: Scene({"y": b.delay(Input("x"), n)}),
-            {"x": np.linspace(0.0, 1.0, 500)},
-            {},
-            "Delay: impulse response",
-        )
-        for n in (4095, 4096, 9000)
-    },
+    **alike(
+        {
+            f"an answer {n} samples late": (
+                lambda n=n: Scene({"y": b.delay(Input("x"), n)}),
+                {"x": np.linspace(0.0, 1.0, 500)},
+                {},
+                "Delay: impulse response",
+            )
+            for n in (4095, 4096, 9000)
+        }
+    ),
     "pulses of a quarter of the rate, each on a sample": (
         lambda: Scene({"y": b.pulse_train(2000.0)}),
         {},
@@ -288,81 +364,93 @@ CORRECT = {
         {"fs": 1000, "seconds": 2.0},
         "written again",
     ),
-    **{
-        f"a slip within {way} m at {start} m": (
-            sticky,
-            {"x": slips(start, way), "n": n},
-            {"fs": 1000},
-            "StickSlip",
-        )
-        for start in (-0.012, -0.0119, 0.3)
-        for way, n in (
-            (0.0, np.ones(10)),
-            (3e-16, SHRINKS),
-            (6.76e-15, np.ones(10)),
-            (1e-13, SHRINKS),
-            (1e-9, np.ones(10)),
-        )
-    },
+    **alike(
+        {
+            f"a slip within {way} m at {start} m": (
+                sticky,
+                {"x": slips(start, way), "n": n},
+                {"fs": 1000},
+                "StickSlip",
+            )
+            for start in (-0.012, -0.0119, 0.3)
+            for way, n in (
+                (0.0, np.ones(10)),
+                (3e-16, SHRINKS),
+                (6.76e-15, np.ones(10)),
+                (1e-13, SHRINKS),
+                (1e-9, np.ones(10)),
+            )
+        }
+    ),
     "slips whose place is a rounding, after a way": (
         sticky,
         {"x": WANDERS, "n": np.ones(WANDERS.size)},
         {"fs": 1000},
         "StickSlip",
     ),
-    **{
-        f"slips over a stiffness that {name}": (
-            lambda name=name: sliding_on(name)[0],
-            sliding_on(name)[1],
-            {"fs": 1000},
-            "StickSlip",
-        )
-        for name in STIFFNESS
-    },
-    **{  # slips without number, and a wall of 0
-        f"{make.__name__} of {params}": (
-            make,
-            {"x": HAND},
-            {"seconds": 0.05, "params": params},
-            "written again",
-        )
-        for make, params in (
-            (s.wall, {"k": -1.0}),
-            (s.wall, {"b": -1.0}),
-            (s.wall, {"k": 0.0, "b": 2.0}),
-            (s.friction, {"normal": 1e-320}),
-            (s.friction, {"normal": 1e-200}),
-            (s.friction, {"normal": 1e-9}),
-        )
-    },
-    **{  # two integrals that nearly cancel lost 1.05 tolerances
-        f"detents over {way} rad a sample": (
-            lambda: s.detents(count=5, friction=1e-3),
-            {"angle": 3.0 + way * np.arange(3000.0)},
-            {"fs": 4000},
-            "Detents",
-        )
-        for way in (1e-13, 1e-12, 9e-12, 1.01e-11, 1e-10)
-    },
-    **{
-        f"a hand held on an edge of {name} that wobbles by {wobble}": (
-            s.SHIPPED[name],
-            {x: place + wobble * np.sin(N[:400] / 5)},
-            {"fs": 2000},
-            "",
-        )
-        for name, x in CLICKS.items()
-        for place, wobble in ((0.0, 1e-18), (1e-3, 0.0), (0.8e-3, 1e-12))
-    },
-    **{  # numbers that happen to be equal
-        f"bumps of {words}": (
-            lambda words=words: bumps(**words),
-            {"x": sinusoid(0.05, 1.0)},
-            {"seconds": 0.3},
-            "envelope times carrier",
-        )
-        for words in ({"bumps": 5}, {"gain": 1.0}, {"bumps": 0.1})
-    },
+    **alike(
+        {
+            f"slips over a stiffness that {name}": (
+                lambda name=name: sliding_on(name)[0],
+                sliding_on(name)[1],
+                {"fs": 1000},
+                "StickSlip",
+            )
+            for name in STIFFNESS
+        }
+    ),
+    **alike(
+        {  # slips without number, and a wall of 0
+            f"{make.__name__} of {params}": (
+                make,
+                {"x": HAND},
+                {"seconds": 0.05, "params": params},
+                "written again",
+            )
+            for make, params in (
+                (s.wall, {"k": -1.0}),
+                (s.wall, {"b": -1.0}),
+                (s.wall, {"k": 0.0, "b": 2.0}),
+                (s.friction, {"normal": 1e-320}),
+                (s.friction, {"normal": 1e-200}),
+                (s.friction, {"normal": 1e-9}),
+            )
+        }
+    ),
+    **alike(
+        {  # two integrals that nearly cancel lost 1.05 tolerances
+            f"detents over {way} rad a sample": (
+                lambda: s.detents(count=5, friction=1e-3),
+                {"angle": 3.0 + way * np.arange(3000.0)},
+                {"fs": 4000},
+                "Detents",
+            )
+            for way in (1e-13, 1e-12, 9e-12, 1.01e-11, 1e-10)
+        }
+    ),
+    **alike(
+        {
+            f"a hand held on an edge of {name} that wobbles by {wobble}": (
+                s.SHIPPED[name],
+                {x: place + wobble * np.sin(N[:400] / 5)},
+                {"fs": 2000},
+                "",
+            )
+            for name, x in CLICKS.items()
+            for place, wobble in ((0.0, 1e-18), (1e-3, 0.0), (0.8e-3, 1e-12))
+        }
+    ),
+    **alike(
+        {  # numbers that happen to be equal
+            f"bumps of {words}": (
+                lambda words=words: bumps(**words),
+                {"x": sinusoid(0.05, 1.0)},
+                {"seconds": 0.3},
+                "envelope times carrier",
+            )
+            for words in ({"bumps": 5}, {"gain": 1.0}, {"bumps": 0.1})
+        }
+    ),
     "bumps of no amplitude": (
         lambda: bumps(amplitude=0.0),
         {"x": constant_speed(0.02, 0.1)},
@@ -381,15 +469,17 @@ CORRECT = {
         {"fs": 1000, "seconds": 0.3},
         "as strong at 1 Hz as 300 N/m",
     ),
-    **{
-        f"a grating under {motion}": (
-            grating,
-            {"x": motion},
-            {"seconds": 0.5, "params": {"roughness": 0.1}},
-            "force: octaves of the roughness",
-        )
-        for motion in (constant_speed(0.03, 0.1), minimum_jerk(depth=0.1, rise=0.5))
-    },
+    **alike(
+        {
+            f"a grating under {motion}": (
+                grating,
+                {"x": motion},
+                {"seconds": 0.5, "params": {"roughness": 0.1}},
+                "force: octaves of the roughness",
+            )
+            for motion in (constant_speed(0.03, 0.1), minimum_jerk(depth=0.1, rise=0.5))
+        }
+    ),
     "a limited squeeze within its limits": (
         lambda: squeeze(fingers=1, limits=True),
         {"x1": minimum_jerk()},
@@ -411,7 +501,8 @@ CORRECT = {
 }
 
 
-@pytest.mark.parametrize("name", CORRECT)
+@pytest.mark.filterwarnings("ignore:touch_screen.* are held")
+@pytest.mark.parametrize("name", mostly(CORRECT.keys() - MORE, CORRECT))
 def test_a_correct_rendering_passes(name):
     make, motion, words, says = CORRECT[name]
     r = report(make(), motion, **words)
@@ -459,35 +550,6 @@ def test_springpots_are_proved_at_every_order_rate_and_tolerance():
     assert 0 < worst < 0.1
 
 
-WAYS = {entry.name: entry for entry in TABLE if entry.inputs}
-SOME = "velocity springpot friction_coulomb cursor".split()
-
-
-@pytest.mark.parametrize("name", mostly(SOME, WAYS))
-def test_what_is_moved_by_a_source_of_the_scene_passes(name):
-    """It runs before sample 0, with the source at rest, or not."""
-    entry = WAYS[name]
-    sources = (
-        b.every(0.01),
-        b.oscillator(37.0, phase=0.3),
-        b.oscillator(21.0, "square") + 0.25,
-        constant(0.7),
-    )
-    for k in range(4):
-        moved = [
-            sources[(k + i) % 4] * constant(1.0, entry.unit or "1")
-            for i in range(len(entry.inputs))
-        ]
-        try:
-            scene = Scene({"y": entry.make(*moved)})
-        except StimlibError:  # of units, or of a number that has to be constant
-            continue
-        if not scene.inputs:
-            params = {n: p.value for n, p in scene.params.items()}
-            found = held(Run(scene, entry.rates[0], 3, {}, 400, params, [], [(0, 400)]))
-            assert not [h for h in found if h.error > 1], k
-
-
 @pytest.mark.filterwarnings("ignore:.*sample 0:RuntimeWarning")
 def test_a_scene_that_is_not_finite_from_the_first_sample_on_is_told():
     x = Input("x")
@@ -533,16 +595,6 @@ def test_a_ramp_of_a_minute_whose_roundings_add_up_passes(tmp_path, make, name, 
 
 
 # Statistics ---------------------------------------------------------------------------
-def test_the_tails_of_weighted_sums_are_exact():
-    for n in (8, 100):
-        for deviations in (2.5, 4.0, 6.0):
-            high, low = n + deviations * np.sqrt(n), n - deviations * np.sqrt(n)
-            p = spectra.weighted_p(np.ones(n), np.full(n, high / n))
-            assert p == pytest.approx(2 * stats.gamma.sf(high, n), rel=2e-3)
-            p = spectra.weighted_p(np.ones(n), np.full(n, max(low, 0.0) / n))
-            assert p == pytest.approx(2 * stats.gamma.cdf(low, n) if low > 0 else 0.0, rel=2e-3)
-
-
 @pytest.mark.parametrize("n", mostly({10}, [10, 40, 300]))
 def test_p_values_are_those_of_the_hypothesis(n):
     """Of streams of the model; normal tails were wrong by a factor of 14 at 1e-4."""

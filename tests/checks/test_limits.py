@@ -126,10 +126,6 @@ def test_the_rounding_of_many_taps_is_within_their_limit(taps, fs):
     assert responses.sum_of(taps + 1e-8 * (np.arange(5000) == 7)).error(transfer, fs) > law.tol
 
 
-def _again(e):
-    return stimlib.compile(e.scene, e.fs, seed=e.seed)
-
-
 @pytest.mark.parametrize(("size", "good"), [(INSIDE, True), (OUTSIDE, False)])
 class TestNoise:
     def test_generator(self, monkeypatch, squeezed, size, good):
@@ -198,7 +194,8 @@ class TestSqueeze:
         e = fresh(squeezed)
         if steps:
             e.changes = [Change(100, "k", 2345.0, steps / 8000)]
-            e.y = samples(_again(e), e.x, e.x.shape[1], e.changes)
+            again = stimlib.compile(e.scene, e.fs, seed=e.seed)
+            e.y = samples(again, e.x, e.x.shape[1], e.changes)
         assert passed(scenes.scene_law(fresh(e)), e, "force1: mean part")
         honest, tol = laws.squeeze_finger, 1e-14 + steps * 2.0**-52
 

@@ -77,10 +77,9 @@ K, T = 1000.0, 1 / 8000
         (button(X, 2.0, at=1e-3).force, {}, 2000.0 * T),
         (friction(X, 1.0, stiffness=K), {}, K * T),
         (stick_slip(X, 1.0, stiffness=K) + friction(X, 1.0, stiffness=K), {}, 2 * K * T),
-        (
-            friction(X, 1.0, 0.5, K, static=0.7, speed=0.02),
-            {},
-            0.2 * np.sqrt(2 / np.e) / 0.02 + K * T,
+        *(  # the steepest falls of 0.2 exp(-(v/0.02)^exponent), found on a grid
+            (friction(X, 1.0, 0.5, K, static=0.7, speed=0.02, exponent=d), {}, fall + K * T)
+            for d, fall in ((1.0, 10.0), (1.3, 7.3580476), (2.0, 8.5776388), (3.0, 11.7543180))
         ),
         (
             friction(X, 1.0, 0.5, K, "lugre", static=0.7, damping=0.1, viscosity=20.0),

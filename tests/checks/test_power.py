@@ -46,6 +46,15 @@ def test_errors_of_a_spectrum_are_seen_as_surely_as_is_said(kind):
     assert part(SIZES[kind]) >= 0.9 and part(0.7 * SIZES[kind]) < 0.8
 
 
+def test_a_trend_is_looked_for_along_polynomials_of_log_f():
+    """Orthogonal, and of the degrees 0 to 3."""
+    _, weights = spectra.looks(F)
+    np.testing.assert_allclose(weights @ weights.T, np.eye(4), atol=1e-12)
+    for degree, row in enumerate(weights):
+        fitted = np.polynomial.Polynomial.fit(np.log(F), row, degree)
+        np.testing.assert_allclose(row, fitted(np.log(F)), atol=1e-12)
+
+
 def test_noise_in_common_is_seen_as_surely_as_is_said():
     rng, rho = np.random.default_rng(4), power.smallest_share(100, 1e-6)
     z = rng.normal(size=(1000, 3, 100)) + 1j * rng.normal(size=(1000, 3, 100))

@@ -2,12 +2,13 @@
 editor can make again; storage too coarse.
 """
 
+import hashlib
 import json
 
 import numpy as np
 import pytest
 import soundfile as sf
-from faults import EDITS, FILE_MOTION, honest_file, verified
+from logged import play
 
 import stimlib
 from stimlib import Input, Param, Scene, StimlibError, constant
@@ -15,22 +16,90 @@ from stimlib.checks import sidecar as checked
 from stimlib.checks.session import verify_log
 from stimlib.files import audio as file
 from stimlib.files.log_reader import FIELDS, read_log
-from stimlib.files.log_writer import LogWriter, header
 from stimlib.motion.generators import minimum_jerk
-from stimlib.run.safety import GAIN, Safety, protect, to_device
+from stimlib.run.safety import GAIN, Safety
 from stimlib.scenes import squeeze
+
+
+def channel(k, **what):
+    return lambda d: d["channels"][k].update(what)
+
+
+def swap_names(d):
+    a, b = d["channels"]
+    a["name"], b["name"] = b["name"], a["name"]
+
+
+def other_k(d):
+    next(b for b in d["scene"]["blocks"] if b["fields"].get("name") == "k")["fields"]["value"] = (
+        1000.0
+    )
+
+
+EDITS = {
+    "a key of a channel more": lambda d: d["channels"][0].update(gain=2.0),
+    "clips not counted": lambda d: d["channels"][0].update(clips=None),
+    "format": lambda d: d.update(format="RF64"),
+    "subtype": lambda d: d.update(subtype="DOUBLE"),
+    "fs": lambda d: d.update(fs=8001.0),
+    "frames": lambda d: d.update(frames=1999),
+    "channel names": swap_names,
+    "unit": channel(0, unit="mN"),
+    "full scale": channel(1, full_scale=2.0),
+    "clips": channel(1, clips=1),
+    "clips moved": lambda d: (d["channels"][0].update(clips=1), d["channels"][1].update(clips=-1)),
+    "peak": lambda d: d["channels"][0].update(peak=10 * d["channels"][0]["peak"]),
+    "peak by a bit": (
+        lambda d: d["channels"][1].update(peak=float(np.nextafter(d["channels"][1]["peak"], 0)))
+    ),
+    "seed": lambda d: d.update(seed=4),
+    "params": lambda d: d["params"].update(k=1700.0),
+    "params, one more": lambda d: d["params"].update(b=1.0),
+    "index": lambda d: d.update(index=1),
+    "log, value": lambda d: d["log"][0].update(value=1801.0),
+    "log, ramp": lambda d: d["log"][0].update(ramp=0.1),
+    "log, at": lambda d: d["log"][0].update(at=100),
+    "log, lost": lambda d: d.update(log=[]),
+    "log, one more, late": (
+        lambda d: d["log"].append({"at": 5, "name": "k", "value": 1800.0, "ramp": 0.0})
+    ),
+    "motion, an input less": lambda d: d["motion"].pop("x2"),
+    "scene, k": other_k,
+    "scene, law": lambda d: d["scene"].update(law=None),
+    "scene_hash": lambda d: d.update(scene_hash="0" * 64),
+    "definitions, of no block": lambda d: d.update(
+        definitions={"click_block": {"sha256": "0" * 64, "text": ""}}
+    ),
+    "sha256": lambda d: d.update(sha256="0" * 64),
+    "sha256, none": lambda d: d.update(sha256=None),
+    "a key more": lambda d: d.update(calibrated=True),
+}
+MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
 
 
 @pytest.fixture(scope="module")
 def honest(tmp_path_factory):
-    return honest_file(tmp_path_factory.mktemp("honest"))
+    """Bytes and sidecar of a correct file."""
+    path = tmp_path_factory.mktemp("honest") / "honest.wav"
+    proc = stimlib.compile(squeeze(), 8000, seed=3)
+    proc.set("k", 1800.0, ramp=0.0)
+    file.write(path, proc, MOTION, 0.25, progress=False)
+    return path.read_bytes(), json.loads(path.with_name("honest.wav.json").read_text())
 
 
-def refused(*args):
+def verified(folder, audio, told):
+    """The report of a file with this sidecar, whose hash of the file is made again."""
+    (folder / "a.wav").write_bytes(audio)
+    told = told | {"file_sha256": hashlib.sha256(audio).hexdigest()}
+    (folder / "a.wav.json").write_text(json.dumps(told))
+    return stimlib.verify(squeeze(), MOTION, folder / "a.wav")
+
+
+def passes(verify, *given):
     try:
-        return not verified(*args).passed
+        return verify(*given).passed
     except StimlibError:
-        return True
+        return False
 
 
 TOLD = {
@@ -46,7 +115,7 @@ def test_every_key_is_held_or_stated_as_told(honest, tmp_path, edit):
     told = json.loads(json.dumps(told))
     (EDITS | TOLD)[edit](told)
     if edit in EDITS:
-        assert refused(tmp_path, audio, told)
+        assert not passes(verified, tmp_path, audio, told)
     else:
         report = verified(tmp_path, audio, told)
         assert report.passed, str(report)
@@ -66,11 +135,11 @@ def test_a_file_cut_short_with_its_numbers_adjusted_is_refused_by_the_hash_of_th
     y, fs = sf.read(tmp_path / "whole.wav", dtype="float32")
     with sf.SoundFile(tmp_path / "cut.wav", "w", fs, y.ndim, "FLOAT") as cut:
         cut.comment = sf.SoundFile(tmp_path / "whole.wav").comment
-        cut.write(y[:4000])
-    half = stimlib.render(stimlib.scenes.squeeze(), FILE_MOTION, 8000, 0.5, {"k": 1800.0}, 3)
+        cut.write(y[:1000])
+    half = stimlib.render(squeeze(), MOTION, 8000, 0.125, {"k": 1800.0}, 3)
     peaks = [{"peak": float(np.abs(row).max())} for row in half.y]
     channels = [c | peak for c, peak in zip(told["channels"], peaks, strict=True)]
-    adjusted = told | {"frames": 4000, "channels": channels}
+    adjusted = told | {"frames": 1000, "channels": channels}
     report = verified(tmp_path, (tmp_path / "cut.wav").read_bytes(), adjusted)
     assert [c.name for c in report.checks if not c.passed] == ["sidecar: hash of the signal"]
 
@@ -122,18 +191,9 @@ def test_what_the_storage_cannot_carry_fails(tmp_path, scene, name, full_scale, 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     folder = tmp_path_factory.mktemp("session")
-    scene, safety = squeeze(), Safety(60.0)
-    x = np.stack(
-        [minimum_jerk()(np.arange(4000) / 8000), minimum_jerk(depth=0.01)(np.arange(4000) / 8000)]
-    )
-    proc = stimlib.compile(protect(scene, safety), 8000)
-    proc.set("k", 1500.0, ramp=0.0)
-    with LogWriter(folder / "a", header(scene, safety, 8000.0, params={"k": 1500.0})) as log:
-        proc.set(GAIN, 1.0, ramp=160 / 8000)
-        log.event(0, "set", name=GAIN, value=1.0, ramp=160)
-        log.motion(x)
-        log.delivered(to_device(proc.process(x), safety.scales(proc.outputs), [0, 1]))
-        log.close({"produced": 4000, "delivered": 4000, "lost": 0})
+    x = np.stack([hand(np.arange(1000) / 8000) for hand in MOTION.values()])
+    sets = [(0, GAIN, 1.0, 160)]
+    play(folder / "a", squeeze(), Safety(60.0), x, sets=sets, params={"k": 1500.0})
     return folder / "a"
 
 
@@ -177,8 +237,4 @@ def test_an_edited_key_is_refused_or_for_the_reader_only(session, tmp_path, key)
     if key:
         (HELD_OF_A_LOG | TOLD_OF_A_LOG)[key](told)
     (tmp_path / "session.json").write_text(json.dumps(told))
-    try:
-        passed = verify_log(read_log(tmp_path)).passed
-    except StimlibError:
-        passed = False
-    assert passed == (key not in HELD_OF_A_LOG)
+    assert passes(lambda: verify_log(read_log(tmp_path))) == (key not in HELD_OF_A_LOG)

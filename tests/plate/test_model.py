@@ -181,24 +181,26 @@ def test_what_makes_no_plate_is_told(more, match):
     refused(BadValue, match, Plate, **GLASS | more)
 
 
-def test_what_cannot_be_asked_of_a_plate_is_told():
-    plate = Plate.paper()
-    assert len(best_patches(plate, points=2, gap=0.028)) == 8  # 73 mm of 73.5 across
-    for ask, match in (
-        (lambda: replace(plate, in_plane_load=-1e5).modes(), "buckles"),
-        (lambda: plate.modes(100), "ask for 1 to 36"),
-        (lambda: plate.modes(1.5), "ask for 1 to 36"),
-        (lambda: best_patches(plate, gap=-1e-3), "gap"),
-        (lambda: best_patches(plate, patch="duraact"), "must be a Patch"),
-        (lambda: plate.shape(0, 0.3, 0.1), "outside the plate"),
-        (lambda: plate.forces(2), "no patches"),
+PAPER = Plate.paper()
+
+
+@pytest.mark.parametrize(
+    ("ask", "says"),
+    [
+        (lambda: replace(PAPER, in_plane_load=-1e5).modes(), "buckles"),
+        (lambda: PAPER.modes(100), "ask for 1 to 36"),
+        (lambda: PAPER.modes(1.5), "ask for 1 to 36"),
+        (lambda: best_patches(PAPER, gap=-1e-3), "gap"),
+        (lambda: best_patches(PAPER, patch="duraact"), "must be a Patch"),
+        (lambda: PAPER.shape(0, 0.3, 0.1), "outside the plate"),
+        (lambda: PAPER.forces(2), "no patches"),
         (lambda: Plate.paper(patches=True).forces(1, [1.0]), "1 weights for 4"),
-        (lambda: plate.carrier(0.1), "at = 0.1 must be a place"),
-        (lambda: plate.frf((0.1, 0.07), (0.1, 0.07, 0.0), 1.0), "at = .* must be a place"),
-        (lambda: plate.frf("patch", (0.1, 0.07), 1.0), "or 'patches'"),
-        (lambda: plate.frf((0.1, 0.07), (0.1, 0.07), 1.0, weights=[1.0]), "say drive='patches'"),
+        (lambda: PAPER.carrier(0.1), "at = 0.1 must be a place"),
+        (lambda: PAPER.frf((0.1, 0.07), (0.1, 0.07, 0.0), 1.0), "at = .* must be a place"),
+        (lambda: PAPER.frf("patch", (0.1, 0.07), 1.0), "or 'patches'"),
+        (lambda: PAPER.frf((0.1, 0.07), (0.1, 0.07), 1.0, weights=[1.0]), "say drive='patches'"),
         (lambda: Plate.paper("both"), "all, long, short"),
-        (lambda: plate.frequencies()({"clamp_stiffness": 1.0}), "needs a plate that has one"),
+        (lambda: PAPER.frequencies()({"clamp_stiffness": 1.0}), "needs a plate that has one"),
         (lambda: Patch(0.1, 0.1, 0.0, 0.01, -1e-10, 1e-4), "length = 0.0"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -180, 1e-4), "-180e-12"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 0.2), "sizes are in m"),
@@ -206,12 +208,17 @@ def test_what_cannot_be_asked_of_a_plate_is_told():
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, side=0), "upper side"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, nu=-1.1), "Poisson"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, cover_nu=-1.1), "Poisson"),
-        (lambda: best_patches(plate, points=2, gap=0.029), "do not fit"),  # 74 mm of 73.5 across
+        (lambda: best_patches(PAPER, points=2, gap=0.029), "do not fit"),  # 74 mm of 73.5 across
         # 72 mm of 70 along
-        (lambda: best_patches(replace(plate, length=0.14), points=2, gap=0.028), "do not fit"),
-    ):
-        with pytest.raises(BadValue, match=match):
-            ask()
+        (lambda: best_patches(replace(PAPER, length=0.14), points=2, gap=0.028), "do not fit"),
+    ],
+)
+def test_what_cannot_be_asked_of_a_plate_is_told(ask, says):
+    refused(BadValue, says, ask)
+
+
+def test_patches_fit_up_to_the_last_millimetre():
+    assert len(best_patches(PAPER, points=2, gap=0.028)) == 8  # 73 mm of 73.5 across
 
 
 def test_the_configurations_are_as_the_thesis_says_of_its_own():
@@ -273,22 +280,27 @@ def test_a_sinusoid_draws_w_c_v(row, fs, current, rms, slew, power, rel):
     assert load.power == pytest.approx(power, rel=rel)
 
 
-def test_what_is_no_voltage_is_refused():
-    x = Input("x", "m")
-    r = stimlib.render(Scene({"voltage": x}), {"x": np.zeros(9)}, 1000)
-    for error, words, text in (
-        (UnitError, (r, C), r"output voltage \[m\] must be in V"),
-        (UnknownName, (r, C, None, "volts"), "no output 'volts'"),
-        (BadValue, (r, C, 1000.0), "own fs"),
+METRES = stimlib.render(
+    Scene({"voltage": Input("x", "m")}), {"x": np.zeros(9)}, 1000, target="python"
+)
+
+
+@pytest.mark.parametrize(
+    ("error", "words", "text"),
+    [
+        (UnitError, (METRES, C), r"output voltage \[m\] must be in V"),
+        (UnknownName, (METRES, C, None, "volts"), "no output 'volts'"),
+        (BadValue, (METRES, C, 1000.0), "own fs"),
         (BadValue, (T, C), "give fs="),
         (BadValue, (T, 0, 1000.0), "above 0; a plate without patches has none"),
         (BadValue, (T, C, -1.0), "must be above 0"),
         (BadValue, (T[:1], C, 1000.0), "at least two finite samples"),
         (BadValue, ([0.0, np.nan], C, 1000.0), "at least two finite samples"),
         (BadValue, (np.ones((2, 3)), C, 1000.0), "one row"),
-    ):
-        with pytest.raises(error, match=text):
-            amplifier_load(*words)
+    ],
+)
+def test_what_is_no_voltage_is_refused(error, words, text):
+    refused(error, text, amplifier_load, *words)
 
 
 def test_the_motion_adds_little_to_the_current():

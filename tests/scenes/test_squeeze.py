@@ -11,6 +11,7 @@ from refusals import refused, warned
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 from scipy.special import lambertw
+from trials import pair
 
 import stimlib
 from stimlib import Scene, blocks as b
@@ -19,10 +20,7 @@ from stimlib.blocks.filters import Differentiator
 from stimlib.blocks.impedance import Loading
 from stimlib.blocks.noise import PinkNoise
 from stimlib.checks import laws
-from stimlib.experiments import Experiment, Stimulus, Timing, Trial, choice
-from stimlib.experiments.presentation import program
 from stimlib.motion.generators import minimum_jerk, ramp_and_hold
-from stimlib.run import Safety
 from stimlib.scenes import squeeze
 
 TAU = 1 / 8000  # the paper's sample period
@@ -85,8 +83,13 @@ def fingers(fs, seconds):
 def test_an_independent_squeeze_gives_the_same_force(fs, seed, run):
     x, given = fingers(fs, 1.2), {"seed": seed, "run": run, "lead": max(256, round(0.032 * fs))}
     proc = stimlib.compile(squeeze(k=1700.0, A=2.9, seed=seed), fs, seed=run)
+    f = np.geomspace(20, 900, 50)
     for i, force in enumerate(proc.process(x)):
-        mine = witness(x[i], fs, i + 1, 1700.0, 2.9, **data_of(proc, i + 1), **given)
+        chain = data_of(proc, i + 1)
+        modes = chain["r"] / (1 - chain["poles"] * np.exp(-2j * np.pi * f[:, None] / fs))
+        density = 2 / fs * np.abs(chain["d"] + np.sum(modes, axis=1)) ** 2
+        np.testing.assert_allclose(density, 1 / (np.pi * f), rtol=2.4e-3)  # 0.01 dB
+        mine = witness(x[i], fs, i + 1, 1700.0, 2.9, **chain, **given)
         vibration = np.abs(mine - 1700.0 * x[i]).max()
         assert vibration > 0.05
         assert np.abs(force - mine).max() <= 1e-12 * np.abs(mine).max()
@@ -258,12 +261,7 @@ def test_another_impedance_than_was_asked_for_is_refused(which, wrong):
 def test_a_parameter_of_an_impedance_is_held_in_each_interval_of_a_trial():
     """It was set before the interval begins, which has a clock of its own."""
     soft = squeeze(fingers=1, Z_c=lambda x: b.spring(x, stimlib.Param("stiff", 900.0, "N/m")))
-    both = Stimulus("soft", {"stiff": 1200.0}, 1), Stimulus("soft", {"stiff": 700.0}, 2)
-    asked, timing = choice("more", "Which?", "first", "second"), Timing(0.2, 0.05, 0.0, 0.02)
-    e = Experiment(
-        "pair", "1", {"soft": soft}, print, (asked,), fs=4000, safety=Safety(1000.0), timing=timing
-    )
-    scene, params = program(e, Trial("a", both, ("more",)))
+    scene, params = pair(soft, {"stiff": 1200.0})
     y = stimlib.render(scene, {"x1": press()["x1"]}, 4000, 0.5, params=params)
     report = stimlib.verify(scene, y.motion, y)
     assert report.passed, str(report)
@@ -310,7 +308,7 @@ def test_a_motion_beyond_the_travel_is_a_warning_and_a_line_of_the_report(
     depth, start, travel, beyond
 ):
     one = squeeze(fingers=1, travel=travel)
-    hand = start + minimum_jerk(depth=depth, rise=1.0)(np.arange(12000) / 8000)
+    hand = start + minimum_jerk(depth=depth)(np.arange(3000) / 8000)
     both = Scene.combine(a=one, c=squeeze(fingers=1, travel=0.1, seed=1))
     for scene, name in ((one, "x1"), (both, "a_x1")):
         given = stimlib.render, scene, dict.fromkeys(scene.inputs, hand), 8000

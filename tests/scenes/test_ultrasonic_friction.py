@@ -10,7 +10,7 @@ from refusals import refused
 import stimlib
 from stimlib import BadValue, Input, Scene
 from stimlib.blocks import first_order
-from stimlib.motion.generators import constant_speed, sinusoid
+from stimlib.motion.generators import constant_speed
 from stimlib.scenes import ultrasonic_friction
 
 
@@ -49,17 +49,6 @@ def test_a_plate_of_high_quality_answers_late(q):
     late = np.argmax(r["force"][at - 1 : at + 800] < 0.8 * 0.35) / 8000
     # the load falls to 0.35 N where e^2 is 0.0118, 72 % of the way
     assert late == pytest.approx(1.28 * q / (np.pi * 30e3), abs=4e-4)
-
-
-@pytest.mark.parametrize(("A", "normal"), [(12.0, 0.7), (-150.0, 200.0)])
-def test_lifts_and_live_numbers_are_proved(A, normal):
-    """The sign of A does not count, up to e^2 = 0.98."""
-    scene = ultrasonic_friction(contact=True, duty=0.3, q=300.0)
-    motion = {"x": sinusoid(0.05, 1.5), "contact": lambda t: 1.0 * (np.sin(9 * t) > -0.5)}
-    r = stimlib.render(scene, motion, 8000, 0.5, {"A": A, "normal": normal, "duty": 0.6})
-    report = stimlib.verify(scene, motion, r)
-    assert report.passed, str(report)
-    assert (r["force"][motion["contact"](r.t) <= 0] == 0).all()
 
 
 @pytest.mark.parametrize(
