@@ -19,7 +19,7 @@ from stimlib.blocks import loop
 from stimlib.core.graph import Block, reach
 from stimlib.core.loop_code import Cycle
 from stimlib.core.loops import Last, Loop, Tap
-from stimlib.core.maths import cos, sin
+from stimlib.core.maths import sqrt
 from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
 
 x, c, k = Input("x"), Input("c"), Param("k", 0.1)
@@ -28,7 +28,7 @@ GAIN = 0.75  # a helper's, and of another value in a module of the library's own
 
 
 def bent(x):
-    return GAIN * sin(x)
+    return GAIN * sqrt(1.0 + x * x)
 
 
 class Turned(NamedTuple):
@@ -51,7 +51,7 @@ class Turn(Block):
     @staticmethod
     def step(p, s, x):
         a = s.a + p.a * x
-        return (bent(a), cos(a)), Turned(0.9 * a)
+        return (bent(a), 1.0 / (1.0 + a * a)), Turned(0.9 * a)
 
 
 class Sum(NamedTuple):
