@@ -85,28 +85,31 @@ class Scene:
             check_name("output", name, SceneError)
         self.outputs: dict[str, Block] = {name: as_block(b) for name, b in outputs.items()}
         self.parts = parts_of(terms_of(law, self.outputs) if isinstance(law, Scene) else law, given)
-        self._lowered: tuple[list[tuple[str, int]], Program] | None = None
+        self._lowered: tuple[list[tuple[str, int]], Program, list[Input | Param]] | None = None
         _ = self.program  # finds what is wrong with the graph now, where it was written
+
+    def _known(self) -> tuple[list[tuple[str, int]], Program, list[Input | Param]]:
+        """Return outputs, program, and inputs and parameters, anew after a change."""
+        known = [(name, id(b)) for name, b in self.outputs.items()]
+        if self._lowered is None or self._lowered[0] != known:
+            ends = [b for b in reach(self.outputs.values()) if isinstance(b, (Input, Param))]
+            self._lowered = known, lower(self.outputs), ends
+        return self._lowered
 
     @property
     def program(self) -> Program:
         """The lowered program of the outputs, made once."""
-        known = [(name, id(b)) for name, b in self.outputs.items()]
-        if self._lowered is None or self._lowered[0] != known:
-            self._lowered = known, lower(self.outputs)
-        return self._lowered[1]
+        return self._known()[1]
 
     @property
     def inputs(self) -> dict[str, Input]:
         """Inputs by name, in the order of first use."""
-        of = self.program
-        return {n: of.instances[i].block for n, i in of.inputs.items()}  # type: ignore[misc]
+        return {b.name: b for b in self._known()[2] if isinstance(b, Input)}
 
     @property
     def params(self) -> dict[str, Param]:
         """Parameters by name."""
-        of = self.program
-        return {n: of.instances[i].block for n, i in of.params.items()}  # type: ignore[misc]
+        return {b.name: b for b in self._known()[2] if isinstance(b, Param)}
 
     def renamed(
         self,

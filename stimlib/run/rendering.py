@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..above import above
-from ..core.program import program_of, rate, warn_beyond
+from ..core.program import Program, program_of, rate, warn_beyond
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, UnknownName, one_of, outside, public
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 FAULTS = ("warn", "raise", "ignore")
 MOST_LEFT = 8
-_LEFT: dict[Any, tuple[Any, Any]] = {}  # by scene, rate and target; see _leave
+_LEFT: dict[Any, tuple[Any, Any, Any]] = {}  # by scene, rate and target; see _leave
 
 
 def fault_text(name: str, at: int, fs: float, then: str) -> str:
@@ -123,8 +123,8 @@ def _driven(
 ) -> Processor:
     """Return a processor at sample 0, with its parameters set."""
     one_of("on_fault", on_fault, FAULTS)
-    _, proc = _LEFT.pop((id(scene), rate(fs), repr(target)), (None, None))
-    if proc is None or proc.program is not program_of(scene):
+    _, proc, code = _LEFT.pop((id(scene), rate(fs), repr(target)), (None, None, None))
+    if proc is None or proc.program is not program_of(scene) or code != _code(proc.program):
         proc = Processor(scene, fs, target, seed)  # type: ignore[arg-type]  # which says what is wrong with fs
     else:
         proc.scene = scene
@@ -138,12 +138,27 @@ def _driven(
     return proc
 
 
+def _code(program: Program) -> list[Any] | None:
+    """Return what a program's processor is made from; None if that is not ours alone.
+
+    An editor or a notebook may exchange functions, or their code, in the classes that a
+    scene has; those of other modules may call what is exchanged.
+    """
+    blocks = [q.block for q in program.instances]
+    if not all(type(b).__module__.startswith("stimlib.") for b in blocks):
+        return None
+    found = [f for b in blocks for f in (type(b).design, b.definition.step, b.definition.tile) if f]
+    return [(f, f.__code__) for f in found]
+
+
 def _leave(proc: Processor) -> None:
     """Leave a processor to the next render of its scene, while the scene exists."""
+    if (code := _code(proc.program)) is None:
+        return
     key = id(proc.scene), proc.fs, repr(proc.target)
     gone = weakref.ref(proc.scene, lambda _: _LEFT.pop(key, None))
     proc.scene = None  # type: ignore[assignment]  # or the scene would never end
-    _LEFT[key] = gone, proc
+    _LEFT[key] = gone, proc, code
     for oldest in list(_LEFT)[:-MOST_LEFT]:
         _LEFT.pop(oldest, None)
 

@@ -112,6 +112,7 @@ def test_a_marker_in_what_the_device_skipped_is_lost():
     assert report.lost > 800 and [m.sample for m in got] == [400 * k for k in range(12)]
     assert report.lost_markers == sum(m.lost for m in got) >= 2
     markers = Markers(1000.0, [], lambda *a, **k: None)
+    markers.clock.add(0, 0)
     markers.gap(100, 50)
     for sample in (99, 100, 149, 150):
         markers.add(sample, "m", 1.0)

@@ -53,7 +53,7 @@ AFTER = (
 DONE = Timing(interval=30.0, gap=0.05, before=0.0, ramp=0.01, until="done")
 ONE = ConstantStimuli(((TASK, 4.0),))
 X = stimlib.Input("x", "m")
-BEFORE: set[int | None] = set()
+BEFORE: set[threading.Thread] = set()
 ONE_STIMULUS = (Stimulus("spring"),)
 
 
@@ -83,14 +83,14 @@ class Front(Scripted):
 
 def playing():
     """Whether a stimulus of this test is there."""
-    return any(t.name == "stimlib sink" and t.ident not in BEFORE for t in threading.enumerate())
+    return any(t.name == "stimlib sink" and t not in BEFORE for t in threading.enumerate())
 
 
 @pytest.fixture(autouse=True)
 def before():
     """Note which threads other tests have left."""
     BEFORE.clear()
-    BEFORE.update(t.ident for t in threading.enumerate())
+    BEFORE.update(threading.enumerate())
 
 
 def logs(session):
