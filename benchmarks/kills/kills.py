@@ -25,6 +25,7 @@ import re
 import resource
 import select
 import signal
+import subprocess
 import sys
 import time
 from collections import Counter, defaultdict
@@ -324,6 +325,9 @@ class Chosen:
 
     def __init__(self, last: set[str]) -> None:
         self.lines, self.names, self.seconds = mapped()
+        command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-n", "0"]
+        said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout
+        self.there = set(said.splitlines())  # a map may be of other tests
         self.last = last
 
     def file(self, k: int) -> str:
@@ -347,6 +351,7 @@ class Chosen:
             }
         doubtful, chosen, total = Counter[str](), [], 0.0
         order = []
+        found = {k for k in found if self.names[k] in self.there}
         for k in sorted(found, key=lambda k: (self.seconds[k], k)):
             name = function_of(self.names[k])
             far = -len(near & words_of(self.file(k)))
