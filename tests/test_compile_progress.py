@@ -17,7 +17,7 @@ from stimlib.cli.app import friendly
 from stimlib.core.graph import Block
 from stimlib.devices.engine import PUMP, _native
 from stimlib.system import cache_folder
-from stimlib.system.progress import compiling, counted
+from stimlib.system.progress import compiling, counted, progress
 from stimlib.targets.numba import cache, engine
 
 ROOT = Path(__file__).parent.parent
@@ -133,3 +133,10 @@ def test_what_an_empty_cache_compiles_is_said_once_before(tmp_path, monkeypatch,
     assert said == ["compiling for this machine, once: about ten seconds", "running", "running"]
     cache.load(f"{seen} # again", "pump")
     assert capsys.readouterr().err == "running\n", "nobody is told outside of a command"
+
+
+@pytest.mark.parametrize("known", [None, 3])
+def test_steps_that_are_found_on_the_way_count(known, capsys):
+    with progress("rows", known, "always") as advance:
+        advance(1, more=2)
+    assert ("50%" if known is None else "20%") in capsys.readouterr().err

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from laws import STRESS, mostly
 from refusals import refused
+from scipy.interpolate import BarycentricInterpolator
 
 from stimlib.design import fractional as soe
 from stimlib.errors import BadValue
@@ -136,3 +137,14 @@ def test_two_words(v):
 )
 def test_a_tol_out_of_reach_is_an_error_that_names_the_reachable_one(tol, say):
     refused(BadValue, say, soe.rates, tol, 1e6)
+
+
+@pytest.mark.parametrize("alpha", [0.02, 0.5, 1.0])
+def test_modes_below_the_grid_are_off_by_what_interpolation_is(alpha):
+    """Between nodes, at a quarter of the horizon's rate, by a polynomial of its own."""
+    nodes = np.array(soe._nodes(4))
+    k = np.exp(-np.arange(1, 60))
+    lumped = BarycentricInterpolator(nodes, np.exp(-nodes / 4))(k)
+    gain = 1.0 if alpha == 1 else math.sin(math.pi * alpha) / math.pi * math.gamma(1 - alpha)
+    error = gain * 0.25**alpha * np.sum(k**alpha * np.abs(np.exp(-k / 4) - lumped))
+    assert error <= soe._lump_error(alpha, 1.0, tuple(nodes)) <= math.exp(0.25) * error
