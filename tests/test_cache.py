@@ -11,6 +11,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from contextlib import nullcontext
 from pathlib import Path
@@ -477,3 +478,12 @@ def test_users_choose_their_names_freely(tmp_path, cache):
         for target in ("numba", "python")
     ]
     assert re.search("Gain.step.*source text is not available.*a notebook cell", lost)
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="every user has a home here")
+def test_a_user_without_a_home_has_a_cache(monkeypatch):
+    """As in a container that runs as a number."""
+    for name in ("STIMLIB_CACHE", "XDG_CACHE_HOME", "HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("pwd.getpwuid", mock.Mock(side_effect=KeyError))
+    assert cache_folder.chosen() == Path(tempfile.gettempdir(), f"stimlib-{os.getuid()}")

@@ -13,6 +13,7 @@ import stat
 import tempfile
 import threading
 import warnings
+from contextlib import suppress
 from importlib import _bootstrap
 from pathlib import Path
 from typing import Any
@@ -61,10 +62,17 @@ def folder() -> Path:
 
 
 def chosen() -> Path:
-    """Return $STIMLIB_CACHE or the user's cache, without a check that it is usable."""
-    return Path(
-        os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")
-    ).absolute()
+    """Return $STIMLIB_CACHE or the user's cache, without a check that it is usable.
+
+    A user without a home, as in a container, has one among the temporary files.
+    """
+    if told := os.environ.get("STIMLIB_CACHE"):
+        return Path(told).absolute()
+    with suppress(RuntimeError):
+        own = Path(platformdirs.user_cache_dir("stimlib"))
+        if own.is_absolute():  # older releases give ~ as it is
+            return own
+    return Path(tempfile.gettempdir(), f"stimlib-{os.getuid()}").absolute()
 
 
 def private(wanted: Path) -> Path:

@@ -15,12 +15,12 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import platformdirs
 import pytest
 
 import stimlib
 from stimlib import SinkError, blocks
 from stimlib.run.safety import protect, to_device
+from stimlib.system import cache_folder
 
 
 class Seen:
@@ -351,10 +351,8 @@ class Pulse:
             "load-module module-native-protocol-unix\nload-module module-null-sink sink_name=null"
             " rate=8000 channels=1 format=float32le\nset-default-sink null\n"
         )
-        # not that of the new HOME
-        cache = os.environ.get("STIMLIB_CACHE") or platformdirs.user_cache_dir("stimlib")
         self.environment = {
-            "STIMLIB_CACHE": cache,
+            "STIMLIB_CACHE": str(cache_folder.chosen()),  # not that of the new HOME
             "XDG_RUNTIME_DIR": str(run),
             "HOME": str(folder),
             "JACK_NO_START_SERVER": "1",
