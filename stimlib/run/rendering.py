@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 FAULTS = ("warn", "raise", "ignore")
 MOST_LEFT = 8
+LARGEST_LEFT = 2**16  # words of a state: a processor also has those of its last seeds
 _LEFT: dict[Any, tuple[Any, Any]] = {}  # by scene, rate and target; see _leave
 
 
@@ -139,7 +140,12 @@ def _driven(
 
 
 def _leave(proc: Processor) -> None:
-    """Leave a processor to the next render of its scene, while the scene exists."""
+    """Leave a processor to the next render of its scene, while the scene exists.
+
+    Not one that is large, or whose steps may be others by then.
+    """
+    if proc._changes or proc._size > LARGEST_LEFT:
+        return
     key = id(proc.scene), proc.fs, repr(proc.target)
     gone = weakref.ref(proc.scene, lambda _: _LEFT.pop(key, None))
     proc.scene = None  # type: ignore[assignment]  # or the scene would never end
