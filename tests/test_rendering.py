@@ -16,6 +16,7 @@ from stimlib.errors import BadValue, FaultError, StimlibError, UnknownName
 from stimlib.files import audio
 from stimlib.motion.recorded import recording
 from stimlib.motion.text import parse_motion
+from stimlib.run import rendering
 
 x = Input("x", "m")
 SCENE = Scene({"force": 1.0 / (x - stimlib.constant(3.0, "m")), "good": x})
@@ -268,6 +269,10 @@ def test_what_a_scene_left_for_its_next_render_is_not_heard():
     np.testing.assert_array_equal(render(scene, {"x": RAMP}, 1000)["y"], 2 * RAMP)
     other = Scene({"y": 3 * x})
     render(other, {"x": RAMP}, 1000)
+    large = Scene({"y": blocks.delay(x, 2**16)})
+    render(large, {"x": RAMP}, 1000)
+    left = {key[0] for key in rendering._LEFT}
+    assert id(other) in left and id(large) not in left
     gone = weakref.ref(other)
     del other
     gc.collect()

@@ -14,7 +14,7 @@ from laws import STRESS, assert_same, mostly, rows
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, load
+from stimlib import Input, Param, Scene, blocks, constant, load
 from stimlib.core import program
 from stimlib.core.graph import Block, reach, registry
 from stimlib.errors import SceneError, SceneFileError, StimlibError
@@ -385,3 +385,18 @@ def test_a_scene_is_lowered_once_and_again_when_its_outputs_change():
     )
     scene.outputs["z"] = 3 * stimlib.Input("x")
     assert stimlib.compile(scene, 1000).outputs == ("y", "z")
+
+
+def test_names_without_any_effect_are_renamed_and_kept_apart():
+    """A literal 0 leaves no parameter, and a gate with nothing in it no input."""
+
+    def made(value, unit):
+        gone = blocks.enabled(constant(0.0), by=Input("h", unit)) * Param("p", value, unit)
+        return Scene({"y": x, "z": gone + 0 * Param("q", value, unit)})
+
+    scene = made(2.0, "m")
+    assert (list(scene.inputs), list(scene.params)) == (["x"], [])
+    other = scene.renamed({"p": "p_2", "q": "q_2"}, {"h": "h_2"}, {"y": "u", "z": "v"})
+    both = Scene(made(3.0, "N").outputs | other.outputs)
+    assert list(both.outputs) == ["y", "z", "u", "v"]
+    assert list(Scene.combine(a=scene, b=made(3.0, "N")).inputs) == ["a_x", "b_x"]

@@ -392,8 +392,11 @@ def test_a_step_changed_in_place_is_compiled_again():
         return x + 2.0, s
 
     assert played(Changed(x), [0.0]) == 1.0
+    scene = Scene({"y": Changed(x)})
+    assert stimlib.render(scene, {"x": np.zeros(1)}, 1000)["y"] == 1.0
     Changed.step = staticmethod(other)
     for target in ("numba", "python"):
+        assert stimlib.render(scene, {"x": np.zeros(1)}, 1000, target=target)["y"] == 2.0
         assert played(Changed(x), [0.0], target=target) == 2.0
         assert played(own(step=staticmethod(low))(x), [1.0], target=target) == 2.0
 

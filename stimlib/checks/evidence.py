@@ -229,7 +229,7 @@ def gather(
     if sidecar is None:
         changes = [Change(0, name, value, 0.0) for name, value in params.items()]
     else:
-        changes = last_of(Change(**c) for c in sidecar["log"])
+        changes = last_of((Change(**c) for c in sidecar["log"]), fs)
     if not shown.shape[1]:
         raise BadValue("there is no sample to verify")
     augmented, found = with_taps(scene, fs)
@@ -380,9 +380,18 @@ def stated(e: Evidence, params: Mapping[str, float] | None, seed: int | None) ->
     return [] if nothing else [Check("e", title, len(wrong), 0, text)]
 
 
-def last_of(changes: Iterable[Change]) -> list[Change]:
-    """Return the changes of parameters, only the last of several at one sample."""
-    return list({(c.at, c.name): c for c in changes}.values())
+def last_of(changes: Iterable[Change], fs: float) -> list[Change]:
+    """Return the changes of parameters, only the last of several at one sample.
+
+    A ramp also needs the last jump before it at its sample, where it begins.
+    """
+    found: dict[Any, Change] = {}
+    for c in changes:
+        ramps = round(c.ramp * fs) > 1
+        found[c.at, c.name, ramps] = c
+        if not ramps:
+            found.pop((c.at, c.name, True), None)
+    return list(found.values())
 
 
 def at_first(proc: Processor, changes: list[Change]) -> dict[str, float]:
@@ -504,10 +513,12 @@ def ramped(
     for k, (at, _, target, ramp) in enumerate(changes):
         end = changes[k + 1].at if k + 1 < len(changes) else n
         low = min(max(at, start), end - 1)  # the last is the next one's beginning
-        share = np.minimum(np.arange(low - at + 1, end - at + 1) / max(1, round(ramp * fs)), 1.0)
+        frames = max(1, round(ramp * fs))
+        before = target if frames == 1 else before  # a jump is there at once
+        share = np.minimum(np.arange(low - at + 1, end - at + 1) / frames, 1.0)
         row = np.where(share < 1, before + (target - before) * share, target)
         before = float(row[-1])
-        if end > start:
+        if end > max(at, start):
             y[low - start : end - start] = row
     return y
 

@@ -25,6 +25,7 @@ from ..core.graph import (
     Pick,
     Segment,
     Subsystem,
+    named,
     reach,
     signals,
     type_name,
@@ -214,10 +215,12 @@ def blocks_held(e: Evidence) -> list[Check]:
 
     Blocks without a law, or that could not be observed, are listed in ``skipped``.
     """
-    x = {name: Driven(e, k) for k, name in enumerate(e.proc.inputs)}
-    found = e.held = held(
-        Run(e.scene, e.fs, e.seed, x, n := e.frames, e.params, e.changes, spans(n, e.seed))
-    )
+    n, ends = e.frames, e.scene.outputs.values()
+    # what has no effect, and is no part of the program, may have any value
+    x: dict[str, Any] = {name: np.broadcast_to(0.0, n) for name in named(ends, Input)}
+    x |= {name: Driven(e, k) for k, name in enumerate(e.proc.inputs)}
+    params = {name: p.value for name, p in named(ends, Param).items()} | e.params
+    found = e.held = held(Run(e.scene, e.fs, e.seed, x, n, params, e.changes, spans(n, e.seed)))
     for kind in dict.fromkeys((h.kind, h.why) for h in found if h.why):
         same = [h for h in found if (h.kind, h.why) == kind]
         e.skipped.append(
@@ -615,7 +618,7 @@ def _inside(
         scene, seed = Scene({"y": b.block}), getattr(b, "seed", None)
         seed = run.seed if seed is None else seed
         where = f"{run.where} in {'a segment' if isinstance(b, Segment) else 'enabled'}"
-        x = {name: Inside(run.x[name], clock) for name in scene.inputs}
+        x = {name: Inside(run.x[name], clock) for name in named([b.block], Input)}
         changes.sort(key=lambda c: c.at)
         found, alone = _held(
             Run(scene, run.fs, seed, x, clock.total, params, changes, inside, where)

@@ -109,7 +109,7 @@ def verify_log(
 def _evidence(log: SessionLog) -> Evidence:
     augmented, found = with_taps(log.scene, log.fs)
     proc, watched = processor(log, log.scene), processor(log, augmented)
-    changes = last_of(c for c in changes_of(log, proc) if c.at < log.frames)
+    changes = last_of((c for c in changes_of(log, proc) if c.at < log.frames), log.fs)
     params, none = at_first(proc, changes), np.empty((0, 0))
     e = Evidence(
         log.scene, proc, log.fs, log.seed, params, none, none, none, log.folder.name, None, {}

@@ -981,6 +981,15 @@ def reach(roots: Iterable[Block], closed: type | tuple[()] = ()) -> list[Block]:
     return list(done.values())
 
 
+def named(roots: Iterable[Block], kind: type) -> dict[str, Any]:
+    """Return the inputs or parameters that the roots are written with, by name.
+
+    A program, and with it ``Scene.inputs`` and ``Scene.params``, has only those left
+    that have an effect.
+    """
+    return {b.name: b for b in reach(roots) if isinstance(b, kind)}  # type: ignore[attr-defined]
+
+
 # Parameters of `Guard`: the length of its fade in samples.
 GuardParams = namedtuple("GuardParams", "m")
 

@@ -16,7 +16,18 @@ from ..errors import SceneError, SceneFileError, StimlibError, UnknownName, publ
 from ..system import safe_files
 from ..system.fields import strict
 from ..system.limits import limits
-from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
+from .graph import (
+    Block,
+    Input,
+    Param,
+    as_block,
+    check_name,
+    named,
+    reach,
+    registry,
+    signals,
+    type_name,
+)
 from .parts import Part, parts_of, terms_of
 from .program import Program, lower
 
@@ -150,8 +161,8 @@ class Scene:
         """
         every = {}
         for what, asked, known in (
-            ("parameter", names, self.params),
-            ("input", inputs, self.inputs),
+            ("parameter", names, named(self.outputs.values(), Param)),
+            ("input", inputs, named(self.outputs.values(), Input)),
             ("output", outputs, self.outputs),
         ):
             if unknown := [name for name in asked or {} if name not in known]:
@@ -228,7 +239,8 @@ class Scene:
         for prefix, scene in parts.items():
             check_name("part", prefix, SceneError)
             new: dict[str, str] = {}
-            controls: dict[str, Any] = {**scene.inputs, **scene.params}
+            inputs, params = (named(scene.outputs.values(), kind) for kind in (Input, Param))
+            controls: dict[str, Any] = inputs | params
             for name, b in controls.items():
                 own = f"{prefix}_{name}"
                 new[name] = one.pop(own, own)
@@ -245,9 +257,7 @@ class Scene:
                     raise SceneError(
                         f"two parts would have the output {name!r}; give {prefix} another name"
                     )
-            params = {name: new[name] for name in scene.params}
-            inputs = {name: new[name] for name in scene.inputs}
-            made = scene.renamed(params, inputs, ends)
+            made = scene.renamed({n: new[n] for n in params}, {n: new[n] for n in inputs}, ends)
             outputs |= made.outputs
             for p in made.parts:
                 laws.append(dc.replace(p, name=f"{prefix}_{p.name}" if p.name else prefix))

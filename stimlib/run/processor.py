@@ -25,6 +25,7 @@ from ..core.program import (
     program_of,
     rate,
 )
+from ..core.steps import ours
 from ..errors import BadValue, SceneError, StimlibError, UnknownName, one_of, public
 from ..system.cache_folder import lock
 from ..system.packages import package
@@ -182,6 +183,8 @@ class Processor:
         named = {n: blocks[i].block for n, i in (self.program.inputs | self.program.params).items()}
         self.units = {n: str(b.dim) for n, b in (named | scene.outputs).items()}
         every = reach(scene.outputs.values())
+        # a step of an author may change: a notebook runs its cells again
+        self._changes = not all(ours(type(b)) for b in every)
         self._rated = {b.frequency.name: b for b in every if isinstance(b.frequency, Param)}
         self.seed = 0
         self.params: dict[str, float] = {}

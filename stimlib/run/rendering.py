@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 FAULTS = ("warn", "raise", "ignore")
 MOST_LEFT = 8
+LARGEST_LEFT = 2**16  # words of a state: a processor also has those of its last seeds
 _LEFT: dict[Any, tuple[Any, Any, Any]] = {}  # by scene, rate and target; see _leave
 
 
@@ -138,27 +139,27 @@ def _driven(
     return proc
 
 
-def _code(program: Program) -> list[Any] | None:
-    """Return what a program's processor is made from; None if that is not ours alone.
+def _code(program: Program) -> list[Any]:
+    """Return the functions that a processor is made from, and their code.
 
-    An editor or a notebook may exchange functions, or their code, in the classes that a
-    scene has; those of other modules may call what is exchanged.
+    An editor that reloads, or a notebook, may exchange either in a class.
     """
     blocks = [q.block for q in program.instances]
-    if not all(type(b).__module__.startswith("stimlib.") for b in blocks):
-        return None
     found = [f for b in blocks for f in (type(b).design, b.definition.step, b.definition.tile) if f]
     return [(f, f.__code__) for f in found]
 
 
 def _leave(proc: Processor) -> None:
-    """Leave a processor to the next render of its scene, while the scene exists."""
-    if (code := _code(proc.program)) is None:
+    """Leave a processor to the next render of its scene, while the scene exists.
+
+    Not one that is large, or of an author's blocks, which may call what is exchanged.
+    """
+    if proc._changes or proc._size > LARGEST_LEFT:
         return
     key = id(proc.scene), proc.fs, repr(proc.target)
     gone = weakref.ref(proc.scene, lambda _: _LEFT.pop(key, None))
     proc.scene = None  # type: ignore[assignment]  # or the scene would never end
-    _LEFT[key] = gone, proc, code
+    _LEFT[key] = gone, proc, _code(proc.program)
     for oldest in list(_LEFT)[:-MOST_LEFT]:
         _LEFT.pop(oldest, None)
 

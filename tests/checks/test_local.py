@@ -276,6 +276,15 @@ def test_random_compositions_are_not_refused(seed):
     assert found is None or not found[0]
 
 
+def test_inputs_and_parameters_without_any_effect_are_of_no_harm():
+    x, none = Input("x"), 0 * Param("p", 2.0)
+    gate = b.enabled(constant(0.0), by=Input("h"))
+    scene = Scene({"y": x + none + gate, "z": b.segment(none + x + gate, 0.01, 0.02)})
+    motion = {"x": np.sin(np.arange(100.0))}
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 1000))
+    assert report.passed, str(report)
+
+
 def test_what_no_input_reaches_passes_behind_its_safety_stage():
     """What is before the guards begins before sample 0, at rest or not, and what is
     behind does not.

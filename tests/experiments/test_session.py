@@ -214,8 +214,12 @@ def test_parameters_of_two_scenes_are_kept_apart(tmp_path):
     """Of one name, with other values, units and defaults; the log has each with the
     number of its interval.
     """
-    other = stimlib.Scene({"force": stimlib.Param("k", 7.0, "N") * stimlib.Param("k_1", 1.0)})
-    made = experiment(scenes={"spring": SPRING, "weight": other}, bounds={})
+    unheard = 0 * stimlib.Param("gone", 1.0, "N")
+    other = stimlib.Scene(
+        {"force": stimlib.Param("k", 7.0, "N") * stimlib.Param("k_1", 1.0) + unheard}
+    )
+    soft = stimlib.Scene({"force": SPRING.outputs["force"] + 0 * stimlib.Param("gone", 2.0, "N")})
+    made = experiment(scenes={"spring": soft, "weight": other}, bounds={})
     spring = Stimulus("spring", {"k": 3.0})
     trial = Trial("a", (spring, Stimulus("weight"), spring), ("softer",))
     shown = present(made, trial, "offline", tmp_path / "a.stimlog")
