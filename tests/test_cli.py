@@ -173,6 +173,7 @@ def test_every_command_has_help_and_refuses_options_and_files_that_are_not_there
     words += ["missing.json"] if "experiment" not in name else ["missing.py:made"]
     words += ["b.wav"] * (name == "convert") + ["--bids", "b"] * (name == "experiment export")
     needed = [p.opts[0] for p in params if p.required and p.opts[0].startswith("--")]
+    assert NEEDED.keys() >= {*needed}, "tests/test_cli.py: give these options a value in NEEDED"
     words += [word for option in needed for word in (option, NEEDED[option])]
     words += ["--wav", "text.wav"] * (name == "verify") + ["--axis", "k=1,2"] * (name == "sweep")
     words += ["--json"] * any("--json" in p.opts for p in params)

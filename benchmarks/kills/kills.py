@@ -2,14 +2,16 @@
 each changed line, the nearest and quickest first, and names mutants that live and test
 functions that no mutant and no line needs.
 
-    kills.py map          the suite, with lines and CPU of each test
-    kills.py draw 600 7   600 mutants by seed 7, of every room
-    kills.py run [ID ..]  what kills each; goes on where it stopped
-    kills.py choose       rooms' scores; who lives; who may go
+    kills.py map [TESTS ..]       the suite, with lines and CPU of each test
+    kills.py draw 600 7 [ROOM ..] 600 mutants by seed 7, of every room or of these
+    kills.py run [ID ..]          what kills each; goes on where it stopped
+    kills.py choose               rooms' scores; who lives; who may go
 
-Everything is kept in the folder KILLS (default: /tmp/kills).  ``run`` changes the files
-of the work tree that it stands in and puts them back, so use a tree of its own; ``run``
-in K trees shares the work by PART=k/K.  Needs ``pip install coverage``.
+A map of some tests is enough for the rooms that they test: ``map tests/plate -n 1``.
+Everything is kept in the folder KILLS (default: /tmp/kills), one for each draw.
+``run`` changes the files of the work tree that it stands in and puts them back, so use
+a tree of its own; ``run`` in K trees shares the work by PART=k/K.  Needs ``pip install
+coverage``.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ import subprocess
 import sys
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -179,7 +182,7 @@ def changed(text: str, row: Row) -> str:
     return (data[:start] + row["after"].encode() + data[end:]).decode()
 
 
-def draw(count: int, seed: int) -> list[Row]:
+def draw(count: int, seed: int, rooms: Collection[str] = ()) -> list[Row]:
     """So many mutants: of each room LEAST, the rest by its lines; kinds in turn."""
     rng = random.Random(seed)
     of_room: dict[str, dict[str, list[Row]]] = defaultdict(lambda: defaultdict(list))
@@ -189,6 +192,8 @@ def draw(count: int, seed: int) -> list[Row]:
         name, text = path.relative_to(ROOT).as_posix(), path.read_text()
         room = path.relative_to(PACKAGE).parts[0]
         room = "top" if room.endswith(".py") else room
+        if rooms and room not in rooms:
+            continue
         texts[name] = text
         lines[room] += text.count("\n")
         begins = [0]
@@ -202,8 +207,11 @@ def draw(count: int, seed: int) -> list[Row]:
                 | dict(where=where, before=text.encode()[start:end].decode(), after=after)
                 | dict(start=start, end=end)
             )
-    rest, total = count - LEAST * len(of_room), sum(lines.values())
-    numbers = {room: LEAST + round(rest * lines[room] / total) for room in sorted(of_room)}
+    if unknown := set(rooms) - lines.keys():
+        sys.exit(f"stimlib has no room {', '.join(unknown)}; a room is a folder of it, or top")
+    least = min(LEAST, count // len(of_room))
+    rest, total = count - least * len(of_room), sum(lines.values())
+    numbers = {room: least + round(rest * lines[room] / total) for room in sorted(of_room)}
     rows: list[Row] = []
     for room, many in numbers.items():
         taken: set[Any] = set()
@@ -281,6 +289,8 @@ def mapped() -> tuple[dict[str, dict[int, list[int]]], list[str], list[float]]:
     """Tests that run each line of each file, by number; names and seconds of tests."""
     from coverage import CoverageData
 
+    if not [*KEPT.glob("*.lines")]:
+        sys.exit(f"{KEPT} has no map of the tests: run kills.py map first")
     seconds = {
         plain(test): s
         for path in sorted(KEPT.glob("*.json"))
@@ -531,10 +541,18 @@ def read(path: Path) -> list[Row]:
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def main(what: str, *words: str) -> None:
+def main(what: str = "", *words: str) -> None:
     """One step; see above."""
+    if what not in ("map", "draw", "run", "choose") or what == "draw" and len(words) < 2:
+        sys.exit(__doc__)
+    if not find_spec("coverage"):
+        sys.exit("kills.py needs coverage: pip install coverage")
     KEPT.mkdir(parents=True, exist_ok=True)
+    if what in ("run", "choose") and not (KEPT / "mutants.json").exists():
+        sys.exit(f"{KEPT} has no mutants: run kills.py draw first")
     if what == "map":
+        for path in KEPT.glob("*.lines"):  # of an earlier map
+            path.unlink()
         command = [sys.executable, "-m", "pytest", "-q", "-n", "3", "--dist", "loadgroup"]
         os.environ["PYTHONPATH"] = os.pathsep.join(
             [str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
@@ -542,7 +560,9 @@ def main(what: str, *words: str) -> None:
         os.chdir(ROOT)
         os.execv(command[0], [*command, "--no-loadscope-reorder", "-p", "kills", *words])
     elif what == "draw":
-        rows = draw(int(words[0]), int(words[1]))
+        if [*KEPT.glob("results-*.jsonl")]:
+            sys.exit(f"{KEPT} has results of other mutants: name another folder by KILLS")
+        rows = draw(int(words[0]), int(words[1]), words[2:])
         (KEPT / "mutants.json").write_text(json.dumps(rows, indent=1))
         print(Counter(r["room"] for r in rows), Counter(r["kind"] for r in rows), sep="\n")
     elif what == "run":

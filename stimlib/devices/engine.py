@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import SinkError
 from ..run.processor import Processor
 from ..run.safety import GAIN, Safety
 from .process import libc
@@ -89,6 +90,7 @@ class Pump:
         self.fade = safety.samples(proc.fs)
         self.slots = {name: j for j, name in enumerate(proc.program.params)}
         inputs, outputs = len(proc.inputs), len(proc.outputs)
+        self.room = FOREVER  # frames of the buffers that OUTS points to, where it is known
         self.words = np.zeros(n.WORDS, np.int64)
         self.arrays: list[np.ndarray] = []
         self._libc: Any = libc() or import_module("ctypes").WinDLL("kernel32")
@@ -221,6 +223,11 @@ class Pump:
 
     def block(self, n: int, lost: int = 0) -> None:
         """Make one block from Python, in the buffers that OUTS points to."""
+        if n > self.room:
+            raise SinkError(
+                f"a block of {n} frames is more than the {self.room} of make_frames(): call it in"
+                " _open, after self.block is set, and ask for at most self.block frames"
+            )
         self.native.block(self.words, n, lost)
 
     # Course ---------------------------------------------------------------------------

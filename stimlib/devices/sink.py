@@ -277,6 +277,7 @@ class Sink:
             log=self._log_to is not None,
             markers=self.markers,
         )
+        self.pump.room = 0  # until ``make_frames``
         self._watch = Watch(self.proc)
         self._refused: list[str] = []  # of what real time needs
         self._let_go = threading.Event()
@@ -796,10 +797,11 @@ class Sink:
         ndarray of float32, shape (channels, block)
             From -1 to 1.
         """
-        assert self.block
+        if not self.block:
+            raise SinkError(f"{self.device}: _open must set self.block before make_frames()")
         frames = np.zeros((self.channels, self.block), np.float32)
         rows = frames.ctypes.data + frames.strides[0] * np.arange(self.channels)
-        self.pump.buffers("OUTS")[:] = rows
+        self.pump.buffers("OUTS")[:], self.pump.room = rows, self.block
         return frames
 
     def start_loop(self, loop: Callable[[], None]) -> None:
@@ -808,10 +810,19 @@ class Sink:
         Parameters
         ----------
         loop : callable
-            Requests blocks by ``self.pump.block`` until ``self.closing``.
+            Requests blocks by ``self.pump.block`` until ``self.closing``.  An error
+            that it raises ends the session, as ``device_lost`` does.
         """
+
+        def run() -> None:
+            try:
+                loop()
+            except BaseException as e:
+                self._device_gone = True
+                self._fail(e, what=f"{getattr(loop, '__name__', 'its loop')} failed")
+
         name = f"stimlib {self.device} device"
-        self._thread = begin(threading.Thread(target=loop, name=name, daemon=True))
+        self._thread = begin(threading.Thread(target=run, name=name, daemon=True))
 
     @property
     def closing(self) -> bool:

@@ -98,10 +98,7 @@ class PageSink(Sink):
 
     def _open(self) -> None:
         self.block = self.block or max(1, round(0.004 * self.rate))
-        self.buffer = np.zeros((self.channels, self.block), np.float32)
-        self.pump.buffers("OUTS")[:] = self.buffer.ctypes.data + 4 * self.block * np.arange(
-            self.channels
-        )
+        self.buffer = self.make_frames()
         self._thread = begin(threading.Thread(target=self._loop, name="stimlib page", daemon=True))
 
     def _loop(self) -> None:

@@ -101,7 +101,10 @@ def envelope_behind(
             " places, such as lambda u: u < 0.5"
         ) from e
     if not np.ptp(wanted) > 0:
-        raise BadValue("envelope_behind: an envelope that is constant has no depth")
+        raise BadValue(
+            f"envelope_behind: envelope = {envelope!r:.60} is constant or no number, so it has no"
+            " depth; let it vary from 0 to 1"
+        )
     lines = np.fft.fftfreq(POINTS, 1 / POINTS)
     g = 1 + lines * rate / freq
 

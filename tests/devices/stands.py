@@ -156,11 +156,12 @@ def from_file(folder, channels):
 # All ----------------------------------------------------------------------------------
 class Stand:
     """Makes sinks of one kind; ``heard`` gives what the device got of the last one, as
-    parts of full scale, or None where only the log knows.
+    parts of full scale, (n, channels), or None where only the log knows; ``skips``: the
+    device goes on while a block is late, and its sink tells the pump how much it lost.
     """
 
-    def __init__(self, kind, make, heard=lambda: None):
-        self.kind, self._make, self.heard = kind, make, heard
+    def __init__(self, kind, make, heard=lambda: None, skips=True):
+        self.kind, self._make, self.heard, self.skips = kind, make, heard, skips
 
     def make(self, scene, safety=1.0, **options):
         return self._make(scene, safety, **{"realtime": False} | options)
@@ -190,7 +191,10 @@ def _nidaq(folder, monkeypatch):
         name = f"Dev1/ao0:{len(scene.outputs) - 1}"
         return NidaqSink(scene, safety, **{"name": name, "volts": 5.0} | options)
 
-    yield Stand("nidaq", make, lambda: np.concatenate(Task.made.written, axis=1).T / 5.0)
+    def heard():
+        return np.concatenate(Task.made.written, axis=1).T / 5.0
+
+    yield Stand("nidaq", make, heard, skips=False)  # an empty buffer ends the task
 
 
 @contextmanager
@@ -218,7 +222,8 @@ def _portaudio(folder, monkeypatch):
         return last[0]
 
     with portaudio(alsa(folder)):
-        yield Stand("portaudio", make, lambda: from_file(folder, last[0].channels))
+        # a file waits
+        yield Stand("portaudio", make, lambda: from_file(folder, last[0].channels), skips=False)
 
 
 STANDS = [

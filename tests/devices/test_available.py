@@ -5,6 +5,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from devices.stands import STANDS
 from refusals import refused
 
 import stimlib
@@ -31,6 +32,11 @@ def test_every_class_of_a_sink_has_an_entry():
     own = {c for c in Sink.__subclasses__() if c.__module__.startswith("stimlib.devices.")}
     made = {ControlLoop}  # of two functions, in code
     assert own - there - made == set(), f"{WHERE}: add a Kind for each of these classes"
+
+
+def test_every_sink_keeps_the_contract_of_sinks():
+    missing = SINKS.keys() - {p.id for p in STANDS}
+    assert not missing, "tests/devices/stands.py, STANDS: add a stand with each of these ids"
 
 
 @pytest.mark.parametrize("name", SINKS)
@@ -70,7 +76,7 @@ def test_a_number_is_the_number_of_a_device():
     ],
 )
 def test_ni_daq_plays_only_when_it_is_named(monkeypatch, ready, chosen):
-    for name in ("jack", "portaudio", "nidaq"):
+    for name in SINKS.keys() - {"null"}:
         row = (name in ready, "a device", f"--sink {name}", None)
         kind = SINKS[name]._replace(found=lambda server, row=row: [row])
         monkeypatch.setitem(SINKS, name, kind)

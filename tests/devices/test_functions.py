@@ -4,6 +4,7 @@ with an error that names them.
 
 import sys
 import threading
+import time
 import warnings
 
 import numpy as np
@@ -11,7 +12,8 @@ import pytest
 from devices.servers import begun
 from laws import mostly
 
-from stimlib import Input, Scene, SinkError
+from stimlib import Input, Scene, SinkError, constant
+from stimlib.devices import Sink
 from stimlib.devices.null import NullSink
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import delivered, replay
@@ -282,3 +284,40 @@ def test_what_take_writes_into_its_samples_is_not_held_when_feed_fails():
         sink.wait()
     y = np.concatenate(seen, axis=1)[0]
     assert y.max() == 0.25 and np.abs(np.diff(y[200:])).max() < 0.01
+
+
+class Slips(Sink):
+    """A device as in docs/howto/write_a_sink.rst, with what its author forgot."""
+
+    device = "mine"
+    asks, made, size = BLOCK, True, BLOCK
+
+    def _open(self):
+        self.block = self.size
+        if self.made:
+            self.frames = self.make_frames()
+        self.start_loop(self.run)
+
+    def run(self):
+        while not self.closing:
+            time.sleep(BLOCK / self.rate)
+            self.pump.block(self.asks)
+
+
+@pytest.mark.parametrize(
+    ("slip", "says"),
+    [
+        ({"size": None}, "^mine: _open must set self.block before make_frames"),
+        ({"made": False}, "frames is more than the 0 of make_frames"),
+        ({"asks": BLOCK + 1}, f"a block of {BLOCK + 1} frames is more than the {BLOCK} of"),
+        ({"run": lambda self: 1 / 0}, r"^mine: .* failed: ZeroDivisionError: .*test_functions.py:"),
+    ],
+    ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
+)
+def test_a_slip_in_a_sink_of_ones_own_is_named(slip, says):
+    """And writes no sample beyond its buffers."""
+    sink = type("Mine", (Slips,), slip)(Scene({"y": constant(0.5)}), 1.0, realtime=False)
+    with pytest.raises(SinkError, match=says), sink:
+        sink.open(FS)
+        sink.start(1.0)
+        sink.wait(60)

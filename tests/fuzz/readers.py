@@ -9,8 +9,8 @@ import json
 import re
 import tempfile
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
@@ -76,6 +76,20 @@ def place(name: str, folder: Path) -> Path:
     return folder / READERS[name].name
 
 
+@contextmanager
+def promised() -> Iterator[None]:
+    """Say what to do where a reader raises an error that is not stimlib's."""
+    try:
+        yield
+    except Exception as error:
+        if not isinstance(error, StimlibError | AssertionError):
+            error.add_note(
+                "Whatever the file holds, a reader raises an error of stimlib.errors that names it:"
+                " read it with stimlib.system.safe_files.read, and check what you take from it."
+            )
+        raise
+
+
 def attempt(name: str, data: bytes) -> object:
     """What a reader makes of these bytes; what is against the promise goes on as it
     is.
@@ -86,7 +100,8 @@ def attempt(name: str, data: bytes) -> object:
         path.write_bytes(data)
         began = time.process_time()
         try:
-            return READERS[name].read(path)
+            with promised():
+                return READERS[name].read(path)
         except StimlibError as error:
             assert not CONTROL.search(str(error)), f"control characters: {error!r}"
             return error

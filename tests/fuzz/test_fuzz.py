@@ -9,6 +9,7 @@ on.
 import hashlib
 import os
 import random
+import signal
 import warnings
 from contextlib import contextmanager
 from itertools import product
@@ -16,7 +17,7 @@ from pathlib import Path
 
 import pytest
 from fuzz.mutations import mutated
-from fuzz.readers import CASES, READERS, attempt, place
+from fuzz.readers import CASES, READERS, attempt, place, promised
 from laws import STRESS
 from refusals import refused
 
@@ -37,6 +38,22 @@ def little_memory():
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+@contextmanager
+def no_wait(seconds=60):
+    """End a reader that waits for a pipe or reads a device, which would never end."""
+
+    def waited(*_):
+        raise AssertionError("it never ends: read with stimlib.system.safe_files")
+
+    before = signal.signal(signal.SIGALRM, waited)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +106,8 @@ def test_what_is_no_such_file_is_refused_by_name(tmp_path, name, what):
     if name == "report" and what in NO_FILE:  # a session that was killed has none
         assert READERS[name].read(path).report is None
         return
-    error = str(refused(StimlibError, path.name, READERS[name].read, path))
+    with little_memory(), no_wait(), promised():
+        error = str(refused(StimlibError, path.name, READERS[name].read, path))
     assert str(path.parent) in error and "\n" not in error and len(error) < 5000
 
 

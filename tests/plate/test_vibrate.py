@@ -212,6 +212,7 @@ def test_the_blocks_do_what_the_model_of_envelopes_says():
         (lambda: plate(X, Y, V, GLASS, finger=True), BadValue, "finger = True must be a Finger"),
         (lambda: Finger(mass=-1.0), BadValue, "mass"),
         (lambda: envelope_behind(158.0, 10.0, 0.0), BadValue, "above 0"),
+        (lambda: envelope_behind(158.0, 10.0, 20.0, 4.0, lambda u: 1.0), BadValue, "is constant"),
         (lambda: envelope_behind(158.0, np.inf, 20.0), BadValue, "q = inf is not finite"),
         (
             lambda: envelope_behind(158.0, 10.0, 20.0, 4.0, "square"),
