@@ -395,8 +395,9 @@ def test_names_without_any_effect_are_renamed_and_kept_apart():
         return Scene({"y": x, "z": gone + 0 * Param("q", value, unit)})
 
     scene = made(2.0, "m")
-    assert (list(scene.inputs), list(scene.params)) == (["x"], [])
+    proc = stimlib.compile(scene, 1000, "python")
+    assert (proc.inputs, list(proc.params)) == (("x",), [])
     other = scene.renamed({"p": "p_2", "q": "q_2"}, {"h": "h_2"}, {"y": "u", "z": "v"})
     both = Scene(made(3.0, "N").outputs | other.outputs)
     assert list(both.outputs) == ["y", "z", "u", "v"]
-    assert list(Scene.combine(a=scene, b=made(3.0, "N")).inputs) == ["a_x", "b_x"]
+    assert list(Scene.combine(a=scene, b=made(3.0, "N")).inputs) == ["a_x", "a_h", "b_x", "b_h"]

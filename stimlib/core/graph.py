@@ -984,8 +984,7 @@ def reach(roots: Iterable[Block], closed: type | tuple[()] = ()) -> list[Block]:
 def named(roots: Iterable[Block], kind: type) -> dict[str, Any]:
     """Return the inputs or parameters that the roots are written with, by name.
 
-    A program, and with it ``Scene.inputs`` and ``Scene.params``, has only those left
-    that have an effect.
+    A program has only those left that have an effect.
     """
     return {b.name: b for b in reach(roots) if isinstance(b, kind)}  # type: ignore[attr-defined]
 

@@ -16,18 +16,7 @@ from ..errors import SceneError, SceneFileError, StimlibError, UnknownName, publ
 from ..system import safe_files
 from ..system.fields import strict
 from ..system.limits import limits
-from .graph import (
-    Block,
-    Input,
-    Param,
-    as_block,
-    check_name,
-    named,
-    reach,
-    registry,
-    signals,
-    type_name,
-)
+from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
 from .parts import Part, parts_of, terms_of
 from .program import Program, lower
 
@@ -161,8 +150,8 @@ class Scene:
         """
         every = {}
         for what, asked, known in (
-            ("parameter", names, named(self.outputs.values(), Param)),
-            ("input", inputs, named(self.outputs.values(), Input)),
+            ("parameter", names, self.params),
+            ("input", inputs, self.inputs),
             ("output", outputs, self.outputs),
         ):
             if unknown := [name for name in asked or {} if name not in known]:
@@ -239,8 +228,7 @@ class Scene:
         for prefix, scene in parts.items():
             check_name("part", prefix, SceneError)
             new: dict[str, str] = {}
-            inputs, params = (named(scene.outputs.values(), kind) for kind in (Input, Param))
-            controls: dict[str, Any] = inputs | params
+            controls: dict[str, Any] = {**scene.inputs, **scene.params}
             for name, b in controls.items():
                 own = f"{prefix}_{name}"
                 new[name] = one.pop(own, own)
@@ -257,7 +245,9 @@ class Scene:
                     raise SceneError(
                         f"two parts would have the output {name!r}; give {prefix} another name"
                     )
-            made = scene.renamed({n: new[n] for n in params}, {n: new[n] for n in inputs}, ends)
+            params = {name: new[name] for name in scene.params}
+            inputs = {name: new[name] for name in scene.inputs}
+            made = scene.renamed(params, inputs, ends)
             outputs |= made.outputs
             for p in made.parts:
                 laws.append(dc.replace(p, name=f"{prefix}_{p.name}" if p.name else prefix))

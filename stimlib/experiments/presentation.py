@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..blocks import segment, timeline, where, white_noise
-from ..core.graph import Block, Param, constant, named
+from ..core.graph import Block, constant
 from ..core.parts import Part, Span
 from ..core.scene import Scene
 from ..devices.available import SINKS as KINDS, make
@@ -141,9 +141,7 @@ def program(experiment: Experiment, trial: Trial) -> tuple[Scene, dict[str, floa
             (b - a) / experiment.fs,
             experiment.timing.ramp,
         )
-        several = len(trial.stimuli) > 1
-        every_param = named(scene.outputs.values(), Param)
-        own = {name: f"{name}_{i}" if several else name for name in every_param}
+        own = {name: f"{name}_{i}" if len(trial.stimuli) > 1 else name for name in scene.params}
         start |= {
             own[name]: float(v) for name, v in s.params.items() if v != scene.params[name].value
         }
