@@ -529,6 +529,7 @@ def test_other_numbers_compile_nothing_anew(monkeypatch):
         (dict(params=2.0), BadValue, "params must be a dict"),
         (dict(motion={"x": np.ones((3, 1))}), BadValue, r"input 'x'.*shape \(3, 1\).*jax.vmap"),
         (dict(motion={"x": np.ones((3, 1)) * 1j}), BadValue, "input 'x' must be real"),
+        (dict(motion={"x": jax.numpy.ones(3) * 1j}), BadValue, "input 'x' must be real"),
         (dict(motion={"x": np.sin}), BadValue, "input 'x' must be real numbers.*sample it"),
         (dict(motion={"x": [[1.0], [1.0, 2.0]]}), BadValue, "input 'x' must be"),
         (dict(motion={"x": 1.0}), BadValue, "give n"),
