@@ -162,6 +162,7 @@ def test_example_prints_its_result_and_draws_only_when_asked(name, tmp_path, mon
     monkeypatch.chdir(tmp_path)
     warnings.simplefilter("error")  # pytest restores it
     warnings.filterwarnings("ignore", category=DeprecationWarning, module="matplotlib|pyparsing")
+    warnings.filterwarnings("ignore", "not permitted here")  # real time
     example, *words = name.split()
     plain = [[]] * (name in ("first_stimulus.py", "own_block.py"))  # quick, and not drawn too
     for call in [*plain, ["--plot", "picture.png"]]:

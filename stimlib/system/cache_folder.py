@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import concurrent.futures.thread  # noqa: F401 - has its hooks of a fork before one can wait here
+import getpass
 import os
 import shutil
 import stat
@@ -72,7 +73,8 @@ def chosen() -> Path:
         own = Path(platformdirs.user_cache_dir("stimlib"))
         if own.is_absolute():  # older releases give ~ as it is
             return own
-    return Path(tempfile.gettempdir(), f"stimlib-{os.getuid()}").absolute()
+    user = os.getuid() if hasattr(os, "getuid") else getpass.getuser()
+    return Path(tempfile.gettempdir(), f"stimlib-{user}").absolute()
 
 
 def private(wanted: Path) -> Path:
