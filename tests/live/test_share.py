@@ -29,6 +29,7 @@ from stimlib.live.describe import full_scales, page_rate
 from stimlib.live.share import WEB, compiled, packed, page_of, share
 from stimlib.motion import sinusoid
 from stimlib.scenes import squeeze
+from stimlib.system import cache_folder
 
 FS, N = 8000, 4000
 MOTION = {"x1": sinusoid(0.01, 2.0, 0.01), "x2": sinusoid(0.01, 3.0, 0.01)}
@@ -119,6 +120,7 @@ def test_a_page_that_is_stopped_leaves_the_old_file_and_nothing_else(clang, tmp_
     clang("#!/bin/sh\ntouch begun\nexec /bin/sleep 60\n")
     words = [sys.executable, "-m", "stimlib", "share", "tone", "--out", path]
     env = os.environ | {"PATH": f"{tmp_path}:/usr/bin:/bin", "TMPDIR": str(folder)}
+    env |= {"STIMLIB_CACHE": str(cache_folder.chosen())}  # it may be a temporary one
     job = subprocess.Popen(words, env=env, stderr=subprocess.PIPE)
     until(lambda: [*folder.glob("*/begun")])
     job.terminate()
