@@ -26,6 +26,7 @@ import stimlib
 from stimlib import demo
 from stimlib.analysis.listening import vibration
 from stimlib.cli import app
+from stimlib.cli.app import _of_options
 from stimlib.cli.scene import _ours
 from stimlib.core.definitions import definitions
 from stimlib.core.graph import registry
@@ -408,6 +409,11 @@ def ended(words, grows, size, what):
             time.sleep(0.02)
         job.send_signal(what)
         return (job.wait(60), *job.communicate())
+
+
+def test_a_file_that_is_named_like_an_option_stays_a_file():
+    told = [_of_options(text, ["log", "out"]) for text in ("log/a.wav: gone", "log = 3")]
+    assert told == ["log/a.wav: gone", "--log = 3"]
 
 
 def test_ctrl_c_in_the_middle_leaves_nothing(tmp_path):
