@@ -2,6 +2,7 @@
 every time.
 """
 
+import re
 import subprocess
 import sys
 
@@ -53,6 +54,7 @@ def test_every_block_has_its_place(name):
     assert set(p.box) == {
         i for i, q in enumerate(program.instances) if q.kind not in ("const", "open")
     }
+    assert min(box.first for box in p.top.boxes) == 0
     for i, box in p.box.items():  # signals go to the right
         for a in p.sources(i):
             assert p.box[a].last <= box.last if box.inner else p.box[a].last < box.first
@@ -104,6 +106,15 @@ def test_same_bytes_every_time(tmp_path, suffix, magic, name):
     draw(SCENES[name](), tmp_path / f"b{suffix}")
     data = (tmp_path / f"a{suffix}").read_bytes()
     assert data.startswith(magic) and data == (tmp_path / f"b{suffix}").read_bytes()
+
+
+def test_words_stand_in_the_picture_from_the_left():
+    svg = draw(Scene({"y": abs(Input("x"))})).svg
+    _, _, width, height = map(float, re.search('viewBox="([^"]+)"', svg)[1].split())
+    found = re.findall(r"<!-- (.+) -->\s*<g [^>]*translate\(([\d.-]+) ([\d.-]+)\)", svg)
+    across = {word: float(x) for word, x, _ in found}
+    assert 0 < across["x"] < across["| |"] < across["y"] < width
+    assert all(0 < float(y) < height for _, _, y in found) and len(found) == 4
 
 
 def test_processor_and_scene_give_the_same_picture(tmp_path):

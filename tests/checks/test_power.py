@@ -311,3 +311,9 @@ def test_the_expected_spectrum_is_the_model_seen_through_the_taper():
     ]
     periodogram = np.abs(np.fft.rfft(x * taper))[np.round(f).astype(int)] ** 2
     np.testing.assert_allclose(periodogram / W, expected, rtol=1e-3)
+
+
+def test_a_last_group_of_too_few_bins_joins_its_neighbour():
+    parts = [np.arange(5), np.arange(5, 8), np.arange(8, 12), np.arange(12, 14)]
+    joined = spectra._at_least(parts, 4)
+    assert [p.tolist() for p in joined] == [[*range(5)], [*range(5, 14)]]
