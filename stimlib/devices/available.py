@@ -127,7 +127,6 @@ def _on_jack(server: str | None) -> Found:
     from . import jack as sink
 
     jack = sink._jack()
-    jack.set_error_function(sink._quiet)
     try:
         client = jack.Client("stimlib_devices", no_start_server=True, servername=server)
     except jack.JackError:

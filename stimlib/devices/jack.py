@@ -12,7 +12,9 @@ import ctypes
 import os
 import threading
 import warnings
+from collections import deque
 from collections.abc import Sequence
+from functools import cache
 from types import ModuleType
 from typing import Any
 
@@ -26,7 +28,16 @@ INSTALL = (
 )
 
 
+_said: deque[str] = deque(maxlen=20)  # what libjack would print
+
+
+@cache
 def _jack() -> ModuleType:
+    """Return the package, which keeps what libjack says from being printed.
+
+    The function for that is given once: JACK-Client frees the one before when it takes
+    another, and a thread of libjack that was about to call it ends the process.
+    """
     try:
         import jack
     except ImportError as e:
@@ -34,6 +45,7 @@ def _jack() -> ModuleType:
     except OSError as e:
         raise SinkError(f"the JACK library is missing ({e}): {INSTALL}") from None
     keep_loaded(jack._libname)
+    jack.set_error_function(_said.append)
     return jack
 
 
@@ -96,15 +108,14 @@ class JackSink(Sink):
 
     def _open(self) -> None:
         jack = _jack()
-        printed: list[str] = []
-        jack.set_error_function(printed.append)  # libjack would print them
+        _said.clear()
         try:
             try:
                 self._client = client = jack.Client(
                     self.name, use_exact_name=True, no_start_server=True, servername=self.server
                 )
             except jack.JackOpenError as e:
-                raise self._no_client(e, printed) from None
+                raise self._no_client(e, [*_said]) from None
             self._fits(client)
             outs = [client.outports.register(n) for n in self._port_names()]
             ins = []
@@ -121,9 +132,8 @@ class JackSink(Sink):
                 if source is not None:
                     client.connect(source, port)
         except jack.JackError as e:
+            printed = [*_said]
             raise SinkError(f"jack: {e}" + (f" ({printed[-1]})" if printed else "")) from None
-        finally:
-            jack.set_error_function(_quiet)
 
     def _no_client(self, e: Any, printed: list[str]) -> SinkError:
         where = f"server {self.server!r}" if self.server else "server"
@@ -287,7 +297,3 @@ class JackSink(Sink):
                 ask(ctypes.c_void_p(port), 1, range_)  # JackPlaybackLatency
                 most = max(most, range_[1])
         return most / self.rate
-
-
-def _quiet(message: str) -> None:
-    """Ignore messages of libjack, which repeat what its callbacks have reported."""

@@ -27,6 +27,7 @@ from refusals import refused, warned
 
 import stimlib
 from stimlib import BadValue, Param, Scene, SinkError
+from stimlib.devices import available
 from stimlib.scenes import squeeze
 
 pytestmark = needs_jack
@@ -295,3 +296,14 @@ def test_real_time_set_up_warns_where_the_server_has_none(server):
         warnings.simplefilter("always")
         played(sink(server, realtime=True), 0.2)
     assert len(seen) == 1 and "jackd runs without -R" in str(seen[0].message)
+
+
+def test_libjack_is_given_one_function_for_what_it_says(server):
+    """A thread of libjack may be about to call one that is exchanged, and freed."""
+    played(sink(server), 0.05)
+    import jack
+
+    before = jack._keepalive.copy()
+    played(sink(server), 0.05)
+    assert available.devices(server.name) and jack._keepalive == before
+    assert jack._lib.jack_set_error_function in before
