@@ -32,20 +32,24 @@ _said: deque[str] = deque(maxlen=20)  # what libjack would print
 
 
 @cache
-def _jack() -> ModuleType:
-    """Return the package, which keeps what libjack says from being printed.
+def _keep_from_printing(jack: ModuleType) -> None:
+    """Take what libjack says, once.
 
-    The function for that is given once: JACK-Client frees the one before when it takes
-    another, and a thread of libjack that was about to call it ends the process.
+    JACK-Client frees the function before when it takes another, and a thread of libjack
+    that was about to call it ends the process.
     """
+    keep_loaded(jack._libname)
+    jack.set_error_function(_said.append)
+
+
+def _jack() -> ModuleType:
     try:
         import jack
     except ImportError as e:
         raise SinkError(f"the package JACK-Client is missing ({e}): {INSTALL}") from None
     except OSError as e:
         raise SinkError(f"the JACK library is missing ({e}): {INSTALL}") from None
-    keep_loaded(jack._libname)
-    jack.set_error_function(_said.append)
+    _keep_from_printing(jack)
     return jack
 
 
