@@ -487,8 +487,11 @@ def test_a_curve_that_grew_is_the_curve_drawn_at_once(first):
     assert few["columns"] >= few["wide"] - 5  # half a sample at each end
 
 
-def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_pointer_is(page, site):
-    """Last, since the scene is another afterwards."""
+def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_pointer_is(
+    tmp_path, browser
+):
+    site = Site(tmp_path, browser)
+    page = site.open()
     site.server.close()
     said(page, "trying again")
     assert page.js("document.querySelector('#run').disabled")
@@ -509,6 +512,8 @@ def test_a_lost_server_is_found_again_and_its_surface_is_touched_where_the_point
     waiting.until(deep)
     until(page, f"Math.abs(looks.ball() - {px}) < 6")  # the ball is blue, and above its place
     page.mouse("Released", left + px, top + py, "pen")
+    page.close()
+    site.server.close()
 
 
 @pytest.mark.stress
