@@ -25,8 +25,8 @@ from pathlib import Path
 def work(folder, n):
     Path(folder, f"pid{os.getpid()}").touch()
     part = Path(folder, f"{n}.part")
-    part.touch()
-    try:
+    try:  # before the file is there, after which a signal may come at once
+        part.touch()
         time.sleep(60 if n else 0)
         part.rename(Path(folder, f"{n}"))
     finally:
