@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import BadValue, UnitError, public
-from .graph import Block, Const, as_block, design_value
+from .graph import Block, Const, as_block
 from .units import Unit, unit
 
 # The name of a parameter below hides that of the function that makes one.
@@ -111,7 +111,7 @@ def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
     >>> stimlib.compile(stimlib.Scene({"y": y}), fs=1000).process(np.ones((1, 4)))
     array([[0.5   , 0.75  , 0.875 , 0.9375]])
     """
-    last = Last(design_value("loop: start", "float", start), unit)
+    last = Last(start, unit)
     if not callable(f):
         raise BadValue(
             f"loop: {f!r:.80} is not a function; give a function of the last value, such as lambda"

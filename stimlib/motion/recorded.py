@@ -405,7 +405,7 @@ def _tracks(table: TableFile, s: Reports, whole: Mask, spec: str) -> dict[str, A
             raise table.error(
                 "the step to this report is too large for its time",
                 remedy,
-                rows[min(int(i) + 1, len(rows) - 1)],
+                rows[int(i) + 1],
             )
         tracks[name] = RecordedInput(t, c, f"{spec}.motion[{name!r}]")
     return tracks

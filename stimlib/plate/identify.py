@@ -255,7 +255,6 @@ def identify(
     U, Y = np.fft.rfft(u), np.fft.rfft(y)
     power = np.abs(U).max(axis=0) if len(U) > 1 else np.abs(U[0])
     strong = power > DRIVEN * power.max()
-    strong[0] = False
     inside = strong & (f >= low) & (f <= high)
     even = inside & (power > EVEN * power.max())
     freq, half = _peak(f, U, Y, even)
