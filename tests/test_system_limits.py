@@ -103,6 +103,21 @@ def test_publishing_follows_no_link_and_waits_for_no_pipe(tmp_path):
     assert victim.read_text() == "precious" and not (tmp_path / "c.json").is_symlink()
 
 
+@pytest.mark.parametrize("windows", [True, False])
+def test_only_windows_removes_an_open_file_when_it_is_closed(tmp_path, monkeypatch, windows):
+    def denied(path):
+        raise PermissionError
+
+    path = tmp_path / "a"
+    path.touch()
+    monkeypatch.setattr(safe_files, "NOFOLLOW", 0 if windows else 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "unlink", denied)
+        safe_files.remove(path)
+    safe_files.sweep(path)
+    assert path.exists() != windows
+
+
 def test_publishing_leaves_what_was_there_where_it_fails(tmp_path):
     (tmp_path / "a").write_text("old")
     (tmp_path / "a.part").write_text("of a run that was killed")

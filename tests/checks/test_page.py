@@ -335,6 +335,7 @@ def test_pictures_are_of_the_first_outputs_and_say_so(bumped, monkeypatch):
             figures.figures(dc.replace(bumped.evidence, scene=scene, shown=np.array([row] * count)))
         )
         assert drawn[title] == (12, figures.heights(signals)[0])
+        assert "What the law is made of" in drawn and {wide for wide, _ in drawn.values()} == {12}
 
 
 def test_the_page_has_a_line_for_each_class_those_that_nothing_holds_first(text_of):

@@ -17,6 +17,7 @@ from refusals import refused, warned
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError
+from stimlib.devices import null
 from stimlib.devices.null import NullSink
 from stimlib.devices.sink import Sink
 from stimlib.files.log_reader import read_log
@@ -170,6 +171,17 @@ def test_real_time_warns_once_and_is_given_back_by_the_last_sink():
         assert gc.get_freeze_count() > before
         assert os.sched_getscheduler(0) == os.SCHED_OTHER, "only the device's thread is raised"
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL and gc.get_freeze_count() == 0
+
+
+@pytest.mark.parametrize("granted", [True, False])
+def test_a_thread_that_is_given_no_real_time_priority_says_so(monkeypatch, granted):
+    monkeypatch.setattr(null, "fifo", lambda: granted)
+    with NullSink(STEADY, 1.0) as sink, warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        sink.open(FS)
+        until(lambda: sink.pump.read("CALLS"))
+        sink.start()
+    assert any("ulimit -r" in str(w.message) for w in seen) != granted
 
 
 def test_an_open_sink_is_kept_though_nobody_holds_it():

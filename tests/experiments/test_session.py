@@ -29,6 +29,7 @@ from experiments.some import (
     still,
 )
 from laws import STRESS, assert_same, mostly, random_cuts, run as cut_run
+from logged import play
 from refusals import refused
 
 import stimlib
@@ -67,11 +68,12 @@ from stimlib.experiments import (
     status,
     stream,
 )
+from stimlib.experiments.presentation import measured
 from stimlib.experiments.session import LOG, Session
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
 from stimlib.files.log_writer import LogWriter
-from stimlib.run.safety import Safety
+from stimlib.run.safety import GAIN, Safety
 from stimlib.scenes import SHIPPED
 from stimlib.system import safe_files
 
@@ -116,6 +118,15 @@ def test_intervals_are_there_to_the_sample_and_nothing_between(tmp_path):
     wanted = np.zeros(500)
     wanted[128:228], wanted[278:378] = 1.0, 3.0
     assert (force == wanted).all()
+
+
+def test_what_the_device_did_not_take_is_not_measured(tmp_path):
+    x = np.where(np.arange(400) < 200, 1.0, 3.0)
+    on = [(0, GAIN, 1.0, 0)]
+    play(tmp_path, SPRING, Safety(10.0), x[None], fs=1000, sets=on, lost=[(200, 100)])
+    found = measured(experiment(), tmp_path, [(100, 300), (200, 300)])
+    for what, value in (("peak", 2.0), ("rms", 2**0.5)):
+        assert found[what]["force"] == pytest.approx([value, 0.0], rel=1e-6)
 
 
 def window(long, ramp, fs):
