@@ -538,9 +538,7 @@ def pieces(terms: int) -> np.ndarray:
     """
     knots = np.linspace(-1, 1, int(CELLS) + 1)
     f = legendre.legvander(knots, terms - 1)
-    g = 0 * f
-    if terms > 1:
-        g = legendre.legval(knots, legendre.legder(np.eye(terms))).T * (2 / CELLS)
+    g = legendre.legval(knots, legendre.legder(np.eye(terms))).T * (2 / CELLS)
     rise, g0, g1 = np.diff(f, axis=0), g[:-1], g[1:]
     return np.stack([g0 + g1 - 2 * rise, 3 * rise - 2 * g0 - g1, g0, f[:-1]], axis=1)
 
