@@ -525,7 +525,7 @@ def calibrate(
     drive, response = np.fft.rfft(np.broadcast_to(u, y.shape)), np.fft.rfft(y)
     step = resolution / 2
     freq: Any = low + step * np.arange(
-        -int(low / resolution), int(min(3 * high, sweep.fs / 2) / step)
+        -int(low / resolution), int(min(3 * high, (sweep.fs + step) / 2 - low) / step)
     )
     swept = (freq > low - step / 2) & (freq < high + step / 2)
     with np.errstate(all="ignore"):  # beyond the sweep

@@ -86,6 +86,17 @@ def test_without_noise_it_is_the_response():
     assert difference(monday, friday, 100.0) == pytest.approx([-0.15])
 
 
+@pytest.mark.parametrize(("low", "resolution"), [(80.0, 20.0), (85.5, 10.0), (151.9, 5.0)])
+def test_what_is_driven_throughout_is_known_up_to_half_the_rate_and_no_further(low, resolution):
+    rng = np.random.default_rng(8)
+    u = rng.normal(size=(4, 4000))
+    taken = Sweep(u, 2 * u + 0.01 * rng.normal(size=u.shape), 2000.0)
+    for high in (400.0, 1000.0):
+        made = calibrate(taken, "m/s^2", (low, high), resolution=resolution)
+        assert 1000 - resolution < made.freq[-1] < 1000
+        np.testing.assert_allclose(made.gain, 2.0, atol=0.02)
+
+
 def test_few_taps_make_nothing_outside_of_the_band_larger():
     device, f = ACTUATORS["180 Hz, Q 12"], np.arange(60.0, 601.0)
     made = Calibration(f, device.gain(f), 0 * f, "m/s^2", band=BAND)
