@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import webbrowser
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -162,9 +163,9 @@ def live(
             send=senders,
         )
         page.say = partial(errors.print, markup=False, highlight=False, soft_wrap=True)
-        server = Server(page, host, port)
-        page.warm_up()
-        _serve(server, not no_browser)
+        with closing(Server(page, host, port)) as server:
+            page.warm_up()
+            _serve(server, not no_browser)
 
 
 def _serve(server: Any, browser: bool) -> None:

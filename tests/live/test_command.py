@@ -82,6 +82,7 @@ def test_an_open_host_warns(served):
         ("--folder nowhere", "--folder nowhere: there is no such folder"),
         ("--host 192.0.2.1 --full-scale 50", "cannot listen at 192.0.2.1"),
         ("--smooth 600 --full-scale 50", "does not fit below fs/2"),
+        ("--block 500 --full-scale 50", "blocks of 500 frames"),  # before a page is served
     ],
 )
 def test_what_cannot_be_is_said_in_a_line(served, words, why):
