@@ -276,6 +276,12 @@ WRONG = {
         {"k": 1.0},
         {"loss": "log_psd", "band": (80, 400)},
     ),
+    "must be finite and above 0 at each": (
+        static,
+        lambda f: f - 200.0,
+        {"k": 1.0},
+        {"loss": "log_psd", "band": (80, 400)},
+    ),
     "as (f, P)": (static, (np.ones(3),), {"k": 1.0}, {"loss": "log_psd", "band": (80, 400)}),
     "must be above 0, got -1": (static, -1.0, {"k": 1.0}, {"loss": "rms"}),
     "choose one of force, log_psd, rms": (static, X, {"k": 1.0}, {"loss": "psd"}),

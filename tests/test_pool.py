@@ -335,12 +335,28 @@ def test_a_result_that_cannot_travel_is_an_error_of_its_job(workers):
     assert outcome(workers, pow, 2, 3) == 8
 
 
-def test_a_job_has_its_seconds_and_the_others_go_on(workers):
-    # which holds the GIL
-    for job in (time.sleep, 600), (exec, "import itertools; sum(itertools.repeat(0))"):
+TIDY = """
+import time
+try:
+    path.touch()
+    time.sleep(600)
+finally:
+    time.sleep(0.7)
+    path.unlink()
+"""
+
+
+def test_a_job_has_its_seconds_and_the_others_go_on(workers, tmp_path):
+    half = tmp_path / "half"  # which the third job takes back
+    for job in (
+        (time.sleep, 600),
+        (exec, "import itertools; sum(itertools.repeat(0))"),  # holds the GIL
+        (exec, TIDY, {"path": half}),
+    ):
         error = outcome(workers, *job, seconds=0.3)
         assert type(error) is TimedOut and "longer than its 0.3 s" in str(error)
         assert outcome(workers, pow, 2, 3, seconds=60) == 8
+    assert not half.exists()
 
 
 def test_the_seconds_of_a_job_begin_anew_with_each_note(workers):

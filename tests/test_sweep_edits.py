@@ -292,6 +292,11 @@ NOT_RUN = {
         "y = a * x",
         "y = x * a if False else a * x",
     ),
+    "an attribute of a module that nothing uses": (
+        "m = types.ModuleType('m')\nm.v, m.w = 1.0, 2.0" + FIGURE.replace("VALUE", "abs(m.v)"),
+        "1.0, 2.0",
+        "1.0, 3.0",
+    ),
 }
 
 

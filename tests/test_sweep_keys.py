@@ -490,3 +490,5 @@ def test_a_merge_done_again_keeps_its_part_and_both_a_failure_and_its_success(
     store._merge(parts)
     assert [*tmp_path.iterdir()] == [next(iter(parts))]
     assert pandas.read_parquet(tmp_path)["error"].isna().tolist() == [False, True, True]
+    store.tables = [whole]  # the success is what a row has
+    assert store.done(["error"])["error"].to_pylist() == [None, None, "failed"]

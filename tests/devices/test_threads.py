@@ -63,7 +63,8 @@ def test_without_threads_a_sink_neither_opens_nor_starts_and_holds_nothing():
     memory, of which a thread takes half a GiB.
     """
     env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
-    done = subprocess.run([sys.executable, "-c", FEW], env=env, capture_output=True, text=True)
+    words, heard = [sys.executable, "-c", FEW], {"capture_output": True, "text": True}
+    done = subprocess.run(words, env=env, timeout=180, **heard)
     assert done.returncode == 0, done.stdout + done.stderr
     ends = done.stdout.strip().split(", ")
     assert {"stimlib close", "stimlib motion", "played"} <= set(ends), ends

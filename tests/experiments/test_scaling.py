@@ -32,6 +32,8 @@ def test_the_line_of_the_bounciness_jnds():
     assert found.intercept_p == pytest.approx(0.811, abs=0.002) and found.r2 == pytest.approx(
         0.998, abs=1e-3
     )
+    t = found.intercept / found.intercept_error  # with one degree of freedom it is Cauchy's
+    assert found.intercept_p == pytest.approx(1 + 2 * np.arctan(t) / np.pi, rel=1e-12)
 
 
 def test_roughness_over_rms():
