@@ -178,6 +178,8 @@ def test_a_page_that_disappears_lets_the_stimulus_fade(server, source, k):
     y = frames_of(log)
     assert log.report is not None and y.max() > 0.15 and abs(y[-1]) < 0.005
     assert np.abs(np.diff(y))[-130:].max() < 0.01  # a fade, not a step
+    server.stream.set("k", K)  # as the others expect
+    server.stream.inputs.choose("x", **{"from": "u"})
 
 
 def test_a_page_that_does_not_answer_is_gone(server, monkeypatch):
