@@ -92,7 +92,7 @@ stress-rest:
 
 # Statistics of the noise, by dieharder too where it is installed; an hour.
 randomness: .venv/ready
-	$(ENV) $(BIN)/python tests/stress/randomness.py
+	$(ENV) PYTHONPATH=tests $(BIN)/python tests/stress/randomness.py
 
 # Half an hour in real time, by hand: memory must not grow, every sample must be accounted for, and the log must replay.
 soak: .venv/ready

@@ -17,7 +17,7 @@ from test_elementary import NAMES, compiled, ulps
 
 import stimlib
 from stimlib import Input, Scene, blocks
-from stimlib.targets.numba import intrinsics
+from stimlib.core import maths
 
 N = 1_000_000
 RANGES = {
@@ -32,7 +32,7 @@ RANGES = {
 def worst(name: str, x: np.ndarray) -> float:
     """Return the largest error in units of the last place."""
     y = np.empty_like(x)
-    compiled(getattr(intrinsics, name), x, y)
+    compiled(getattr(maths, name), x, y)
     long = getattr(np, name)(x.astype(np.longdouble))
     far = np.abs(y - long) / np.spacing(np.abs(long).astype(float))
     return max(ulps(y[i], x[i], name) for i in np.argsort(far)[-1000:])

@@ -1697,22 +1697,12 @@ DEAF = {
 }
 
 
-TEXTS = {
-    "stimlib.devices.callback",
-    "stimlib.targets.numba.runtime",
-    "stimlib.targets.numba.threads",
-}
-"""Modules whose text is compiled from the cache: to import one compiles it once more,
-the first in half a minute.
-"""
-
-
 def ours() -> dict[str, type[Block]]:
     """Every final class of stimlib, wherever it is defined (by the layers, not in the
     checks or the command line).
     """
     for m in pkgutil.walk_packages(stimlib.__path__, "stimlib."):
-        if m.name.split(".")[1] not in ("checks", "cli", "__main__") and m.name not in TEXTS:
+        if m.name.split(".")[1] not in ("checks", "cli", "__main__"):
             importlib.import_module(m.name)
     return {
         n: c

@@ -125,7 +125,7 @@ if __name__ == "__main__":
     ]
     ends = [(e, fs) for e in contract.TABLE for fs in RATES]
     todo += [
-        (compiled, (e, fs, "numba" if every < 100 else "python"), (e.name, fs)) for e, fs in ends
+        (compiled, (e, fs, "llvm" if every < 100 else "python"), (e.name, fs)) for e, fs in ends
     ]
     for work, given, shown in todo[first::every]:
         print(shown, flush=True)

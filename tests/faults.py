@@ -68,7 +68,7 @@ from stimlib.scenes import (
     viscoelastic,
     wall,
 )
-from stimlib.targets.numba import engine as target
+from stimlib.targets.llvm import engine as target
 
 U = np.uint64
 MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.015, rise=0.25)}

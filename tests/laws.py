@@ -95,10 +95,10 @@ def run(proc, x, cuts=(), sets=(), each=None):
 
 def pair(scene, fs, seed=0):
     """The compiled and the interpreted processor."""
-    return stimlib.compile(scene, fs, "numba", seed), stimlib.compile(scene, fs, "python", seed)
+    return stimlib.compile(scene, fs, "llvm", seed), stimlib.compile(scene, fs, "python", seed)
 
 
-def played(block, *x, fs=1000.0, target="numba"):
+def played(block, *x, fs=1000.0, target="llvm"):
     """Samples of a block, or of several by name, over rows for its inputs or a
     dictionary of them; of a source, so many.
     """

@@ -8,7 +8,6 @@ import shutil
 import stat
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from laws import STRESS
 from test_cache import finish, give_runtime, run, runtime_entry, start
 
 from stimlib.system import cache_folder
-from stimlib.targets.numba import cache
+from stimlib.targets.llvm import cache
 
 RUN = """
 import hashlib, os, sys, threading
@@ -37,9 +36,10 @@ ONE = RUN + "os.umask(0)\nprint(run())\n"
 MADE = """
 import os, shutil, sys
 from pathlib import Path
-from stimlib.targets.numba.cache import folder
+from stimlib.targets.llvm.cache import folder
 os.umask(0)
-shutil.copytree(sys.argv[1], folder() / Path(sys.argv[1]).name)
+shutil.copy(sys.argv[1], folder())
+(folder() / Path(sys.argv[1]).name).chmod(0o600)
 """
 THREADS = (
     RUN
@@ -88,9 +88,9 @@ def entry(folder, stem):
     return found
 
 
-def text_of(folder, stem="Tanh"):
-    place = entry(folder, stem)
-    return (place / f"{place.name}.py").read_text()
+def of(place):
+    """What an entry says that it is made of."""
+    return json.loads(place.read_bytes().partition(b"\n")[0])["of"]
 
 
 # Strangers ----------------------------------------------------------------------------
@@ -135,30 +135,31 @@ def test_a_folder_that_others_may_replace_is_not_used(tmp_path, anew):
 
 @pytest.mark.parametrize("to", [0o777, 0o770, "a stranger", "a link"])
 def test_an_entry_of_a_stranger_is_not_run(folder, to):
-    place, text = entry(folder, "Tanh"), text_of(folder)
-    assert cache._sound(place, text)
+    place = entry(folder, "Tanh")
+    made_of = of(place)
+    assert cache._sound(place, made_of)
     if to == "a link":
         place.symlink_to(place.rename(folder / "planted"))
     else:
         give_away(place, to)
-    assert not cache._sound(place, text)
+    assert not cache._sound(place, made_of)
 
 
 # Damage -------------------------------------------------------------------------------
 def test_every_flipped_bit_is_seen(folder):
     rng = np.random.default_rng(0)
     for stem in ("Tanh", "runtime"):
-        place, text = entry(folder, stem), text_of(folder, stem)
-        for path in sorted(p for p in place.rglob("*") if p.is_file()):
-            good = path.read_bytes()
-            for _ in range(60 if STRESS else 8):
-                data = bytearray(good)
-                data[rng.integers(len(data))] ^= 1 << rng.integers(8)
-                path.write_bytes(data)
-                assert not cache._sound(place, text), path
-            path.write_bytes(good)
-        assert cache._sound(place, text)
-        assert not cache._sound(place, text + "\n"), "an entry of another text"
+        place = entry(folder, stem)
+        good, made_of = place.read_bytes(), of(place)
+        head = good.index(b"\n") + 1
+        for k in [*range(0, head, 1 if STRESS else 7), *rng.integers(head, len(good), 60)]:
+            data = bytearray(good)
+            data[k] ^= 1 << rng.integers(8)
+            place.write_bytes(data)
+            assert not cache._sound(place, made_of), k
+        place.write_bytes(good)
+        assert cache._sound(place, made_of)
+        assert not cache._sound(place, f"{made_of}0"), "an entry of another text"
 
 
 def flip(path):
@@ -171,32 +172,30 @@ def halve(path):
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
 
-def of_text(path):
-    sums = json.loads(path.read_text())
-    return json.dumps({name: s for name, s in sums.items() if name.endswith(".py")})
+def other_name(path):
+    """Sums that fit do not make code that fits."""
+    line, _, code = path.read_bytes().partition(b"\n")
+    head = json.loads(line) | {"names": ["nothing"]}
+    del head["sha256"]
+    sums = cache._sum(json.dumps(head).encode() + code)
+    path.write_bytes(json.dumps(head | {"sha256": sums}).encode() + b"\n" + code)
 
 
 DAMAGE = {
-    "bits of the code": ("*.nbc", flip),
-    "bits of the index": ("*.nbi", flip),
-    "half the code": ("*.nbc", halve),
-    "half the index": ("*.nbi", halve),
-    "half a text": ("*.py", halve),
-    "an empty text": ("*.py", lambda path: path.write_bytes(b"")),
-    "no sums": (cache.SUMS, os.unlink),
-    "sums of something else": (cache.SUMS, lambda path: path.write_text("[1]")),
-    "a folder for a file": (cache.SUMS, lambda path: (path.unlink(), path.mkdir())),
-    "no index": ("*.nbi", os.unlink),
-    "sums of the text alone": (cache.SUMS, lambda path: path.write_text(of_text(path))),
-    "a pipe for the code": ("*.nbc", lambda path: (path.unlink(), os.mkfifo(path))),
+    "a bit": flip,
+    "half an entry": halve,
+    "an empty entry": lambda path: path.write_bytes(b""),
+    "sums of something else": lambda path: path.write_bytes(b"[1]\n"),
+    "a pipe": lambda path: (path.unlink(), os.mkfifo(path)),
+    "other functions": other_name,
 }
 
 
-HEALED = ("bits of the code", "a folder for a file")  # whatever is not sound goes the same way
+HEALED = ("a bit", "other functions")  # whatever is not sound goes the same way
 FORKS = (
     RUN
     + """
-import stimlib.targets.numba.engine
+import stimlib.targets.llvm.engine
 for folder in sys.argv[1:]:
     pid = os.fork()
     if not pid:
@@ -210,74 +209,33 @@ for folder in sys.argv[1:]:
 
 def test_what_is_damaged_is_compiled_again(made, tmp_path):
     folders = {}
-    for k, (what, (pattern, change)) in enumerate(DAMAGE.items()):
+    for k, (what, change) in enumerate(DAMAGE.items()):
         folder = Path(shutil.copytree(made[1], tmp_path / str(k)))
-        text = text_of(folder)
-        change(next(entry(folder, "Tanh").rglob(pattern)))
-        assert not cache._sound(entry(folder, "Tanh"), text), what
+        place = entry(folder, "Tanh")
+        made_of = of(place)
+        change(place)
+        assert what.startswith("other") or not cache._sound(place, made_of), what
         if STRESS or what in HEALED:
             folders[what] = folder
     out, err = run(["-c", FORKS, *folders.values()], made[1])
     assert out.split() == [made[0]] * len(folders) and err == ""
     for what, folder in folders.items():
-        assert cache._sound(entry(folder, "Tanh"), text_of(folder)), what
-        assert not list(folder.rglob("*.tmp"))
-
-
-def test_an_entry_that_cannot_be_loaded_is_compiled_again(made, folder):
-    """Sums that fit do not make code that fits."""
-    place = entry(folder, "Tanh")
-    code = next(place.rglob("*.nbc"))
-    code.write_bytes(b"not a pickle")
-    sums = json.loads((place / cache.SUMS).read_text())
-    sums[str(code.relative_to(place))] = cache._sum(b"not a pickle")
-    (place / cache.SUMS).write_text(json.dumps(sums))
-    assert run(["-c", ONE], folder) == (made[0], "")
-
-
-def test_what_a_killed_process_left_is_removed_after_a_day(folder, tmp_path):
-    name, old, outside = f"Tanh_{'0a' * 10}", time.time() - 2 * 86400, tmp_path / "outside"
-    names = {k: f"{name}.{k}.tmp" for k in ("old_one1", "new_one1", "written1", "stranger", "abc")}
-    names |= {"other": "mine.tmp", "entry": f"Tanh_{'0b' * 10}"}
-    made = {k: folder / n for k, n in names.items()}
-    for place in (*made.values(), outside):
-        (place / "__pycache__").mkdir(parents=True)
-        (place / "__pycache__" / "a.nbi").write_text("cut")
-    made |= {k: folder / f"{name}.{k}.tmp" for k in ("link_to1", "a_file_1")}
-    made["link_to1"].symlink_to(outside)
-    made["a_file_1"].write_text("mine")
-    (made["old_one1"] / "link").symlink_to(outside)
-    if os.geteuid():
-        shutil.rmtree(made.pop("stranger"))  # only root can give a folder away
-    else:
-        os.chown(made["stranger"], 65534, 65534)
-    for k, place in made.items():
-        for path in (place, *place.rglob("*")):
-            if k != "new_one1" and (k, path.name) != ("written1", "a.nbi"):
-                os.utime(path, (old, old), follow_symlinks=False)
-    (part := folder / "part").mkdir()
-    (part / "a.nbc").write_text("code")
-    cache._publish(part, folder / f"Tanh_{'0c' * 10}")
-    assert [k for k, place in made.items() if not os.path.lexists(place)] == ["old_one1"]
-    assert (outside / "__pycache__" / "a.nbi").exists()
-    assert (folder / f"Tanh_{'0c' * 10}" / "a.nbc").exists()
+        assert cache._sound(entry(folder, "Tanh"), made_of), what
+        assert {p.name for p in folder.iterdir()} == {p.name for p in made[1].iterdir()}
 
 
 # At once ------------------------------------------------------------------------------
 def test_processes_that_meet_a_damaged_entry_at_once(made, folder):
-    flip(next(entry(folder, "Tanh").rglob("*.nbc")))
+    flip(entry(folder, "Tanh"))
     assert {finish(p) for p in [start(["-c", ONE], folder) for _ in range(2)]} == {(made[0], "")}
-    assert not list(folder.rglob("*.tmp"))
+    assert {p.name for p in folder.iterdir()} == {p.name for p in made[1].iterdir()}
 
 
 def test_threads_that_compile_at_once(made, tmp_path):
-    """Into a new cache, and from a full one; beside it, numba's own folder stays
-    empty.
-    """
-    folder, own = give_runtime(tmp_path / "cache"), tmp_path / "numba"
+    """Into a new cache, and from a full one."""
+    folder = give_runtime(tmp_path / "cache")
     for _ in range(2):
-        assert run(["-c", THREADS], folder, NUMBA_CACHE_DIR=str(own)) == (made[0], "")
-    assert not own.exists()
+        assert run(["-c", THREADS], folder) == (made[0], "")
 
 
 SINKS = """

@@ -1,4 +1,4 @@
-"""A call past numba's dispatcher: machine code looks at the arrays itself, anew each
+"""A call without a dispatcher: machine code looks at the arrays itself, anew each
 time.
 """
 
@@ -13,7 +13,7 @@ from refusals import refused
 import stimlib
 from stimlib import Input, Scene
 from stimlib.errors import BadValue
-from stimlib.targets.numba import entry_points
+from stimlib.targets.llvm import entry_points
 
 
 @pytest.fixture(scope="module")

@@ -268,7 +268,7 @@ def test_values_that_make_no_sense_are_found_where_they_are_written(make, says):
 )
 def test_what_does_not_fit_the_sample_rate_is_found_when_compiling(make, words):
     scene = Scene({"y": make()})
-    for target in ("numba", "python"):
+    for target in ("llvm", "python"):
         error = refused(BadValue, None, stimlib.compile, scene, 1000, target)
         assert all(w in str(error) for w in words), error
 
@@ -409,7 +409,7 @@ def test_thousands_of_blocks(tmp_path):
     again = stimlib.load(tmp_path / "deep.json")
     assert again.hash == scene.hash
     u = np.random.default_rng(0).standard_normal((1, 40))
-    for target, size in (("numba", 40), ("python", 3)):
+    for target, size in (("llvm", 40), ("python", 3)):
         proc = stimlib.compile(again, 1000, target)
         np.testing.assert_array_equal(proc.process(u[:, :size].copy())[0], y[:size])
     assert len(str(proc.plan).splitlines()) > 1500

@@ -266,7 +266,7 @@ def check(scene, fs, seed, cuts, sets):
     assert_same(
         run(slow, x, cuts, sets, lambda p: middle.append((p.index, p.state))),
         wanted,
-        "numba and python",
+        "llvm and python",
     )
     assert_same(slow.state, end, "last state")
     assert slow.fault == fast.fault
@@ -441,10 +441,10 @@ def test_enabled_samples_in_a_row_are_the_stream_that_was_never_gated(gated, see
     assert_same(y[on], free[: on.sum()], "enabled samples")
     assert not y[~on].any()
     proc = stimlib.compile(both, fs)
-    assert_same(proc.process(rows(proc, x, names))[0], guarded(y, fs)[0], "numba")
+    assert_same(proc.process(rows(proc, x, names))[0], guarded(y, fs)[0], "llvm")
 
 
-@pytest.mark.parametrize("target", ["numba", "python"])
+@pytest.mark.parametrize("target", ["llvm", "python"])
 def test_a_nan_condition_is_closed(target):
     proc = stimlib.compile(Scene({"y": b.enabled(b.white_noise(1), by=Input("x"))}), 1000, target)
     x = np.array([[1.0, np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-320]])

@@ -134,7 +134,7 @@ def test_derivatives_along_the_inputs(name):
     """
     e, n, h = TABLE[name], 500, 1e-7
     f, proc = (
-        stimlib.compile(Scene({"y": e.block()}), e.rates[0], target) for target in ("jax", "numba")
+        stimlib.compile(Scene({"y": e.block()}), e.rates[0], target) for target in ("jax", "llvm")
     )
     assert f.inputs == proc.inputs
     x = e.x(n, e.rates[0])[[e.inputs.index(i) for i in f.inputs]]
@@ -561,7 +561,7 @@ def test_bad_calls(call, error, text):
         *[({"surrogate": s}, "surrogate") for s in (0.0, -1, np.nan, "a")],
         *[({"seed": s}, "seed = ") for s in (-1, 1.5, "a", 2**64)],
         ({"what": 1}, "options dtype, surrogate"),
-        ({"target": "numba", "dtype": "float32"}, "only target='jax'"),
+        ({"target": "llvm", "dtype": "float32"}, "only target='jax'"),
         ({"fs": -1}, "fs = -1"),
     ],
 )

@@ -121,7 +121,7 @@ def test_rewriting_changes_no_value(seed):
     outputs = {f"y{k}": block for k, block in enumerate(pool[-8:])}
     with np.errstate(all="ignore"):
         wanted = np.array([unfolded(block) for block in outputs.values()])
-    for target in ("numba", "python"):
+    for target in ("llvm", "python"):
         proc = stimlib.compile(Scene(outputs), 1000, target)
         point = np.array([{"x": 0.7, "y": -1.9}[n] for n in proc.inputs]).reshape(-1, 1)
         # 0.0 + -0.0 may have lost its sign: equal
@@ -262,7 +262,7 @@ def test_a_map_with_a_design_takes_constants(fs):
     }
     u = np.array([[1.0, -4.0]])
     wanted = np.array([[2, 2], [3, 3], [2, -8], [3, -12]]) / fs
-    for target in ("numba", "python"):
+    for target in ("llvm", "python"):
         proc = stimlib.compile(Scene(outputs), fs, target)
         np.testing.assert_array_equal(proc.process(u), wanted)
         assert proc.response("x", "x", 10.0) == 2 / fs and proc.response("y", "x", 10.0) == 3 / fs

@@ -17,7 +17,7 @@ from stimlib import Input, Param, Scene, blocks, constant
 from stimlib.errors import BadValue, UnknownName
 
 FS, N = 1000, 400
-both = pytest.mark.parametrize("target", ["numba", "python"])
+both = pytest.mark.parametrize("target", ["llvm", "python"])
 x, z = Input("x"), Input("z")
 noise = blocks.enabled(blocks.pink_noise(1.0, seed=1, f_low=20.0), by=x)
 speed = constant(1.0, "s") * blocks.velocity(x, 50.0, contact=z)
@@ -27,7 +27,7 @@ SCENE = Scene(
 SEEDS = [3, 3, 0, 2**64 - 1, 5]
 
 
-def made(target="numba", seeds=SEEDS, threads=2, scene=SCENE):
+def made(target="llvm", seeds=SEEDS, threads=2, scene=SCENE):
     return stimlib.compile(scene, FS, target).many(seeds, threads)
 
 
@@ -60,7 +60,7 @@ def test_each_copy_is_a_processor_of_its_own(monkeypatch, threads, block):
                 if s.at == start:
                     runs[k].set(s.name, s.value, s.ramp)
         y[..., start:stop] = runs.process(np.ascontiguousarray(u[..., start:stop]))
-    assert_same(y, alone("numba", u, sets))
+    assert_same(y, alone("llvm", u, sets))
     assert [p.index for p in runs] == [N] * 5 and len(runs[1].log) == 2
 
 
@@ -154,9 +154,7 @@ def test_copies_run_alone_and_do_not_touch_what_they_were_made_of():
     assert len(runs) == 5 and runs[-1].seed == 5 and [p.seed for p in runs[:2]] == [3, 3]
     runs.reset()
     assert_same(runs[0].state, fresh)
-    assert (
-        repr(made(threads=1)) == "Copies(5 of Processor(x, z -> y, v, fs=1000, numba), 1 threads)"
-    )
+    assert repr(made(threads=1)) == "Copies(5 of Processor(x, z -> y, v, fs=1000, llvm), 1 threads)"
 
 
 # threads ------------------------------------------------------------------------------
@@ -241,7 +239,7 @@ def test_the_memory_of_copies_is_counted_before_it_is_taken(monkeypatch, target)
     proc = stimlib.compile(Scene({"y": blocks.delay(x, 1000)}), FS, target)
     monkeypatch.setattr(stimlib.limits, "state_bytes", 1e6)
     refused(BadValue, "50000 copies.*limits.state_bytes", proc.many, range(50000))
-    if target == "numba":
+    if target == "llvm":
         each = proc.many([0])[0]._engine.nbytes + proc.state.nbytes
         monkeypatch.setattr(stimlib.limits, "state_bytes", 3 * each)
         proc.many(range(3))

@@ -11,16 +11,16 @@ import mpmath
 import numpy as np
 import pytest
 from laws import STRESS, assert_same, bits, mostly
-from numba import njit
 from refusals import refused
+from walked import compiled
 
 import stimlib
 from stimlib import Scene
 from stimlib.blocks import noise, white_noise
 from stimlib.core import maths
 from stimlib.errors import SceneError
-from stimlib.targets.numba import intrinsics, vectors
-from stimlib.targets.numba.engine import SLOW_MODES, _part, runtime
+from stimlib.targets.llvm import known, walk
+from stimlib.targets.llvm.engine import SLOW_MODES, _part, runtime
 
 runtime()  # it has the long sums
 _part(SLOW_MODES, "memory", "moving_memory", "chebyshev")
@@ -109,29 +109,25 @@ def each(f, *columns):
         return np.array([f(*row) for row in zip(*columns, strict=True)])
 
 
-def compiled_each(name, dtype=np.float64):
-    """One of intrinsics' functions of one number, over rows: they cannot be passed
-    about.
-    """
-    f = getattr(intrinsics, name)
-
-    @njit(error_model="numpy")
-    def loop(a, out):
-        for i in range(a.size):
-            out[i] = f(a[i])
-
-    def run(a):
-        out = np.empty(a.size, dtype)
-        loop(a, out)
-        return out
-
-    return run
+def over_rows(f, a, out):
+    for i in range(a.size):
+        out[i] = f(a[i])
 
 
-@njit(error_model="numpy")
+loop = compiled(over_rows)
+
+
+def compiled_each(f, a, dtype=np.float64):
+    """A function of one number, of each number of an array."""
+    out = np.empty(a.size, dtype)
+    loop(f, a, out)
+    return out
+
+
+@compiled
 def compiled_fma(a, b, c, y):
     for i in range(a.size):
-        y[i] = intrinsics.fma(a[i], b[i], c[i])
+        y[i] = maths.fma(a[i], b[i], c[i])
 
 
 UNARY = ["sqrt", "floor", "exp", "log", "sin", "cos", "tanh", "flush", "settle"]
@@ -162,28 +158,26 @@ def test_every_name_of_maths_is_tested_here():
         n for n, v in vars(maths).items() if callable(v) and not n.startswith("_") and n != "F"
     }
     assert written == tested
-    assert all(
-        hasattr(vectors if n in ("pairs", "each", "series") else intrinsics, n)
-        for n in tested - {"tree"}
-    ), "each has a compiled counterpart"
+    assert {getattr(maths, n) for n in tested - {"tree"}} <= {*known.TWINS}, "compiled ones"
 
 
 # the others are in test_elementary.py
 @pytest.mark.parametrize("name", ["sqrt", "floor", "flush", "settle"])
 def test_functions_of_one_number(name):
     x = numbers()
-    assert_number(compiled_each(name)(x), each(getattr(maths, name), x), name)
+    f = getattr(maths, name)
+    assert_number(compiled_each(f, x), each(f, x), name)
 
 
 def test_functions_of_bits():
     x, u = numbers(), integers()
     assert_same(bits(x), each(maths.bits, x))
-    for name, given, dtype in (
-        ("bits", x, np.uint64),
-        ("unbits", u, float),
-        ("as_float", u, float),
+    for f, given, dtype in (
+        (maths.bits, x, np.uint64),
+        (maths.unbits, u, float),
+        (maths.as_float, u, float),
     ):
-        assert_same(compiled_each(name, dtype)(given), each(getattr(maths, name), given))
+        assert_same(compiled_each(f, given, dtype), each(f, given))
     assert_same(each(maths.as_float, u), np.array([float(int(v)) for v in u]))
 
 
@@ -208,10 +202,10 @@ def test_fma_has_one_rounding():
     assert np.any(a * b + c != exact), "the examples do not tell"
 
 
-@njit(error_model="numpy")
+@compiled
 def compiled_where(c, a, b, y):
     for i in range(a.size):
-        y[i] = intrinsics.where(c[i], a[i], b[i])
+        y[i] = maths.where(c[i], a[i], b[i])
 
 
 @pytest.mark.parametrize("make", [numbers, integers])
@@ -223,10 +217,10 @@ def test_where(make):
     assert_same(y, np.where(c, a, b))
 
 
-@njit(error_model="numpy")
+@compiled
 def compiled_search(knots, x, y):
     for i in range(x.size):
-        y[i] = intrinsics.search(knots, x[i])
+        y[i] = maths.search(knots, x[i])
 
 
 @pytest.mark.parametrize("size", [2, 3, 4, 7, 64, 65])
@@ -241,10 +235,12 @@ def test_search(size):
     np.testing.assert_array_equal(y[inside], np.searchsorted(knots, x[inside], "right") - 1)
 
 
-@njit
-def compiled_copy(a, b):
-    intrinsics.copy(a, b)
-    return intrinsics.words(a)[0]
+def copied(a, b):
+    maths.copy(a, b)
+    return maths.words(a)[0]
+
+
+compiled_copy = compiled(copied, "u8")
 
 
 @pytest.mark.parametrize("n", [1, 7, 8, 9, 15, 16, 17, 50, 63, 64, 65, 500])
@@ -257,12 +253,6 @@ def test_copy_and_words(n):
     assert first == maths.words(a)[0]
 
 
-def over(f):
-    """The compiled function of maths, with intrinsics in its place."""
-    names = f.__globals__ | {"maths": intrinsics}
-    return njit(type(f)(f.__code__, names, f.__name__), error_model="numpy", inline="always")
-
-
 ODD, HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(2**63 - 1)
 
 
@@ -272,12 +262,9 @@ def a_pair(key, m):
     return maths.sqrt(a), maths.where(word > HALF, maths.fma(a, 0.1, 3.0), -maths.floor(a))
 
 
-compiled_pair = over(a_pair)
-
-
-@njit(error_model="numpy")
+@compiled
 def compiled_pairs(key, first, z):
-    vectors.pairs(compiled_pair, key, first, z)
+    maths.pairs(a_pair, key, first, z)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 16, 20, 31, 32, 33, 34, 48, 63, 64, 66])
@@ -302,12 +289,9 @@ def line(q, x, z):
     return maths.where(x > 0.0, maths.fma(q.a, x, q.b) / z, maths.floor(x) - z)
 
 
-compiled_line = over(line)
-
-
-@njit(error_model="numpy")
+@compiled
 def compiled_lines(q, x, z, y):
-    vectors.each(compiled_line, q, (x, z[1:]), y)
+    maths.each(line, q, (x, z[1:]), y)
 
 
 @pytest.mark.parametrize("n", [1, 2, 6, 7, 8, 9, 15, 16, 17, 63, 64])
@@ -340,16 +324,10 @@ def of_words(q, x, z):
 @pytest.mark.parametrize("f", [compared, of_words])
 def test_what_is_done_side_by_side_is_what_each_does(f):
     """nan, signs of zero, the largest words; numbers on the left."""
-    g = over(f)
-
-    @njit(error_model="numpy")
-    def compiled(q, x, z, y):
-        vectors.each(g, q, (x, z), y)
-
     edge = np.array([np.nan, 0.0, -0.0, 1.0, -2.5, 7.0, np.inf, -np.inf, maths.SILENT, 5e-324])
     x, z = (np.ascontiguousarray(a.ravel()) for a in np.meshgrid(edge, edge))
     y, wanted = np.empty(x.size), np.empty(x.size)
-    compiled(Line(0.0, 0.0), x, z, y)
+    compiled(maths.each)(f, Line(0.0, 0.0), (x, z), y)
     with np.errstate(all="ignore"):
         maths.each(f, (), (x, z), wanted)
     assert_number(y, wanted)
@@ -378,12 +356,9 @@ def stage(q, s, x):
     return u + q.c * h, Held(u, maths.where(u > s.w, s.u, s.w + 0.5 * u))
 
 
-compiled_stage = over(stage)
-
-
-@njit(error_model="numpy")
+@compiled
 def compiled_series(q, s, x, y):
-    vectors.series(compiled_stage, q, s, x, y)
+    maths.series(stage, q, s, x, y)
 
 
 @pytest.mark.parametrize("size", [*range(1, 10), 12, 16, 17, 33])
@@ -419,22 +394,33 @@ def test_series_in_place_and_of_what_is_not_finite(size, bad):
     assert_number(np.array(s), np.array(other), "state")
 
 
-@njit(error_model="numpy", inline="always")
 def settled(q, s, x):
-    return intrinsics.settle(x), s
+    return maths.settle(x), s
 
 
-@njit(error_model="numpy")
+@compiled
 def series_settled(q, s, x, y):
-    vectors.series(settled, q, s, x, y)
+    maths.series(settled, q, s, x, y)
+
+
+@compiled
+def series_of_words(q, s, x, y):
+    maths.series(stage, q, s, maths.words(x), y)
+
+
+@compiled
+def series_of_gaps(q, s, x, y):
+    maths.series(stage, q, s, x[::2], y)
 
 
 def test_vectors_say_what_they_take():
     q, s, _ = stages(3, np.random.default_rng(0))
     x = np.ones(6)
     refused(SceneError, "^settled cannot .*unbits, .* write a loop", series_settled, q, s, x, x)
-    for wrong in ((q, s, x[::2], x[:3]), ((), s, x, x), (q, Gains(s.u, 1.0), x, x)):
+    for wrong in (((), s, x, x), (q, Gains(s.u, 1.0), x, x)):
         refused(SceneError, r"series\(f, .* write a loop", compiled_series, *wrong)
+    refused(SceneError, r"series\(f, .* write a loop", series_of_words, q, s, x, x)
+    refused(walk.Unknown, "slice .* step", series_of_gaps, q, s, x, x[:3])
 
 
 def test_tree_is_the_written_order():
@@ -442,32 +428,7 @@ def test_tree_is_the_written_order():
     assert maths.tree(s) == ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
 
 
-@njit(error_model="numpy")
-def compiled_fir(taps, w, y):
-    intrinsics.fir(taps, w, y)
-
-
-@njit(error_model="numpy")
-def compiled_modes(p, r, q, d, x, y, w):
-    intrinsics.modes(p, r, q, d, x, y, w)
-
-
-@njit(error_model="numpy")
-def compiled_memory(e, r, q, low, x, y, w):
-    intrinsics.memory(e, r, q, low, x, y, w)
-
-
-@njit(error_model="numpy")
-def compiled_chebyshev(c, t, y):
-    intrinsics.chebyshev(c, t, y)
-
-
-LONG = {
-    "fir": compiled_fir,
-    "modes": compiled_modes,
-    "memory": compiled_memory,
-    "chebyshev": compiled_chebyshev,
-}
+LONG = {name: compiled(getattr(maths, name)) for name in ("fir", "modes", "memory", "chebyshev")}
 
 
 def alike(name, *given):
@@ -560,8 +521,8 @@ def test_chebyshev(n, terms, m):
 
 def test_a_moderate_exp_is_exp():
     x = np.concatenate([np.random.default_rng(1).uniform(-700, 700, 800), [0.0, 700.0, -700.0]])
-    y = compiled_each("exp")(x)
-    assert_same(compiled_each("moderate_exp")(x), y)
+    y = compiled_each(maths.exp, x)
+    assert_same(compiled_each(maths.moderate_exp, x), y)
     assert_same(each(maths.moderate_exp, x), y)
 
 
@@ -570,9 +531,9 @@ def test_long_sums_write_nothing_around_their_samples(n):
     rng = np.random.default_rng(0)
     taps, w, room = rng.standard_normal(8), rng.standard_normal(80), np.full((3, 200), 7.0)
     y = room[:, 64 : 64 + n]
-    compiled_fir(taps, w[: n + 7], y[0])
-    compiled_modes(taps, taps, np.zeros(8), 1.0, w[:n], y[1], np.zeros(512))
-    compiled_memory(taps, taps, np.zeros(8), np.zeros(0), w[:n], y[2], np.zeros(512))
+    LONG["fir"](taps, w[: n + 7], y[0])
+    LONG["modes"](taps, taps, np.zeros(8), 1.0, w[:n], y[1], np.zeros(512))
+    LONG["memory"](taps, taps, np.zeros(8), np.zeros(0), w[:n], y[2], np.zeros(512))
     assert (room[:, :64] == 7.0).all() and (room[:, 64 + n :] == 7.0).all()
 
 
@@ -589,31 +550,18 @@ KNOWN = [  # counter, key, result: Random123, kat_vectors, philox4x32 10
 U = np.uint64
 
 
+@compiled
+def compiled_philox(a, b, c, d, k, m, out):
+    out[0], out[1], out[2], out[3] = noise.philox(a, b, c, d, k, m)
+
+
 @pytest.mark.parametrize(("counter", "key", "result"), KNOWN)
 def test_philox_known_answers(counter, key, result):
     words = [U(v) for v in (*counter, *key)]
-    of_noise = noise.__dict__ | {"rounds": njit(noise.rounds)}
-    compiled = njit(type(noise.philox)(noise.philox.__code__, of_noise))
+    out = np.zeros(4, U)
+    compiled_philox(*words, out)
     with np.errstate(over="ignore"):
-        assert tuple(map(int, noise.philox(*words))) == compiled(*words) == result
-
-
-@njit(error_model="numpy")
-def _radius(a, y):
-    for i in range(a.size):
-        y[i] = RADIUS(a[i])
-
-
-def transplant(f):
-    """A function of blocks/noise.py with intrinsics in the place of maths, as a segment
-    has it.
-    """
-    names = "fma sqrt where bits unbits as_float".split()
-    there = f.__globals__ | {name: getattr(intrinsics, name) for name in names}
-    return njit(type(f)(f.__code__, there, f.__name__), error_model="numpy")
-
-
-RADIUS = transplant(noise.radius)
+        assert tuple(map(int, noise.philox(*words))) == tuple(out.tolist()) == result
 
 
 @pytest.mark.longer
@@ -629,10 +577,9 @@ def test_radius_is_right_to_a_few_ulps():
     with mpmath.workprec(200):
         u = [(mpmath.mpf(int(v)) + 0.5) / 2**64 for v in a]
         exact = [mpmath.sqrt(-2 * mpmath.log(v)) for v in u]
-        got, y = each(noise.radius, a), np.empty(a.size)
+        got = each(noise.radius, a)
         apart = np.array([float(abs(g - e)) for g, e in zip(got.tolist(), exact, strict=True)])
-    _radius(a, y)
-    assert_same(y, got)
+    assert_same(compiled_each(noise.radius, a), got)
     usual = a < U(2**64 - 2**60)  # beyond, u is rounded next to 1 and the radius is small
     assert (apart / np.spacing(np.array(exact, float)))[usual].max() < 4
     assert apart.max() <= 2**-26.5 and np.all(got >= 0) and np.isfinite(got).all()

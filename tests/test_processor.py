@@ -17,7 +17,7 @@ from stimlib.core.program import lead
 from stimlib.errors import BadValue, SceneError, StimlibError, UnknownName
 
 x, z = Input("x"), Input("z")
-both = pytest.mark.parametrize("target", ["numba", "python"])
+both = pytest.mark.parametrize("target", ["llvm", "python"])
 
 
 def make(outputs=None, fs=1000, target="python", **kw):
@@ -108,7 +108,7 @@ def test_no_rows_may_lie_anywhere(target):
 def test_the_address_gives_the_same_bits():
     proc = make(
         {"a": blocks.first_order(x, 0.1), "n": blocks.white_noise(1), "k": Param("k", 1.0)},
-        target="numba",
+        target="llvm",
     )
     u = np.random.default_rng(2).standard_normal((1, 300))
     wanted = proc.process(u)
@@ -121,7 +121,7 @@ def test_the_address_gives_the_same_bits():
     f(context, u.ctypes.data, out.ctypes.data, 300)
     assert_same(out, wanted)
     assert proc.index == 300
-    with pytest.raises(SceneError, match="numba"):
+    with pytest.raises(SceneError, match="llvm"):
         _ = make(target="python").address
 
 
@@ -132,7 +132,7 @@ def test_the_address_gives_the_same_bits():
         *[({"fs": fs}, "fs") for fs in (0, np.nan, np.inf, "8000", None, 10**400, 1j, [8000, 1])],
         ({"fs": 1e13, "outputs": {"y": x + blocks.white_noise(1)}}, "state_bytes"),  # the lead
         *[({"seed": seed}, "seed") for seed in (-1, 2**64, 1.5, "a", np.nan)],
-        ({"target": "fpga"}, "numba, python"),
+        ({"target": "fpga"}, "llvm, python"),
     ],
 )
 def test_what_compile_refuses(words, says):
@@ -248,7 +248,7 @@ def test_latency_is_what_a_slow_signal_sees(fs):
         "d": blocks.differentiator(x, 1000.0),
         "l": blocks.first_order(x, 0.01),
     }
-    proc = make(outputs, fs, "numba")
+    proc = make(outputs, fs, "llvm")
     t = np.arange(int(fs)) / fs
     v, d, _ = proc.process(t[None] ** 2)[:, -1]
     late = {name: proc.latency[name, "x"][0] / fs for name in outputs}
@@ -308,10 +308,10 @@ def test_response_of_what_has_none():
 def test_the_plan_tells_what_runs_and_what_does_not():
     noise = blocks.enabled(blocks.pink_noise(1.0, 1, f_low=20.0), by=x > 0.0)
     empty = blocks.enabled(0.0 * blocks.white_noise(3), by=x)
-    proc = make({"y": x * noise + 0.0 * blocks.white_noise(2) + empty}, target="numba")
+    proc = make({"y": x * noise + 0.0 * blocks.white_noise(2) + empty}, target="llvm")
     text = str(proc.plan)
     assert "at 1000 Hz" in text and "enabled 1" in text and "PinkNoise" in text
-    assert repr(proc) == "Processor(x -> y, fs=1000, numba)"
+    assert repr(proc) == "Processor(x -> y, fs=1000, llvm)"
     assert "no input" in repr(make({"y": constant(1.0)}))
     assert "removed: White(2, 0, False): multiplied by a literal 0" in text
     assert "nothing in it" in text
@@ -414,7 +414,7 @@ def test_a_state_beyond_every_run_is_refused(target):
 
 def test_state_reset_and_set_wait_for_each_other():
     """From several threads: no error, and every seed's start stays what it is."""
-    proc = make({"y": blocks.white_noise(1) * Param("a", 1.0) + x}, target="numba")
+    proc = make({"y": blocks.white_noise(1) * Param("a", 1.0) + x}, target="llvm")
     starts = {}
     for seed in range(30):
         proc.reset(seed)

@@ -24,7 +24,7 @@ RAMP = np.arange(6.0)
 
 
 # Faults -------------------------------------------------------------------------------
-@pytest.mark.parametrize("target", ["numba", "python"])
+@pytest.mark.parametrize("target", ["llvm", "python"])
 def test_a_fault_is_told_once_with_output_and_sample(target):
     with pytest.warns(RuntimeWarning) as told:
         r = render(SCENE, {"x": RAMP}, 1000, target=target)
@@ -202,7 +202,7 @@ def test_a_scene_without_inputs_needs_no_motion():
     made = render(NOISE, fs=1000, seconds=0.2)
     y = made.y
     assert np.array_equal(y, render(NOISE, {}, 1000, 0.2).y)
-    for target in ("numba", "python"):
+    for target in ("llvm", "python"):
         proc = stimlib.compile(NOISE, 1000, target)
         assert np.array_equal(np.hstack([proc.process(64), proc.process(np.int32(136))]), y)
     runs = stimlib.compile(NOISE, 1000).many(seeds=[0, 1])
@@ -248,7 +248,7 @@ def test_what_a_scene_left_for_its_next_render_is_not_heard():
         (fs, seed, {"level": v}, target)
         for fs in (1000, 1500)
         for seed, v in ((0, 1.0), (1, 2.0), (2, -1.0))
-        for target in ("numba", "python")
+        for target in ("llvm", "python")
     ]
 
     def samples(how):

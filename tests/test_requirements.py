@@ -24,7 +24,6 @@ DECLARED = [
     if isinstance(r, str) and not r.startswith("stimlib[")  # or it includes another one
 ]
 INNER = {  # what the code of stimlib writes where it uses inner parts of another package
-    "numba": r"numba\.core|numba\.extending",
     "jax": r"jax\.extend",
     "soundfile": r"\bextra_info\b",
     "jack-client": r"\bjack\._[a-z]",

@@ -15,7 +15,7 @@ from stimlib.errors import BadValue, SceneError, UnknownName
 
 SEEDS = (None, 5, None)
 # each class on one target; the interpreter takes its time
-CHOSEN = [(e.name, "numba" if k % 4 else "python") for k, e in enumerate(EACH.values())]
+CHOSEN = [(e.name, "llvm" if k % 4 else "python") for k, e in enumerate(EACH.values())]
 
 
 def stretches(rng, count, longest):
@@ -64,7 +64,7 @@ def check(scene, x, names, fs, at, target, rng, sets=()):
 
 # Of every block -----------------------------------------------------------------------
 @pytest.mark.parametrize(
-    "case", mostly(CHOSEN, [(e.name, t) for e in TABLE for t in ("numba", "python")]), ids="-".join
+    "case", mostly(CHOSEN, [(e.name, t) for e in TABLE for t in ("llvm", "python")]), ids="-".join
 )
 @pytest.mark.longer
 def test_a_segment_is_a_rendering(case):
@@ -72,7 +72,7 @@ def test_a_segment_is_a_rendering(case):
     k, entry = next((k, e) for k, e in enumerate(TABLE) if e.name == name)
     rng = np.random.default_rng(k)
     fs, count = float(rng.choice(entry.rates)), int(rng.integers(2, 4))
-    at = stretches(rng, count, 400 if target == "numba" else 60)
+    at = stretches(rng, count, 400 if target == "llvm" else 60)
     x = entry.x(at[-1][1] + 100, fs, seed=k)
     check(entry.scene(), x, list(entry.inputs), fs, at, target, rng, [("live", 0.75)])
 
@@ -135,7 +135,7 @@ def test_a_parameter_moves_within_a_segment_and_copies_are_apart():
     )
     x = np.where(np.arange(90) % 30 < 20, 1.0, -1.0)[None]
     wanted = {}
-    for target in ("numba", "python"):
+    for target in ("llvm", "python"):
         proc = stimlib.compile(scene, 1000, target)
         both = proc.many([0, 9])
         for p in (proc, both[1]):
@@ -150,7 +150,7 @@ def test_a_parameter_moves_within_a_segment_and_copies_are_apart():
         wanted[target] = rest
         assert not proc.process(x).any(), "a segment runs once"
     assert_same(*wanted.values())
-    assert wanted["numba"].any()
+    assert wanted["llvm"].any()
 
 
 @pytest.mark.parametrize(

@@ -256,11 +256,11 @@ MISTAKES = [
 @pytest.mark.parametrize(("members", "says"), MISTAKES)
 def test_mistakes_of_authors_name_class_file_line_and_remedy(mine, members, says):
     cls, at = mine(members)
-    for target in ("python", "numba", "jax"):
+    for target in ("python", "llvm", "jax"):
         message = str(
             refused(SceneError, None, stimlib.compile, Scene({"y": cls(x)}), 1000, target)
         )
-        assert says in message and "numba" not in message, message
+        assert says in message and "llvm" not in message, message
         if "# here" in members:
             assert message.startswith(at("# here")), message
         if "powered" in members:
@@ -305,15 +305,17 @@ WORDS = body("v = np.uint64({})  # here", "return maths.as_float(v), s")
     "|s.n >> np.uint64(64)|s.n << LESS".split("|"),
 )
 def test_whole_numbers_that_differ_between_targets_are_refused(mine, text):
-    """Compiled, a word and a whole number make a float, and a shift by 64 anything."""
+    """Compiled, a word and a whole number have no common kind, and a shift by 64 gives
+    anything.
+    """
     cls, at = mine(ARRAYS + WORDS.format(text))
     says = "a shift by " if "<<" in text or ">>" in text else "write np.uint64(1), not 1"
-    for target in ("python", "numba"):
+    for target in ("python", "llvm"):
         error = refused(SceneError, None, stimlib.compile, Scene({"y": cls(x)}), 1000, target)
         assert says in str(error) and at("# here") in str(error), error
 
 
-@pytest.mark.parametrize("target", ["python", "numba"])
+@pytest.mark.parametrize("target", ["python", "llvm"])
 def test_whole_numbers_of_one_kind_have_the_bits_of_whole_numbers(mine, target):
     n = (1 << 63) + 12345
     texts = {
@@ -395,7 +397,7 @@ def test_a_step_changed_in_place_is_compiled_again():
     scene = Scene({"y": Changed(x)})
     assert stimlib.render(scene, {"x": np.zeros(1)}, 1000)["y"] == 1.0
     Changed.step = staticmethod(other)
-    for target in ("numba", "python"):
+    for target in ("llvm", "python"):
         assert stimlib.render(scene, {"x": np.zeros(1)}, 1000, target=target)["y"] == 2.0
         assert played(Changed(x), [0.0], target=target) == 2.0
         assert played(own(step=staticmethod(low))(x), [1.0], target=target) == 2.0
@@ -474,7 +476,7 @@ def first_told(p, s, x):
     return where(s.cold > 1.5, x + 100.0, x), Contact(x, 0.0)
 
 
-@pytest.mark.parametrize("target", ["python", "numba"])
+@pytest.mark.parametrize("target", ["python", "llvm"])
 def test_the_first_contact_is_the_first_however_late_it_is(target):
     """What design says of cold is there until a sample in contact."""
     mine = own(
@@ -520,7 +522,7 @@ def test_all_of_the_scratch_is_there_wherever_a_contact_begins():
 
 
 @pytest.mark.parametrize("first", [1.0, 2.0])
-@pytest.mark.parametrize("target", ["python", "numba", "jax"])
+@pytest.mark.parametrize("target", ["python", "llvm", "jax"])
 def test_the_engine_alone_says_where_a_contact_begins(target, first):
     moves = np.array([np.arange(1.0, 13.0), [0, 1, 1, 1, 0, 0, 1, 1, 0, 1, 1, 1]])
     for step in (summed, summed_cold_negative, summed_tile):
@@ -549,6 +551,6 @@ def test_parameters_that_are_whole_or_short_numbers_are_floats_to_the_compiler(t
     block = own(
         design=lambda self, fs: (Numbers(t, np.uint64(0), 1.0), ()), step=staticmethod(step)
     )
-    for target in ("numba", "python"):
+    for target in ("llvm", "python"):
         y = stimlib.compile(Scene({"y": block(x)}), 1000, target).process(np.full((1, 2), 2.0))
         assert y.tolist() == [[10.0, 10.0]]

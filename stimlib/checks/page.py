@@ -359,8 +359,7 @@ def _reproduced(e: Evidence, command: str | None) -> str:
     the scene as a file.
     """
     used = {
-        p: version(p)
-        for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite", "soundfile", "matplotlib")
+        p: version(p) for p in ("stimlib", "numpy", "scipy", "llvmlite", "soundfile", "matplotlib")
     }
     again = f"<p>Repeat the verification with <code>{_q(command)}</code>.</p>" if command else ""
     signal = _sha256(s.y.T for s in e.stretches())

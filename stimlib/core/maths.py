@@ -2,7 +2,7 @@
 
 A step may use no other.
 
-``targets/numba/intrinsics.py`` holds, under the same names, what compiled code does;
+``targets/llvm/known.py`` holds what compiled code does in its place;
 ``tests/test_maths.py`` checks that both give the same bits.  numpy scalars go in and
 come out, so that 1/0 is inf and never an exception.
 

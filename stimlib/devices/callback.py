@@ -3,164 +3,67 @@
 The Python interpreter is not involved.
 
 Like ``runtime.py``, this source is compiled through the cache.  All state lies in one
-int64 array, the context c, which ``stimlib.devices.engine.Pump`` fills; the constants
-below name the index of each word.  Each ring buffer has one writer and one reader: the
+int64 array, the context c, which ``stimlib.devices.engine.Pump`` fills; ``words``
+names the index of each word.  Each ring buffer has one writer and one reader: the
 writer stores its count with release order, and the reader loads it with acquire order,
 so neither ever waits for the other.
 """
 
-from llvmlite import binding, ir
-from numba import cfunc, njit, types
-from numba.extending import intrinsic
-
-from stimlib.targets.numba.intrinsics import I8, at, data, f8_at, i8_at, plain, run
-
-# the program
-ENTRY, CONTEXT, PENDING, N_IN, N_OUT, CHANNELS, MAP, SCALES, X, Y, GAIN_SLOT, FADE = range(12)
-# its course: what a caller has asked for, and where it is
-STATE, FADE_AT, END, FADING, WAS, STALE_AFTER, STALE, RUN, WAIT, STALL = range(12, 22)
-# counts
-DELIVERED, LOST, UNDERRUNS, UNLOGGED, DROPPED, SKIPPED, CLOCK_ID = range(22, 29)
-# motion: where it comes from
-MOTION, TABLE, TABLE_N, M_RING, M_SIZE, M_WRITE, M_READ, M_KEEP, HOLD = range(32, 41)
-# rings: commands in; events, motion and frames out
-C_RING, C_WRITE, C_READ, E_RING, E_WRITE, E_READ, LOG, L_SIZE, X_RING, X_WRITE, X_READ = range(
-    44, 55
-)
-# frames of a block are staged until it is known to be in time
-F_RING, F_WRITE, F_READ, F_STAGED, STAGED = range(55, 60)
-# the device: addresses of its buffers, floats from frame to frame; functions of the
-# system
-OUTS, STRIDE, INS, IN_STRIDE, IN_SCALE, CONNECTED, ORIGIN, REPEATS = range(60, 68)
-(
-    CLOCK,
-    SLEEP,
-    TIME,
-    HISTOGRAM,
-    GET_BUFFER,
-    FRAME_TIME,
-    PORT_CONNECTED,
-    CLIENT,
-    PORTS,
-    IN_PORTS,
-    EXPECTED,
-    SEEN,
-) = range(68, 80)
-# PortAudio: frames per second (bits of a float); blocks that any device has asked for
-RATE, CALLS = range(80, 82)
-# frames outside of the samples: how many are left and were made, before and after;
-# their level; frames of the last block; ticks per second of Windows' clock
-LEAD, TAIL, ROSE, FELL, LEVELS, MADE, TICKS = range(82, 89)
-# outputs that mark: how many, which, their last values; a sample and the time of its
-# block, with a count of writes that is odd while they change
-MARKS, MARKED, MARK_LAST, TIMED_AT, TIMED_NS, TIMES = range(89, 95)
-# how late blocks begin: their histogram; ns of a frame (bits of a float); when the next
-# block is due, or 0; whether the gain has ever risen with a motion in real time
-LATENESS, FRAME_NS, DUE, MOVED = range(95, 99)
-WORDS = 99
-
-IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
-NONE, FROM_TABLE, TIMED, LIVE, SIGNALS = 0, 1, 2, 3, 4  # MOTION
-SET, LOSS, GONE, BACK, ENDING, GAP, RISE, FALL, MARK = range(9)  # events: at, kind, three numbers
-STOP = 1  # commands: SET slot value ramp, or STOP reason earliest
-COMMANDS, SPARE, EVENTS, RECORD = 256, 256, 65536, 5  # spare: places for fades only
-CHUNK = 256  # samples of one call of the program
-BINS = 8 * 40  # of the histograms of times: eight to the octave of ns
-
-i4, u4, u8, f4 = types.int32, types.uint32, types.uint64, types.float32
-F4 = types.CPointer(f4)
+from stimlib.devices.words import *
+from stimlib.targets.llvm.instructions import DOUBLE, I64
+from stimlib.targets.llvm.known import at, f4_at, f8_at, i8_at, known, run, single, through, whole
+from stimlib.targets.llvm.walk import Value, exported, number
 
 
 # memory and calls ---------------------------------------------------------------------
-@intrinsic
-def load(ctx, p, o):
+@known
+def load(w, p, o):
     """Return word o of a ring, together with all that its writer wrote before it."""
-    return types.int64(p, types.int64), lambda c, b, s, v: b.load_atomic(
-        b.gep(v[0], [v[1]]), "acquire", 8
-    )
+    return Value(w.b.load_atomic(w.place(p, o).v, "acquire", 8), "i8")
 
 
-@intrinsic
-def store(ctx, p, o, value):
+@known
+def store(w, p, o, value):
     """Set word o, after everything that was written before."""
-
-    def code(c, b, s, v):
-        b.store_atomic(v[2], b.gep(v[0], [v[1]]), "release", 8)
-        return c.get_dummy_value()
-
-    return types.void(p, types.int64, types.int64), code
+    w.b.store_atomic(number(value).v, w.place(p, o).v, "release", 8)
 
 
-@intrinsic
-def f4_at(ctx, n):
-    """Return a float32 pointer from an address."""
-    return F4(types.int64), lambda c, b, s, v: b.inttoptr(v[0], c.get_value_type(F4))
-
-
-@intrinsic
-def float_of(ctx, n):
+@known
+def float_of(w, n):
     """Return the float64 that has the given bits."""
-    return types.float64(types.int64), lambda c, b, s, v: b.bitcast(v[0], ir.DoubleType())
+    return Value(w.b.bitcast(number(n).v, DOUBLE), "f8")
 
 
-@intrinsic
-def bits_of(ctx, x):
+@known
+def bits_of(w, x):
     """Return the bits of a float64."""
-    return types.int64(types.float64), lambda c, b, s, v: b.bitcast(v[0], ir.IntType(64))
-
-
-def _function(result, *args):
-    """Return a compiled call of the C function at an address; pointers are integers."""
-
-    @intrinsic
-    def some(ctx, address, a, b_):
-        def code(c, b, s, v):
-            f = ir.FunctionType(ir.IntType(result), [ir.IntType(n) for n in args])
-            given = [
-                b.trunc(x, ir.IntType(n)) if n < 64 else x
-                for x, n in zip(v[1:], args, strict=False)
-            ]
-            y = b.call(b.inttoptr(v[0], ir.PointerType(f)), given)
-            return b.zext(y, ir.IntType(64)) if result < 64 else y
-
-        return types.int64(types.int64, types.int64, types.int64), code
-
-    return some
-
-
-def _by_name(name, f, signature):
-    """Return a compiled function for those below, which call it by name."""
-    binding.add_symbol(name, f.address)
-    return types.ExternalFunction(name, signature)
+    return Value(w.b.bitcast(number(x).v, I64), "i8")
 
 
 clock_gettime, get_buffer, frame_time, sleep_us = (
-    _function(32, 32, 64),
-    _function(64, 64, 32),
-    _function(32, 64),
-    _function(32, 32),
+    through("i4", "i4", "i8"),
+    through("i8", "i8", "i4"),
+    through("u4", "i8"),
+    through("i4", "i4"),
 )
 
 
-@plain
 def now(c):
     """Return the monotonic clock's time in nanoseconds."""
     t, ticks = i8_at(c[TIME]), c[TICKS]
     if ticks > 0:  # Windows
-        frame_time(c[CLOCK], c[TIME], 0)
+        frame_time(c[CLOCK], c[TIME])
         return load(t, 0) // ticks * 1000000000 + load(t, 0) % ticks * 1000000000 // ticks
     clock_gettime(c[CLOCK], c[CLOCK_ID], c[TIME])
     return load(t, 0) * 1000000000 + load(t, 1)
 
 
-@plain
 def sleep(c, us):
     """Wait a number of microseconds, rounded up to milliseconds on Windows."""
-    sleep_us(c[SLEEP], (us + 999) // 1000 if c[TICKS] > 0 else us, 0)
+    sleep_us(c[SLEEP], (us + 999) // 1000 if c[TICKS] > 0 else us)
 
 
 # commands and events ------------------------------------------------------------------
-@plain
 def event(c, at_, kind, a, b, d):
     """Write an event into the ring buffer of events."""
     w = c[E_WRITE]
@@ -172,10 +75,9 @@ def event(c, at_, kind, a, b, d):
     store(c, E_WRITE, w + 1)
 
 
-@plain
 def set_param(c, i, slot, value, ramp):
     """Ramp a parameter to a value (as bits) over ``ramp`` samples, from sample i."""
-    q = at(i8_at(c[PENDING]), 8 * slot)  # see targets.numba.runtime
+    q = at(i8_at(c[PENDING]), 8 * slot)  # see targets.llvm.runtime
     if ramp <= 1:
         q[2], q[3], q[4], q[0] = value, 0, value, 2
     else:
@@ -183,13 +85,11 @@ def set_param(c, i, slot, value, ramp):
     event(c, i, SET, slot, value, ramp)
 
 
-@plain
 def set_gain(c, i, value):
     """Ramp the gain to a value, starting at sample i."""
     set_param(c, i, c[GAIN_SLOT], bits_of(value), c[FADE])
 
 
-@plain
 def commands(c, i):
     """Apply, at sample i, the commands queued since the last block."""
     r, w = c[C_READ], load(c, C_WRITE)
@@ -209,7 +109,6 @@ def commands(c, i):
 
 
 # motion -------------------------------------------------------------------------------
-@plain
 def fill(c, i, m, done):
     """Copy columns i .. i + m of the motion into x, shape (n_in, m).
 
@@ -260,7 +159,6 @@ def fill(c, i, m, done):
     return held
 
 
-@plain
 def judge(c, i, m, held):
     """Fade the gain out when motion is late, and in again when motion arrives."""
     before = c[RUN]
@@ -278,7 +176,6 @@ def judge(c, i, m, held):
             set_gain(c, i, 1.0)
 
 
-@plain
 def room(c, m):
     """Return 1 if the ring buffers of the log have room for m more samples."""
     full = (
@@ -288,7 +185,6 @@ def room(c, m):
     return 0 if c[LOG] != 0 and full else 1
 
 
-@plain
 def ready(c, i, m):
     """Return 1 unless a full or empty ring buffer would hold up the device.
 
@@ -300,7 +196,6 @@ def ready(c, i, m):
 
 
 # the body -----------------------------------------------------------------------------
-@plain
 def deliver(c, start, m, log):
     """Deliver m frames of y to the device's buffers and to the log.
 
@@ -312,12 +207,12 @@ def deliver(c, start, m, log):
         out, source = f4_at(outs[j]), channel[j]
         if source < 0:
             for k in range(m):
-                out[(start + k) * stride] = f4(0.0)
+                out[(start + k) * stride] = single(0.0)
         else:
             for k in range(m):
                 v = y[source * m + k] / scales[source]
                 v = v if v - v == 0.0 else 0.0
-                out[(start + k) * stride] = f4(min(max(v, -1.0), 1.0))
+                out[(start + k) * stride] = single(min(max(v, -1.0), 1.0))
     if log:
         w = c[F_STAGED]
         for k in range(m):
@@ -327,7 +222,6 @@ def deliver(c, start, m, log):
         c[F_STAGED] = w + m
 
 
-@plain
 def commit(c):
     """Count the block as accepted by the device."""
     c[DELIVERED] += c[STAGED]
@@ -335,7 +229,6 @@ def commit(c):
     store(c, F_WRITE, c[F_STAGED])
 
 
-@plain
 def withdraw(c):
     """Count the block as lost because it came too late."""
     n = c[STAGED]
@@ -345,14 +238,12 @@ def withdraw(c):
     c[STAGED], c[F_STAGED] = 0, c[F_WRITE]
 
 
-@plain
 def lose(c, i, n):
     """Count the n samples before i as discarded."""
     if n > 0:
         event(c, i - n, LOSS, n, 0, 0)
 
 
-@plain
 def ramp(c, k, part):
     """Compute frame k of a fade as a fraction of the output levels.
 
@@ -363,7 +254,6 @@ def ramp(c, k, part):
     deliver(c, k, 1, False)
 
 
-@plain
 def rise(c, n):
     """Write the fade-in frames from silence to the first sample, or back.
 
@@ -387,7 +277,6 @@ def rise(c, n):
     return done
 
 
-@plain
 def fall(c, done, n):
     """Write the fade-out frames done .. n - 1, from the last sample to silence.
 
@@ -407,7 +296,6 @@ def fall(c, done, n):
     return done
 
 
-@plain
 def marked(c, i, m):
     """Write an event where a marker output rises to 0.5 or more."""
     y, which, last = f8_at(c[Y]), i8_at(c[MARKED]), f8_at(c[MARK_LAST])
@@ -419,7 +307,6 @@ def marked(c, i, m):
             last[j] = v
 
 
-@plain
 def timed(c, i, ns):
     """Record the time at which the block of sample i began."""
     store(c, TIMES, c[TIMES] + 1)
@@ -428,7 +315,6 @@ def timed(c, i, ns):
     store(c, TIMES, c[TIMES] + 1)
 
 
-@plain
 def keep_motion(c, m):
     """Write the motion of m samples into the ring buffer of the log."""
     w, x = c[X_WRITE], f8_at(c[X])
@@ -439,12 +325,12 @@ def keep_motion(c, m):
     store(c, X_WRITE, w + m)
 
 
-ADVANCE = types.int64(I8, types.int64, types.int64, types.int64)
-PRODUCE = types.void(I8, types.int64, types.int64)
+ADVANCE = "i8", "i8*", "i8", "i8", "i8"
+PRODUCE = "void", "i8*", "i8", "i8"
 
 
-@cfunc(ADVANCE, cache=True, error_model="numpy")
-def _advance(c, done, n, keep):
+@exported(*ADVANCE)
+def advance(c, done, n, keep):
     """Run up to n - done samples, and deliver them from frame ``done`` on.
 
     With keep = 0 the samples are discarded. Return the index of the next frame.
@@ -490,7 +376,6 @@ def _advance(c, done, n, keep):
     return done
 
 
-@plain
 def count(bins, ns):
     """Count a time of at least 0 in a histogram."""
     octave = 0
@@ -500,7 +385,6 @@ def count(bins, ns):
     i8_at(bins)[min(place, BINS - 1)] += 1
 
 
-@plain
 def late(c, n, start):
     """Count how late a block of n frames begins, and note when the next one is due.
 
@@ -508,14 +392,11 @@ def late(c, n, start):
     """
     if c[DUE] > 0:
         count(c[LATENESS], max(0, start - c[DUE]))
-    c[DUE] = start + types.int64(n * float_of(c[FRAME_NS])) if load(c, WAIT) == 0 else 0
+    c[DUE] = start + whole(n * float_of(c[FRAME_NS])) if load(c, WAIT) == 0 else 0
 
 
-advance = _by_name("stimlib_advance", _advance, ADVANCE)
-
-
-@cfunc(PRODUCE, cache=True, error_model="numpy")
-def _produce(c, n, lost):
+@exported(*PRODUCE)
+def produce(c, n, lost):
     """Make one block of n frames, after ``lost`` frames that the device skipped.
 
     Commit or withdraw the block afterwards.
@@ -542,7 +423,7 @@ def _produce(c, n, lost):
     for j in range(c[CHANNELS]):
         out = f4_at(outs[j])
         for k in range(done, n):
-            out[k * c[STRIDE]] = f4(0.0)
+            out[k * c[STRIDE]] = single(0.0)
     if c[STALL] > 0:
         sleep(c, c[STALL])
         c[STALL] = 0
@@ -550,10 +431,6 @@ def _produce(c, n, lost):
         count(c[HISTOGRAM], now(c) - start)
 
 
-produce = _by_name("stimlib_produce", _produce, PRODUCE)
-
-
-@plain
 def pump(c, n, lost):
     """Make one block and commit it."""
     produce(c, n, lost)
@@ -561,14 +438,12 @@ def pump(c, n, lost):
 
 
 # what devices call --------------------------------------------------------------------
-@plain
 def begin_at(c, t):
     """Record the device's time t at a block's beginning, until sample 0 has passed."""
     if i8_at(c[CONTEXT])[15] == 0:
         c[ORIGIN] = t + c[LEAD]
 
 
-@njit(error_model="numpy")
 def jack_block(c, n):
     """Make the block of one JACK cycle in JACK's buffers.
 
@@ -584,10 +459,10 @@ def jack_block(c, n):
         connected = 1
         for a in range(c[N_IN]):
             ins[a] = get_buffer(c[GET_BUFFER], in_ports[a], n)
-            if frame_time(c[PORT_CONNECTED], in_ports[a], 0) == 0:
+            if frame_time(c[PORT_CONNECTED], in_ports[a]) == 0:
                 connected = 0
         c[CONNECTED] = connected
-    t = frame_time(c[FRAME_TIME], c[CLIENT], 0)
+    t = frame_time(c[FRAME_TIME], c[CLIENT])
     # in freewheel mode the server waits for everybody, and an xrun there moves its time
     # anywhere
     paced = load(c, WAIT) == 0
@@ -601,26 +476,26 @@ def jack_block(c, n):
     begin_at(c, t)
     produce(c, n, lost if lost < 0x80000000 else 0)
     before = c[UNDERRUNS]
-    late = (frame_time(c[FRAME_TIME], c[CLIENT], 0) - t) & 0xFFFFFFFF
+    late = (frame_time(c[FRAME_TIME], c[CLIENT]) - t) & 0xFFFFFFFF
     while load(c, WAIT) == 0 and n <= late < 0x80000000:
         withdraw(c)
         t += late
         begin_at(c, t)
         produce(c, n, late - n)
         c[UNDERRUNS] = before + 1
-        late = (frame_time(c[FRAME_TIME], c[CLIENT], 0) - t) & 0xFFFFFFFF
+        late = (frame_time(c[FRAME_TIME], c[CLIENT]) - t) & 0xFFFFFFFF
     c[EXPECTED], c[SEEN] = t + n, paced
     commit(c)
 
 
-@cfunc(i4(u4, I8), cache=True, error_model="numpy")
+@exported("i4", "u4", "i8*")
 def jack(n, c):
     """Run as JACK's process callback; its argument is the context."""
-    jack_block(c, types.int64(n))
+    jack_block(c, whole(n))
     return 0
 
 
-@cfunc(types.void(i4, I8), cache=True, error_model="numpy")
+@exported("void", "i4", "i8*")
 def jack_freewheel(starting, c):
     """Run as JACK's freewheel callback.
 
@@ -629,7 +504,7 @@ def jack_freewheel(starting, c):
     store(c, WAIT, 1000000 if starting else 0)
 
 
-@cfunc(i4(u4, I8), cache=True, error_model="numpy")
+@exported("i4", "u4", "i8*")
 def jack_capture(n, c):
     """Run as the process callback of a JACK client that records.
 
@@ -650,7 +525,7 @@ def jack_capture(n, c):
         c[8],
     )
     times = i8_at(times_at)
-    t = frame_time(time_of, client, 0)
+    t = frame_time(time_of, client)
     if w >= n and times[w - 1] == t + n - 1:
         w -= n
     if w + n <= size:
@@ -658,17 +533,16 @@ def jack_capture(n, c):
             times[w + k] = t + k
         for j in range(channels):
             source, to = (
-                f4_at(get_buffer(get, ports[j], types.int64(n))),
+                f4_at(get_buffer(get, ports[j], whole(n))),
                 f4_at(frames + 4 * (j * size + w)),
             )
             for k in range(n):
                 to[k] = source[k]
-        late = (frame_time(time_of, client, 0) - t) & 0xFFFFFFFF
+        late = (frame_time(time_of, client) - t) & 0xFFFFFFFF
         store(c, 5, w if n <= late < 0x80000000 else w + n)
     return 0
 
 
-@njit(error_model="numpy")
 def portaudio_block(c, source, out, n, dac, flags):
     """Make a block for PortAudio, with interleaved frames at ``source`` and ``out``.
 
@@ -681,88 +555,70 @@ def portaudio_block(c, source, out, n, dac, flags):
     for j in range(c[CHANNELS]):
         outs[j] = out + 4 * j
     if c[MOTION] == SIGNALS:
-        c[CONNECTED] = types.int64(source != 0)
+        c[CONNECTED] = whole(source != 0)
         for a in range(c[N_IN]):
             ins[a] = source + 4 * a if source != 0 else 0
     lost, before, was = 0, c[UNDERRUNS], c[WAS]
     underflow = flags & 4 != 0 and c[CALLS] > 0
     if underflow and dac > 0.0:
         late = (dac - float_of(c[EXPECTED])) * float_of(c[RATE])
-        lost = n * types.int64(round(min(max(late, 0.0), 1e9) / n))
+        lost = n * whole(round(min(max(late, 0.0), 1e9) / n))
     c[EXPECTED] = bits_of(dac + n / float_of(c[RATE]))
     pump(c, n, lost)
     if underflow and was == RUNNING and load(c, STATE) == RUNNING:
         c[UNDERRUNS] = before + 1
 
 
-@cfunc(
-    i4(types.int64, types.int64, types.uint64, types.int64, types.uint64, I8),
-    cache=True,
-    error_model="numpy",
-)
+@exported("i4", "i8", "i8", "i8", "i8", "i8", "i8*")
 def portaudio(source, out, n, time, flags, c):
     """Run as PortAudio's stream callback for interleaved float32 samples."""
-    portaudio_block(
-        c, source, out, types.int64(n), f8_at(time)[2] if time != 0 else 0.0, types.int64(flags)
-    )
+    portaudio_block(c, source, out, whole(n), f8_at(time)[2] if time != 0 else 0.0, whole(flags))
     return 0
 
 
-COLUMNS = types.Array(types.float64, 2, "C", readonly=True)
+def from_python(*kinds):
+    """Let Python call a function with the context; it returns an integer."""
+    return exported("i8", "i8*", *kinds)
 
 
-def from_python(*args, **options):
-    """Compile a function so that Python can call it with the context as an array.
-
-    The function returns an integer.
-    """
-    return njit(
-        [types.int64(types.Array(types.int64, 1, "C"), *args)],
-        cache=True,
-        error_model="numpy",
-        **options,
-    )
-
-
-@from_python(types.int64, types.int64, nogil=True)
+@from_python("i8", "i8")
 def block(c, n, lost):
     """Run one block of ``pump`` from Python, for fallback, tests and warm-up."""
-    pump(data(c), n, lost)
+    pump(c, n, lost)
     return 0
 
 
-@from_python(types.int64, nogil=True)
+@from_python("i8")
 def jack_from_python(c, n):
     """Make the block of one JACK cycle from Python."""
-    jack_block(data(c), n)
+    jack_block(c, n)
     return 0
 
 
-@from_python(types.int64, types.int64, types.int64, types.float64, types.int64, nogil=True)
+@from_python("i8", "i8", "i8", "f8", "i8")
 def portaudio_from_python(c, source, out, n, dac, flags):
     """Make a block for PortAudio from Python."""
-    portaudio_block(data(c), source, out, n, dac, flags)
+    portaudio_block(c, source, out, n, dac, flags)
     return 0
 
 
-@from_python(types.int64, types.float64, types.int64, nogil=True)
-def null(c_, n, fs, clocked):
+@from_python("i8", "f8", "i8")
+def null(c, n, fs, clocked):
     """Run as a simulated device until it is closed.
 
     Blocks of n frames are made in real time or as fast as possible. The clock is that
     of a sound card with two buffers: a block that is late by a buffer is lost.
     """
-    c = data(c_)
     period = n * 1e9 / fs
     start, blocks = now(c), 0
     while load(c, STATE) != CLOSED:
         lost = 0
         if clocked:
-            ns = start + types.int64(blocks * period) - now(c)
+            ns = start + whole(blocks * period) - now(c)
             if ns > 1000:
                 sleep(c, ns // 1000)
             elif ns < -2.0 * period:
-                lost = types.int64(-ns / period)
+                lost = whole(-ns / period)
                 blocks += lost
             blocks += 1
         elif load(c, STATE) != RUNNING:
@@ -772,10 +628,9 @@ def null(c_, n, fs, clocked):
 
 
 # the other ends of the rings ----------------------------------------------------------
-@from_python(types.int64, types.int64, types.int64, types.int64)
-def put_command(c_, kind, a, b, d):
+@from_python("i8", "i8", "i8", "i8")
+def put_command(c, kind, a, b, d):
     """Queue a command; return 0 if the ring buffer is full."""
-    c = data(c_)
     w = c[C_WRITE]
     fade = kind == STOP or a == c[GAIN_SLOT]
     if w - load(c, C_READ) >= COMMANDS + (SPARE if fade else 0):
@@ -786,26 +641,24 @@ def put_command(c_, kind, a, b, d):
     return 1
 
 
-@from_python(COLUMNS)
-def put_motion(c_, x):
-    """Put columns of x, shape (n_in, n), into the ring; return how many fitted."""
-    c = data(c_)
+@from_python("f8*", "i8")
+def put_motion(c, x, columns):
+    """Put columns of x, shape (n_in, columns), into the ring; return how many fit."""
     w, ring, inputs = c[M_WRITE], f8_at(c[M_RING]), c[N_IN]
-    n = min(x.shape[1], c[M_SIZE] - (w - load(c, M_READ)))
+    n = min(columns, c[M_SIZE] - (w - load(c, M_READ)))
     for k in range(n):
         for a in range(inputs):
-            ring[((w + k) % c[M_SIZE]) * inputs + a] = x[a, k]
+            ring[((w + k) % c[M_SIZE]) * inputs + a] = x[a * columns + k]
     store(c, M_WRITE, w + max(n, 0))
     return max(n, 0)
 
 
 @from_python()
-def next_motion(c_):
+def next_motion(c):
     """Return the index of the column that a timed motion writes next.
 
     Columns that the device has already passed are skipped.
     """
-    c = data(c_)
     w, r = c[M_WRITE], load(c, M_READ)
     if w < r:
         w = r
@@ -813,44 +666,40 @@ def next_motion(c_):
     return w
 
 
-@plain
-def take(c, ring, width, size, read, write, out):
+def take(c, ring, width, size, read, write, out, rows):
     """Copy what was added to a ring buffer since the last call into rows of ``out``.
 
-    ``out`` has shape (n, width). Return the number of rows.
+    ``out`` has shape (rows, width). Return the number of rows.
     """
     r = c[read]
-    n = min(load(c, write) - r, out.shape[0])
+    n = min(load(c, write) - r, rows)
     for k in range(n):
         for a in range(width):
-            out[k, a] = ring[((r + k) % size) * width + a]
+            out[k * width + a] = ring[((r + k) % size) * width + a]
     store(c, read, r + n)
     return n
 
 
-@from_python(types.Array(types.int64, 2, "C"))
-def get_events(c_, out):
+@from_python("i8*", "i8")
+def get_events(c, out, rows):
     """Copy new events: sample index, kind and three numbers each."""
-    c = data(c_)
-    return take(c, i8_at(c[E_RING]), RECORD, EVENTS, E_READ, E_WRITE, out)
+    return take(c, i8_at(c[E_RING]), RECORD, EVENTS, E_READ, E_WRITE, out, rows)
 
 
-@from_python(types.Array(types.float64, 2, "C"))
-def get_motion(c_, out):
+@from_python("f8*", "i8")
+def get_motion(c, out, rows):
     """Copy the new columns of motion, as they were processed."""
-    c = data(c_)
-    return take(c, f8_at(c[X_RING]), c[N_IN], c[L_SIZE], X_READ, X_WRITE, out)
+    return take(c, f8_at(c[X_RING]), c[N_IN], c[L_SIZE], X_READ, X_WRITE, out, rows)
 
 
-@from_python(types.Array(types.float32, 2, "C"))
-def get_frames(c_, out):
+@from_python("f4*", "i8")
+def get_frames(c, out, rows):
     """Copy the newly delivered frames."""
-    c = data(c_)
-    return take(c, f4_at(c[F_RING]), c[CHANNELS], c[L_SIZE], F_READ, F_WRITE, out)
+    return take(c, f4_at(c[F_RING]), c[CHANNELS], c[L_SIZE], F_READ, F_WRITE, out, rows)
 
 
-@from_python(types.int64, types.int64)
+@from_python("i8", "i8")
 def write(c, word, value):
     """Set a word of the context, so that the callback sees it."""
-    store(data(c), word, value)
+    store(c, word, value)
     return 0

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core.scene import Scene
 from ..errors import BadValue
+from . import words
 from .process import account, fifo
 from .sink import Sink
 from .sources import Live, columns_of
@@ -157,7 +158,7 @@ class ControlLoop(Sink):
 
     def _period(self, n: int, lost: int) -> None:
         """Read the inputs, compute one block and write it."""
-        if self.pump.state == self.pump.native.RUNNING and self._read is not None:
+        if self.pump.state == words.RUNNING and self._read is not None:
             try:
                 if (x := self._read()) is not None:
                     if not isinstance(x, Mapping) and np.ndim(x) == 1:

@@ -9,14 +9,14 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import SinkError
 from ..run.processor import Processor
 from ..run.safety import GAIN, Safety
+from . import words
 from .process import libc
 from .sources import SILENT, Live, Recorded, Scripted, Signals, Source, Stream
 
@@ -41,14 +41,47 @@ EVENTS: tuple[tuple[str, Callable[..., dict[str, Any]]], ...] = (
 )
 
 
-PUMP = Path(__file__).with_name("callback.py").read_text(), "pump"
+PUMP = (
+    "".join(Path(__file__).with_name(f"{n}.py").read_text() for n in ("words", "callback")),
+    "pump",
+)
+_P, _I, _D = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
+# Python's other threads run meanwhile
+BLOCKS = {
+    "block": (_I, _I),
+    "jack_from_python": (_I,),
+    "portaudio_from_python": (_I, _I, _I, _D, _I),
+    "null": (_I, _D, _I),
+}
+# and here they wait, so that no two are in one ring
+RINGS = {
+    "put_command": (_I, _I, _I, _I),
+    "put_motion": (_P, _I),
+    "next_motion": (),
+    "get_events": (_P, _I),
+    "get_motion": (_P, _I),
+    "get_frames": (_P, _I),
+    "write": (_I, _I),
+}
 
 
-@cache
-def _native() -> ModuleType:
-    from ..targets.numba.cache import load
+class Native:
+    """The functions of ``callback.py``: their addresses, and what Python calls."""
 
-    return load(*PUMP)
+    def __init__(self) -> None:
+        from ..targets.llvm.cache import load
+
+        self.addresses = load(*PUMP).addresses
+        for form, functions in ((ctypes.CFUNCTYPE, BLOCKS), (ctypes.PYFUNCTYPE, RINGS)):
+            for name, arguments in functions.items():
+                setattr(self, name, form(_I, _P, *arguments)(self.addresses[name]))
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Callable[..., int]: ...
+
+
+native = cache(Native)
 
 
 # The compiled pump and its memory -----------------------------------------------------
@@ -63,7 +96,7 @@ class Pump:
     Parameters
     ----------
     proc : Processor
-        Processor of a protected scene, target numba, at sample 0.
+        Processor of a protected scene, target llvm, at sample 0.
     safety : Safety
     channels : sequence of int
         For each channel the number of its output, or -1 for silence.
@@ -84,22 +117,22 @@ class Pump:
         log: bool = False,
         markers: Sequence[str] = (),
     ):
-        self.native = n = _native()
+        self.native = native()
         self.proc, self.safety, self.channels = proc, safety, tuple(channels)
         self.markers = tuple(markers)
         self.fade = safety.samples(proc.fs)
         self.slots = {name: j for j, name in enumerate(proc.program.params)}
         inputs, outputs = len(proc.inputs), len(proc.outputs)
         self.room = FOREVER  # frames of the buffers that OUTS points to, where it is known
-        self.words = np.zeros(n.WORDS, np.int64)
+        self.words = np.zeros(words.WORDS, np.int64)
         self.arrays: list[np.ndarray] = []
         self._libc: Any = libc() or import_module("ctypes").WinDLL("kernel32")
 
         place = self.address_of
         entry, context = proc.address
         held = isinstance(source, Stream) and source.silence == "hold"
-        program = proc._engine.ctx  # see targets/numba/runtime.py
-        ring = 1 << math.ceil(math.log2(max(proc.fs * LOG_SECONDS, 4 * n.CHUNK)))
+        program = proc._engine.ctx  # see targets/llvm/runtime.py
+        ring = 1 << math.ceil(math.log2(max(proc.fs * LOG_SECONDS, 4 * words.CHUNK)))
         rows = max(inputs, 1)
         integers = np.int64
         self._fill(
@@ -111,16 +144,16 @@ class Pump:
             CHANNELS=len(self.channels),
             MAP=place(np.array(self.channels, integers)),
             SCALES=place(safety.scales(proc.outputs)),
-            X=place(np.zeros(rows * n.CHUNK)),
-            Y=place(np.zeros(outputs * n.CHUNK)),
+            X=place(np.zeros(rows * words.CHUNK)),
+            Y=place(np.zeros(outputs * words.CHUNK)),
             GAIN_SLOT=self.slots[GAIN],
             FADE=self.fade,
             FADE_AT=FOREVER,
             END=FOREVER,
             STALE_AFTER=FOREVER if held else round(SILENT * proc.fs),
             HOLD=place(np.zeros(rows)),
-            C_RING=place(np.zeros(n.RECORD * (n.COMMANDS + n.SPARE), integers)),
-            E_RING=place(np.zeros(n.RECORD * n.EVENTS, integers)),
+            C_RING=place(np.zeros(words.RECORD * (words.COMMANDS + words.SPARE), integers)),
+            E_RING=place(np.zeros(words.RECORD * words.EVENTS, integers)),
             LOG=int(log),
             L_SIZE=ring,
             OUTS=place(np.zeros(len(self.channels), integers)),
@@ -132,8 +165,8 @@ class Pump:
             TICKS=self._ticks(),
             TIME=place(np.zeros(2, integers)),
             SLEEP=self._function("usleep", "Sleep"),
-            HISTOGRAM=place(np.zeros(n.BINS, integers)),
-            LATENESS=place(np.zeros(n.BINS, integers)),
+            HISTOGRAM=place(np.zeros(words.BINS, integers)),
+            LATENESS=place(np.zeros(words.BINS, integers)),
             FRAME_NS=int(np.float64(1e9 / proc.fs).view(integers)),
             PORTS=place(np.zeros(len(self.channels), integers)),
             IN_PORTS=place(np.zeros(rows, integers)),
@@ -150,12 +183,12 @@ class Pump:
                 F_RING=place(np.zeros(ring * len(self.channels), np.float32)),
             )
         if isinstance(source, Recorded):
-            self._fill(MOTION=n.FROM_TABLE, TABLE=place(source.x), TABLE_N=source.x.shape[1])
+            self._fill(MOTION=words.FROM_TABLE, TABLE=place(source.x), TABLE_N=source.x.shape[1])
         elif isinstance(source, (Scripted, Live)):
-            size = 1 << math.ceil(math.log2(max(proc.fs, 4 * n.CHUNK)))
+            size = 1 << math.ceil(math.log2(max(proc.fs, 4 * words.CHUNK)))
             keep = round(source.keep * proc.fs) if isinstance(source, Live) else 0
             self._fill(
-                MOTION=n.LIVE if keep else n.TIMED,
+                MOTION=words.LIVE if keep else words.TIMED,
                 M_RING=place(np.zeros(size * inputs)),
                 M_SIZE=size,
                 M_KEEP=keep,
@@ -165,16 +198,16 @@ class Pump:
                 [[source.inputs[name].scale, source.inputs[name].offset] for name in proc.inputs],
                 float,
             )
-            self._fill(MOTION=n.SIGNALS, IN_SCALE=place(scale))
+            self._fill(MOTION=words.SIGNALS, IN_SCALE=place(scale))
         self.live = isinstance(source, (Live, Signals))
         self._fill(STALE=int(self.live))
-        self._records = np.zeros((512, n.RECORD), np.int64)
+        self._records = np.zeros((512, words.RECORD), np.int64)
         self._columns = np.zeros((4096, max(inputs, 1)))
         self._frames = np.zeros((4096, len(self.channels)), np.float32)
 
     def _fill(self, **values: int) -> None:
         for name, v in values.items():
-            self.words[getattr(self.native, name)] = v
+            self.words[getattr(words, name)] = v
 
     def address_of(self, a: np.ndarray) -> int:
         """Return the address of an array, and keep the array alive."""
@@ -203,11 +236,11 @@ class Pump:
 
     def read(self, word: str) -> int:
         """Return a word of the context, by its name in ``devices/callback.py``."""
-        return int(self.words[getattr(self.native, word)])
+        return int(self.words[getattr(words, word)])
 
     def write(self, word: str, value: int) -> None:
         """Set a word of the context, by its name in ``devices/callback.py``."""
-        self.native.write(self.words, getattr(self.native, word), value)
+        self.native.write(self.context, getattr(words, word), value)
 
     @property
     def context(self) -> int:
@@ -219,7 +252,7 @@ class Pump:
 
         The device is "jack" or "portaudio".
         """
-        return int(getattr(self.native, device).address)
+        return self.native.addresses[device]
 
     def block(self, n: int, lost: int = 0) -> None:
         """Make one block from Python, in the buffers that OUTS points to."""
@@ -228,7 +261,7 @@ class Pump:
                 f"a block of {n} frames is more than the {self.room} of make_frames(): call it in"
                 " _open, after self.block is set, and ask for at most self.block frames"
             )
-        self.native.block(self.words, n, lost)
+        self.native.block(self.context, n, lost)
 
     # Course ---------------------------------------------------------------------------
     @property
@@ -259,7 +292,7 @@ class Pump:
             self.write("LEAD", self.fade)
         if not self.live:  # the gain rises with the first motion
             self.set(GAIN, 1.0, self.fade if first is None else 1)
-        self.write("STATE", self.native.RUNNING)
+        self.write("STATE", words.RUNNING)
 
     def set(self, name: str, value: float, ramp: int) -> bool:
         """Request the change of a parameter over ``ramp`` samples.
@@ -267,31 +300,34 @@ class Pump:
         Return False when the ring buffer is full.
         """
         bits = int(np.float64(value).view(np.int64))
-        return bool(
-            self.native.put_command(self.words, self.native.SET, self.slots[name], bits, ramp)
-        )
+        return bool(self.native.put_command(self.context, words.SET, self.slots[name], bits, ramp))
 
     def stop(self, reason: str, earliest: int = 0) -> None:
         """Request a fade-out, at sample ``earliest`` or later.
 
         The state is DONE when the fade-out has ended.
         """
-        self.native.put_command(self.words, self.native.STOP, REASONS.index(reason), earliest, 0)
+        self.native.put_command(self.context, words.STOP, REASONS.index(reason), earliest, 0)
 
     # Rings ----------------------------------------------------------------------------
+    def _taken(self, what: str, out: np.ndarray) -> int:
+        """Fill an array with rows of a ring buffer, and return their number."""
+        return getattr(self.native, what)(self.context, out.ctypes.data, out.shape[0])
+
     def put_motion(self, x: np.ndarray) -> int:
         """Put columns, shape (n_inputs, n), into the ring; return how many fitted."""
-        return self.native.put_motion(self.words, x)
+        x = np.ascontiguousarray(x, float)
+        return self.native.put_motion(self.context, x.ctypes.data, x.shape[1])
 
     def next_motion(self) -> int:
         """Return the index of the next column of motion to write."""
-        return self.native.next_motion(self.words)
+        return self.native.next_motion(self.context)
 
     def motion_room(self) -> int:
         """Return how many columns of motion can be written now."""
         ahead = self.read("M_WRITE") - self.read("M_READ")
         return min(
-            self.read("M_SIZE") - ahead, max(int(0.5 * self.proc.fs), 2 * self.native.CHUNK) - ahead
+            self.read("M_SIZE") - ahead, max(int(0.5 * self.proc.fs), 2 * words.CHUNK) - ahead
         )
 
     def frames(self) -> np.ndarray:
@@ -299,19 +335,19 @@ class Pump:
 
         The array is valid until the next call.
         """
-        return self._frames[: self.native.get_frames(self.words, self._frames)]
+        return self._frames[: self._taken("get_frames", self._frames)]
 
     def motion(self) -> np.ndarray:
         """Return the motion processed since the last call, shape (n, n_inputs).
 
         The array has up to 4096 rows and is valid until the next call.
         """
-        return self._columns[: self.native.get_motion(self.words, self._columns)]
+        return self._columns[: self._taken("get_motion", self._columns)]
 
     def events(self) -> list[tuple[int, str, dict[str, Any]]]:
         """Return (sample index, kind, data) for each event since the last call."""
         found = []
-        while count := self.native.get_events(self.words, self._records):
+        while count := self._taken("get_events", self._records):
             for at, kind, a, b, c in self._records[:count].tolist():
                 value = float(np.int64(b).view(np.float64))
                 name, data = EVENTS[kind]

@@ -253,7 +253,9 @@ class JackSink(Sink):
                 RuntimeWarning,
                 stacklevel=4,
             )
-        client.set_process_callback(lambda n: pump.native.jack_from_python(pump.words, n) and None)
+        client.set_process_callback(
+            lambda n: pump.native.jack_from_python(pump.context, n) and None
+        )
         client.set_freewheel_callback(lambda on: pump.write("WAIT", 1_000_000 if on else 0))
 
     def freewheel(self, on: bool) -> None:

@@ -21,7 +21,7 @@ from ..errors import BadValue, SinkError, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered
 from ..run.safety import Safety
-from .engine import _native
+from .engine import native
 from .jack import INSTALL, JackSink, _jack
 
 ROUND_TRIP = 1.0
@@ -144,7 +144,7 @@ class Capture(AbstractContextManager["Capture"]):
                 address(client._ptr),
             ]
             self._words = np.array(words, np.int64)
-            callback = ffi.cast("JackProcessCallback", int(_native().jack_capture.address))
+            callback = ffi.cast("JackProcessCallback", native().addresses["jack_capture"])
             lib.jack_set_process_callback(
                 client._ptr, callback, ffi.cast("void*", self._words.ctypes.data)
             )

@@ -40,7 +40,7 @@ class NullSink(Sink):
     def _loop(self) -> None:
         if self.clock and self.realtime and not fifo():
             self._refused.append("real-time priority (ulimit -r)")
-        self.pump.native.null(self.pump.words, self.block, self.rate, int(self.clock))
+        self.pump.native.null(self.pump.context, self.block, self.rate, int(self.clock))
 
     def _latency(self) -> float:
         return (self.block or 0) / self.rate if self.clock else 0.0

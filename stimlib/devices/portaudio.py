@@ -247,7 +247,7 @@ class PortAudioSink(Sink):
         a, b = (0 if x is None else np.frombuffer(x, np.float32).ctypes.data for x in (source, out))
         flags = 4 * bool(status.output_underflow)
         self.pump.native.portaudio_from_python(
-            self.pump.words, a, b, n, time.outputBufferDacTime, flags
+            self.pump.context, a, b, n, time.outputBufferDacTime, flags
         )
 
     def _start(self) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import FaultError, SinkError
 from ..run.safety import Watch
+from . import words
 from .engine import Pump
 from .markers import Markers
 from .rows import REMEDIES
@@ -200,7 +201,7 @@ class Recorder:
             self.markers.clock.add(*pair)
         if writer is not None and p.read("DROPPED"):
             raise SinkError(
-                f"the log cannot follow: more than {p.native.EVENTS} changes and losses wait for"
+                f"the log cannot follow: more than {words.EVENTS} changes and losses wait for"
                 " the disk"
             )
         while len(x := p.motion()):

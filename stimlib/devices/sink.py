@@ -29,6 +29,7 @@ from ..core.scene import Scene
 from ..errors import BadValue, FaultError, MotionError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
+from . import words
 from .engine import PUMP, Pump
 from .markers import Markers, Send, checked_name
 from .process import abandoned, account, begin, begin_playing, end_playing, open_sinks, signals_wait
@@ -258,7 +259,7 @@ class Sink:
         if self.calibration is not None:
             self.safety = self.calibration.safety(self.scene, self.safety, rate)
             self.protected = protect(self.scene, self.safety)
-        from ..targets.numba.engine import expect
+        from ..targets.llvm.engine import expect
 
         expect([PUMP])
         self.proc = compile(self.protected, rate, seed=self.seed)
@@ -452,7 +453,7 @@ class Sink:
     @property
     def finished(self) -> bool:
         """Whether the session has ended and faded out."""
-        return self._started and self.pump.state >= self.pump.native.DONE
+        return self._started and self.pump.state >= words.DONE
 
     def stop(self, reason: str = "stop") -> None:
         """Fade out and wait until the last sample has left the device.
@@ -467,7 +468,7 @@ class Sink:
             if not self._started or self._stopped:
                 return
             self._stopped = True
-            if self.pump.state == self.pump.native.IDLE:
+            if self.pump.state == words.IDLE:
                 return  # it has not begun: nothing is to be faded
             self.pump.stop(reason, self._earliest)
             end = time.monotonic() + self.pump.fade / self.rate + 0.8
@@ -509,7 +510,7 @@ class Sink:
         finally:
             self._last_latency = self._latency()
             self._closed = True
-            self.pump.write("STATE", self.pump.native.CLOSED)
+            self.pump.write("STATE", words.CLOSED)
             self.pump.write("WAIT", 0)
             if self._started and self._feeder:
                 self._feeder.stop()
@@ -827,7 +828,7 @@ class Sink:
     @property
     def closing(self) -> bool:
         """Whether the sink is being closed, so that no more blocks are wanted."""
-        return self.pump.state == self.pump.native.CLOSED
+        return self.pump.state == words.CLOSED
 
     # Errors ---------------------------------------------------------------------------
     def _fail(self, e: BaseException, earliest: int = 0, what: str = "unexpected error") -> None:
@@ -856,7 +857,7 @@ class Sink:
         ``seconds`` is the time since the last check.
         """
         calls = self.pump.read("CALLS")
-        even = calls != self._calls or self.pump.state == self.pump.native.IDLE
+        even = calls != self._calls or self.pump.state == words.IDLE
         self._calls, self._silence = calls, 0.0 if even else self._silence + seconds
         silent = self.clock and self._silence >= self.silent_for
         if silent and not (self._device_gone or self._closed):
@@ -942,7 +943,7 @@ class Sink:
         It may be called after a failed ``_open``.  By default it ends the thread of
         ``start_loop``.
         """
-        self.pump.write("STATE", self.pump.native.CLOSED)
+        self.pump.write("STATE", words.CLOSED)
         if self._thread:
             self._thread.join()
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..errors import BadValue, MotionError, public, shortened
 from ..motion.source import check_names, positions, sources_of
+from . import words
 from .rows import REMEDIES
 
 
@@ -434,7 +435,7 @@ class Receiver(threading.Thread):
                 self.turns += 1
                 if self._take(*found):
                     heard, patience = time.monotonic(), SILENT
-                elif self._pump.state != self._pump.native.RUNNING:
+                elif self._pump.state != words.RUNNING:
                     heard = time.monotonic()
                 elif self._source.silence == "stop" and time.monotonic() - heard > patience:
                     raise MotionError(

@@ -73,7 +73,7 @@ class Replay:
         return shown("; ".join([line, *self.notes]))
 
 
-def processor(log: SessionLog, scene: Scene | None = None, target: str = "numba") -> Processor:
+def processor(log: SessionLog, scene: Scene | None = None, target: str = "llvm") -> Processor:
     """Return the processor in its state before the session's first sample.
 
     By default it includes the safety stage.

@@ -158,7 +158,7 @@ def versions() -> dict[str, str | None]:
     sf = soundfile()
     return {
         "numpy": np.__version__,
-        "numba": _version("numba"),
+        "llvmlite": _version("llvmlite"),
         "soundfile": sf.__version__,
         "libsndfile": sf.__libsndfile_version__,
     }

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Scene
+from ..devices import words
 from ..devices.process import begin
 from ..devices.sink import Sink
 from ..devices.sources import Live, columns_of
@@ -104,7 +105,7 @@ class PageSink(Sink):
     def _loop(self) -> None:
         period = (self.block or 1) / self.rate
         due = time.perf_counter()
-        while self.pump.state != self.pump.native.CLOSED:
+        while self.pump.state != words.CLOSED:
             now = time.perf_counter()
             if now < due:
                 time.sleep(due - now)
@@ -115,10 +116,10 @@ class PageSink(Sink):
                 lost, due = round(min(self.late, MOST_LOST) * self.rate), now
             due += period
             state = self.pump.state  # read once: a start just now has its first block next turn
-            if state == self.pump.native.RUNNING:
+            if state == words.RUNNING:
                 self._make(lost if self.pump.read("DELIVERED") else 0)
                 self.busy += 0.02 * ((time.perf_counter() - now) / period - self.busy)
-            elif state != self.pump.native.IDLE:  # silence
+            elif state != words.IDLE:  # silence
                 self._block(np.repeat(self._x, self.block or 1, axis=1), 0)
 
     def _make(self, lost: int) -> None:
@@ -148,6 +149,6 @@ class PageSink(Sink):
                 self._fail(e, what=f"{self._places[1]}take failed")
 
     def _close(self) -> None:
-        self.pump.write("STATE", self.pump.native.CLOSED)
+        self.pump.write("STATE", words.CLOSED)
         if self._thread:
             self._thread.join()

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from ..targets.jax.function import Function
 
 logger = logging.getLogger(__name__)
-TARGETS = ("numba", "python", "jax")
+TARGETS = ("llvm", "python", "jax")
 EARLY = 2**16  # samples before sample 0 that are run at once: an interrupt acts between
 LONGEST = 2**62
 """Samples of the longest run."""
@@ -55,7 +55,7 @@ class Change(NamedTuple):
 
 @overload
 def compile(
-    scene: Scene, fs: float, target: Literal["numba", "python"] = "numba", seed: int = 0
+    scene: Scene, fs: float, target: Literal["llvm", "python"] = "llvm", seed: int = 0
 ) -> Processor: ...
 @overload
 def compile(
@@ -69,7 +69,7 @@ def compile(
 ) -> Function: ...
 @public
 def compile(
-    scene: Scene, fs: float, target: str = "numba", seed: int = 0, **options
+    scene: Scene, fs: float, target: str = "llvm", seed: int = 0, **options
 ) -> Processor | Function:
     """Compile a scene into a streaming processor, or a function for batches.
 
@@ -78,7 +78,7 @@ def compile(
     scene : Scene
     fs : float
         Sample rate in Hz.
-    target : {"numba", "python", "jax"}
+    target : {"llvm", "python", "jax"}
         The compiler, or the reference interpreter, of a streaming processor; both give
         the same bits.  Or JAX, for whole signals: equal to rounding, see
         ``stimlib.targets.jax.function.Function``.
@@ -152,7 +152,7 @@ class Processor:
         self,
         scene: Scene,
         fs: float,
-        target: str = "numba",
+        target: str = "llvm",
         seed: int = 0,
         begun: Processor | None = None,
     ):
@@ -170,8 +170,8 @@ class Processor:
             cost = 5000.0 if target == "python" and begun is None else 20.0
             self.design = design_of(self.program, fs, cost)
             check_memory(self.program, self.design, fs)
-            if target == "numba":
-                from ..targets.numba.engine import Engine
+            if target == "llvm":
+                from ..targets.llvm.engine import Engine
             else:
                 from ..targets.python import Engine  # type: ignore[assignment]
             self._engine = Engine(self.program, self.design, fs)
@@ -473,7 +473,7 @@ class Processor:
         addresses are in use.
         """
         if self._engine.address is None:
-            raise SceneError("only the numba target has an address")
+            raise SceneError("only the llvm target has an address")
         return self._engine.address
 
     @property

@@ -45,7 +45,7 @@ def stream(
     seconds: float | None = None,
     params: Mapping[str, float] | None = None,
     seed: int = 0,
-    target: str = "numba",
+    target: str = "llvm",
     on_fault: Literal["warn", "raise", "ignore"] = "warn",
     block: int = 8192,
 ) -> Iterator[np.ndarray]:
@@ -447,7 +447,7 @@ def render(
     seconds: float | None = None,
     params: Mapping[str, float] | None = None,
     seed: int = 0,
-    target: str = "numba",
+    target: str = "llvm",
     on_fault: Literal["warn", "raise", "ignore"] = "warn",
 ) -> Rendering:
     """Drive a scene with a motion and keep the samples.
@@ -466,7 +466,7 @@ def render(
         Parameters that differ from the scene's, from the first sample on (no ramp).
     seed : int
         Key of all noise.
-    target : {"numba", "python"}
+    target : {"llvm", "python"}
     on_fault : {"warn", "raise", "ignore"}
         What happens where an output was not finite; ``Rendering.fault`` then names it.
 

@@ -6,6 +6,7 @@ for the chain; additional time is due to loads, stores, latency and loops.
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -59,50 +60,38 @@ def _job(lanes: int, count: float) -> Callable[[], float]:
 def _loop(lanes: int) -> Callable[[int], float]:
     """Return a compiled loop of FMAs over SUMS independent vectors."""
     from llvmlite import ir
-    from numba import njit, types
-    from numba.core import cgutils
-    from numba.extending import intrinsic
 
-    from ..targets.numba.kernels import FEATURES
+    from ..targets.llvm import machine, walk
+    from ..targets.llvm.instructions import I32, I64, function
 
-    assert FEATURES  # numba has been told which vectors to build for
-    I64, vector = ir.IntType(64), ir.VectorType(ir.DoubleType(), lanes)
+    vector = ir.VectorType(ir.DoubleType(), lanes)
 
-    @intrinsic
-    def sums(ctx: Any, n: Any) -> Any:
-        def code(c: Any, b: Any, sig: Any, v: Any) -> Any:
-            fma = cgutils.get_or_insert_function(
-                b.module, ir.FunctionType(vector, [vector] * 3), f"llvm.fma.v{lanes}f64"
-            )
-            # towards 1: never slow, never lost
-            factor, term = (ir.Constant(vector, [x] * lanes) for x in (0.999, 0.001))
-            before, loop, done = (
-                b.basic_block,
-                b.append_basic_block("turn"),
-                b.append_basic_block("done"),
-            )
-            b.branch(loop)
-            b.position_at_end(loop)
-            i, old = b.phi(I64), [b.phi(vector) for _ in range(SUMS)]
-            new = [b.call(fma, [x, factor, term]) for x in old]
-            after = b.add(i, I64(1))
-            i.add_incoming(I64(0), before)
-            i.add_incoming(after, loop)
-            for k, x in enumerate(old):
-                # each its own, or they would be one
-                x.add_incoming(ir.Constant(vector, [k + 2.0] * lanes), before)
-                x.add_incoming(new[k], loop)
-            b.cbranch(b.icmp_signed("<", after, v[0]), loop, done)
-            b.position_at_end(done)
-            total = new[0]
-            for x in new[1:]:
-                total = b.fadd(total, x)
-            return b.extract_element(total, ir.IntType(32)(0))
+    def sums(w: Any, n: walk.Value) -> walk.Value:
+        b = w.b
+        # towards 1: never slow, never lost
+        factor, term = (ir.Constant(vector, [x] * lanes) for x in (0.999, 0.001))
+        fma = function(b, f"llvm.fma.v{lanes}f64", vector, [vector] * 3)
+        before, loop, done = b.block, b.append_basic_block("turn"), b.append_basic_block("done")
+        b.branch(loop)
+        b.position_at_end(loop)
+        i, old = b.phi(I64), [b.phi(vector) for _ in range(SUMS)]
+        new = [b.call(fma, [x, factor, term]) for x in old]
+        after = b.add(i, I64(1))
+        i.add_incoming(I64(0), before)
+        i.add_incoming(after, loop)
+        for k, x in enumerate(old):
+            # each its own, or they would be one
+            x.add_incoming(ir.Constant(vector, [k + 2.0] * lanes), before)
+            x.add_incoming(new[k], loop)
+        b.cbranch(b.icmp_signed("<", after, n.v), loop, done)
+        b.position_at_end(done)
+        total = new[0]
+        for x in new[1:]:
+            total = b.fadd(total, x)
+        return walk.Value(b.extract_element(total, I32(0)), "f8")
 
-        return types.float64(types.int64), code
-
-    @njit(types.float64(types.int64))
-    def run(n: int) -> float:
-        return sums(n)  # type: ignore[call-arg]
-
-    return run
+    source, of = "def run(n):\n    return sums(n)\n", {"run": ("f8", "i8")}
+    text = walk.of_source(source, {"sums": walk.Known(sums)}, of, {}).llvm
+    code, _ = machine.machine_code(text, ours=False)
+    address = machine.addresses(code, ["run"])["run"]
+    return ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_int64)(address)

@@ -118,7 +118,5 @@ def machine() -> str:
         model = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
         pass
-    packages = ", ".join(
-        f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy", "numba", "llvmlite")
-    )
+    packages = ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy", "llvmlite"))
     return f"{model}; Python {platform.python_version()}; {packages}"

@@ -33,7 +33,7 @@ from .rows import Roles, arrow, name_of
 if TYPE_CHECKING:
     import pyarrow as pa
 
-PACKAGES = ("stimlib", "numpy", "scipy", "numba", "llvmlite")
+PACKAGES = ("stimlib", "numpy", "scipy", "llvmlite")
 KEY = 16  # bytes
 CHUNK = 100_000  # rows that are Python objects at once
 

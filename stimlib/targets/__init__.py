@@ -1,1 +1,1 @@
-"""The targets on which scenes run: interpreter (python), compiler (numba), jax."""
+"""The targets on which scenes run: interpreter (python), compiler (llvm), jax."""

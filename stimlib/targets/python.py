@@ -47,7 +47,7 @@ class Engine:
     ) -> Callable[[np.ndarray, np.ndarray, np.ndarray], object]:
         """Return a function run(turn, x, out) that runs copies in one thread.
 
-        It runs one copy after another. See ``stimlib.targets.numba.engine``.
+        It runs one copy after another. See ``stimlib.targets.llvm.engine``.
         """
 
         def run(turn: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:

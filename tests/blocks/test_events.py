@@ -130,7 +130,7 @@ def test_events_and_sums_are_their_laws():
         lawful(block, 1000, x=x, f=LIMITS[0], d=LIMITS[1])
 
 
-@pytest.mark.parametrize("target", ["numba", "python"])
+@pytest.mark.parametrize("target", ["llvm", "python"])
 def test_samples_are_those_worked_out_by_hand(target):
     for name, (block, x, wanted) in HAND.items():
         y = played(block, *([x] if isinstance(x, int) else x), target=target)
@@ -253,7 +253,7 @@ def test_an_integral_is_exact_for_straight_lines_and_after_hours():
 
 
 @pytest.mark.parametrize("n", [5, 63, 64, 100])
-@pytest.mark.parametrize("target", ["python", "numba"])
+@pytest.mark.parametrize("target", ["python", "llvm"])
 def test_a_sample_that_is_not_finite_leaves_an_average_after_its_length(n, target):
     """Rounded up to eight samples where taps are filled up with zeros: 0 times inf."""
     x, taps = np.ones((1, 300)), np.full(n, 1 / n)

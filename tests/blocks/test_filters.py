@@ -126,7 +126,7 @@ def test_latency_is_the_group_delay_in_the_middle_of_what_passes():
         assert abs(proc.latency[name, "x"][0] / FS - turn) < 1e-6 * turn
 
 
-@pytest.mark.parametrize("target", ["python", "numba"])
+@pytest.mark.parametrize("target", ["python", "llvm"])
 def test_a_filter_ends_in_silence(target):
     """What keeps its states from denormal numbers is not heard."""
     y = played(b.lowpass(X, 100.0), np.eye(1, 3000)[0], target=target)
@@ -136,7 +136,7 @@ def test_a_filter_ends_in_silence(target):
 # Delays and finite responses ---------------------------------------------------------
 
 
-@pytest.mark.parametrize("target", ["numba", "python"])
+@pytest.mark.parametrize("target", ["llvm", "python"])
 @pytest.mark.parametrize("samples", [1, 5, 63, 64, 65, 200, 999])
 def test_it_is_a_shift(samples, target):
     x = np.random.default_rng(5).standard_normal((1, 1000))

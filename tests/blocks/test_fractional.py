@@ -67,7 +67,7 @@ def moved(kind, n, fs, seed=7):
 KINDS = ["sinusoid", "ramp", "smooth", "quantised"]
 
 
-def proc_of(alpha, fs, target="numba", **kw):
+def proc_of(alpha, fs, target="llvm", **kw):
     """Force and bound; a live order where ``alpha`` is None."""
     force, bound = springpot(Y, 1.0, A if alpha is None else alpha, certificate=True, **kw)
     return stimlib.compile(Scene({"f": force, "bound": bound}), fs, target)
@@ -267,7 +267,7 @@ def test_live_weights_are_right_to_a_few_roundings(scheme):
         assert w[16] == pytest.approx(8000.0**alpha, rel=4e-16)
 
 
-@pytest.mark.parametrize("target", ["numba", "python"])
+@pytest.mark.parametrize("target", ["llvm", "python"])
 @pytest.mark.parametrize(
     ("chi", "alpha"),
     [

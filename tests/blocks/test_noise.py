@@ -85,7 +85,7 @@ def test_streams_and_seeds_differ():
 
 
 # Drawn ahead --------------------------------------------------------------------------
-def drawn(seed, tol_db=0.01, target="numba"):
+def drawn(seed, tol_db=0.01, target="llvm"):
     """White noise, and pink noise made with it."""
     white = white_noise(seed=3)
     scene = Scene({"white": white, "pink": pinking(white, tol_db=tol_db)})

@@ -18,7 +18,7 @@ U, X, VOLTS = Input("u"), Input("x", "m"), Input("v", "V")
 TABLE = [0.2, 1.0, 0.0, 0.7]
 
 
-def touched(u, waveform="square", duty=0.5, target="numba", **words):
+def touched(u, waveform="square", duty=0.5, target="llvm", **words):
     return played(bump(U, waveform, duty, **words), u, fs=FS, target=target)
 
 

@@ -17,7 +17,7 @@ from refusals import refused, warned
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError
-from stimlib.devices import null
+from stimlib.devices import null, words
 from stimlib.devices.null import NullSink
 from stimlib.devices.sink import Sink
 from stimlib.files.log_reader import read_log
@@ -220,7 +220,7 @@ def test_close_comes_back_from_a_device_that_hangs(also):
     other.start()
     until(lambda: sink._stopped or also == "alone")
     warned(RuntimeWarning, "left behind", sink.close)
-    assert sink.pump.state == sink.pump.native.CLOSED and sink._closer.is_alive()
+    assert sink.pump.state == words.CLOSED and sink._closer.is_alive()
     sink.let_go.set()
     other.join()
 

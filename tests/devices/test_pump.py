@@ -10,6 +10,7 @@ from devices.servers import kept, replayed
 
 import stimlib
 from stimlib import Input, Param, Scene
+from stimlib.devices import words
 from stimlib.devices.engine import Pump
 from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals
 from stimlib.run.safety import Safety, protect
@@ -112,7 +113,7 @@ def test_the_samples_do_not_depend_on_the_block(kind):
         (0, "rise", 160),
         (3000, "fall", 160),
     ]
-    assert bench.pump.state == bench.pump.native.DONE and bench.pump.index == 3000
+    assert bench.pump.state == words.DONE and bench.pump.index == 3000
     assert (bench.pump.read("ROSE"), bench.pump.read("FELL"), bench.pump.read("DELIVERED")) == (
         160,
         160,
@@ -148,7 +149,7 @@ def test_a_stop_fades_from_where_it_is(before, rises, length, earliest, begins, 
     y = bench.heard()[:, 0]
     assert np.abs(np.diff(y, prepend=0)).max() < 0.01
     assert not y[silent:].any() and (y[max(silent - 3, 0) : max(silent - 1, 0)] > 0).all()
-    assert (bench.pump.state, bench.pump.index) == (bench.pump.native.DONE, index)
+    assert (bench.pump.state, bench.pump.index) == (words.DONE, index)
     stops = [(at, e["reason"]) for at, kind, e in bench.events if kind == "stop"]
     assert stops == [(at, "error") for at in begins]
 
@@ -159,14 +160,14 @@ def test_fades_have_room_where_changes_have_none():
     """
     bench = Bench(Scene({"y": Param("level", 1.0) * 1}), None, full_scale=1.0)
     fill = lambda: sum(bench.pump.set("level", 1.0, 1) for _ in range(300))  # noqa: E731
-    assert fill() == 256 == bench.pump.native.COMMANDS
+    assert fill() == 256 == words.COMMANDS
     bench.pump.start(None)
     bench.block(512)
     assert bench.out[-1][-1] == 1
     assert fill() == 256
     bench.pump.stop("stop")
     bench.block(512)
-    assert bench.pump.state == bench.pump.native.DONE and not bench.out[-1][-1]
+    assert bench.pump.state == words.DONE and not bench.out[-1][-1]
     assert np.abs(np.diff(bench.heard()[:, 0], prepend=0)).max() <= 0.01
     assert [kind for _, kind, _ in bench.events].count("set") == 2 * 256 + 2
 

@@ -20,7 +20,7 @@ FS = 8000
 INVERSE = Inverse([0.1, 0.9, -0.2], [1.0])
 
 
-def compiled(scene, safety, fs=FS, gain=1.0, target="numba"):
+def compiled(scene, safety, fs=FS, gain=1.0, target="llvm"):
     proc = stimlib.compile(protect(scene, safety), fs, target)
     proc.set(GAIN, gain, ramp=0.0)
     return proc
@@ -39,7 +39,7 @@ def test_what_is_not_limited_passes_bit_for_bit():
     assert Watch(proc).counts() == {} and Watch(proc).faults() == {}
 
 
-@pytest.mark.parametrize("target", ["numba", "python"])
+@pytest.mark.parametrize("target", ["llvm", "python"])
 def test_every_stage_limits_and_counts(target):
     scene = Scene({"force": 1.0 * Input("f", "N"), "x": 2 * Input("x", "m")})
     x = np.zeros((2, 300))

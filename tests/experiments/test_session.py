@@ -156,7 +156,7 @@ def drawn(scene, rng, n):
     return params, motion
 
 
-@pytest.mark.parametrize("target", ["numba", "python"])
+@pytest.mark.parametrize("target", ["llvm", "python"])
 @pytest.mark.parametrize("name", mostly(["wall", "viscoelastic", "texture"], SHIPPED))
 def test_every_scene_is_its_own_rendering_in_every_interval(name, target):
     """Of any parameters, also inside enabled, and seeds; times the window; in random
@@ -169,7 +169,7 @@ def test_every_scene_is_its_own_rendering_in_every_interval(name, target):
     takes = inspect.signature(SHIPPED[name]).parameters
     options = {"model": made_up()} if name == "texture" else {"contact": True}
     scene = SHIPPED[name](**{k: v for k, v in options.items() if k in takes})
-    long = 0.2 if target == "numba" else 0.04
+    long = 0.2 if target == "llvm" else 0.04
     timing = Timing(interval=long, gap=0.004, before=0.0, ramp=0.01)
     made = experiment(scenes={"it": scene}, fs=fs, bounds={}, timing=timing)
     told = [drawn(scene, rng, 1)[0] for _ in range(2)]

@@ -24,7 +24,7 @@ from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.scenes import SHIPPED
 
 HANDS = {"sinusoid": sinusoid(0.02, 3.0), "minimum jerk": minimum_jerk()}
-CUTS = (("numba", None), ("numba", 64), ("numba", 37), ("python", None))
+CUTS = (("llvm", None), ("llvm", 64), ("llvm", 37), ("python", None))
 
 
 def sha(values: np.ndarray) -> str:

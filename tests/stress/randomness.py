@@ -23,12 +23,13 @@ from datetime import UTC, datetime
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numba
+import llvmlite
 import numpy as np
 import scipy
 from scipy import fft, special, stats
+from walked import compiled
 
 import stimlib
 from stimlib import Scene
@@ -54,23 +55,15 @@ def told(row: Row) -> Row:
 
 
 # Streams of bits ----------------------------------------------------------------------
-@numba.njit(nogil=True)
+@compiled
 def words(keys: np.ndarray, first: np.uint64, out: np.ndarray) -> None:
     """The bits of pair first, first + 1, .. of each key in turn: four words of 32 bits
     each, as ``white_noise`` takes them.
     """
-    for m in range(out.shape[0]):
+    for m in range(out.size // (2 * keys.size)):
         for k in range(keys.size):
-            out[m, k, 0], out[m, k, 1] = pair_of_words(keys[k], first + U(m))
-
-
-def compiled(f: Any) -> Any:
-    """A function of the noise, compiled with those that it calls."""
-    called = {name: numba.njit(getattr(noise, name)) for name in ("rounds", "swapped")}
-    return numba.njit(type(f)(f.__code__, noise.__dict__ | called))
-
-
-philox, pair_of_words = map(compiled, (noise.philox, noise.pair_of_words))
+            at = 2 * (m * keys.size + k)
+            out[at], out[at + 1] = noise.pair_of_words(keys[k], first + U(m))
 
 
 def bits_of(*sources: tuple[int, int]) -> Iterator[bytes]:
@@ -80,7 +73,7 @@ def bits_of(*sources: tuple[int, int]) -> Iterator[bytes]:
     keys = np.array([noise.noise_key(0, seed, stream, 0) for seed, stream in sources])
     out = np.empty((BLOCK // len(sources), len(sources), 2), U)
     for block in count():
-        words(keys, U(block * len(out)), out)
+        words(keys, U(block * len(out)), out.ravel())
         yield out.tobytes()
 
 
@@ -253,7 +246,7 @@ def versions() -> str:
     }
     said = [
         f"{name} {v}"
-        for name, v in {**names, "numba": numba.__version__, "dieharder": found[0]}.items()
+        for name, v in {**names, "llvmlite": llvmlite.__version__, "dieharder": found[0]}.items()
     ]
     return f"{datetime.now(UTC):%Y-%m-%d}, {platform.machine()}, {', '.join(said)}"
 

@@ -16,7 +16,7 @@ from fractions import Fraction
 from math import gamma
 from pathlib import Path
 
-import numba
+import llvmlite
 import numpy as np
 import pytest
 from contract import TABLE
@@ -177,7 +177,7 @@ def record():
                     else []
                 )
                 out.writerow((case, must, ", ".join(did)))
-        out.writerow(("", on + f"numpy {np.__version__}, numba {numba.__version__}", ""))
+        out.writerow(("", on + f"numpy {np.__version__}, llvmlite {llvmlite.__version__}", ""))
 
 
 # Every block --------------------------------------------------------------------------
@@ -193,7 +193,7 @@ def assert_as_the_interpreter(scene, fs, x, names, cuts, sets=()):
     fast, slow = pair(scene, fs)
     x = rows(fast, x, names)
     y = run(fast, x, cuts, sets)
-    assert_same(y, run(slow, x, (), sets), "numba and python")
+    assert_same(y, run(slow, x, (), sets), "llvm and python")
     assert_same(kept(fast), kept(slow), "state")
     assert fast.fault == slow.fault
     assert np.isfinite(y).all()

@@ -3,17 +3,18 @@
 Its text is compiled from the cache, as ``runtime``, when a segment needs it.
 """
 
-from numba import cfunc
+from functools import partial
 
-from stimlib.targets.numba import kernels
-from stimlib.targets.numba.intrinsics import CHEBYSHEV, MEMORY, at
+from stimlib.targets.llvm import kernels
+from stimlib.targets.llvm.known import CHEBYSHEV, MEMORY, at, of
+from stimlib.targets.llvm.walk import exported
 
 MOST = kernels.MOST
-_leaks, _moving_leaks, _total = kernels.leaks, kernels.moving_leaks, kernels.total
-_chebyshev = kernels.chebyshev
+_leaks, _moving_leaks = (of(partial(kernels.leaks, moving=m)) for m in (False, True))
+_total, _chebyshev = of(kernels.total), of(kernels.chebyshev)
 
 
-@cfunc(MEMORY, cache=True, error_model="numpy")
+@exported("void", *MEMORY)
 def memory(e, r, q, low, size, lows, x, w, y, n):
     """Compute a bank of slow modes, whose states have second words."""
     k = 0
@@ -32,7 +33,7 @@ def memory(e, r, q, low, size, lows, x, w, y, n):
     _total(w, y, n)
 
 
-@cfunc(MEMORY, cache=True, error_model="numpy")
+@exported("void", *MEMORY)
 def moving_memory(e, r, q, low, size, lows, x, w, y, n):
     """Compute a bank of slow modes, with weights for each sample."""
     k = 0
@@ -44,7 +45,7 @@ def moving_memory(e, r, q, low, size, lows, x, w, y, n):
     _total(w, y, n)
 
 
-@cfunc(CHEBYSHEV, cache=True, error_model="numpy")
+@exported("void", *CHEBYSHEV)
 def chebyshev(c, terms, t, y, m, n):
     """Compute m Chebyshev series at n numbers."""
     _chebyshev(c, terms, t, y, m, n)

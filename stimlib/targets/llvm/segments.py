@@ -8,70 +8,43 @@ uses: an edit in any of them makes another segment.
 
 from __future__ import annotations
 
-import ast
-import inspect
-import re
 import types
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
+from ...blocks.noise import deviates
 from ...core import codegen, maths, steps
 from ...core.graph import kind, memo
 from ...core.steps import fields
 from ...errors import SceneError, place
-from . import vectors
-from .cache import load
-
-_HEAD = """from collections import namedtuple as _sl_namedtuple
-import numpy as _sl_np
-from numba import cfunc as _sl_cfunc, njit as _sl_njit
-from stimlib.targets.numba import vectors as _sl_vectors, intrinsics as _sl
-"""  # every name of ours begins with _sl: users choose theirs freely
+from . import known, lanes, walk
+from .cache import Code, load
 
 
-def _embed(f: types.FunctionType, name: str, done: dict[str, Any], out: list[str]) -> None:
-    """Add the source of a function under a name, after everything that it uses.
-
-    That includes helpers, constants and NamedTuples.
-    """
-    renamed: dict[str, str] = {}
+def _uses(f: types.FunctionType, found: dict[Any, None], lines: list[str]) -> None:
+    """Add the source of a function and of what it uses: all that decides its code."""
     for n, v in steps.names(f).items():
-        if n in done and not _same(done[n], v):  # another helper's: this one gets a name of its own
-            renamed[n] = n = f"_sl_{n}_{len(done)}"
-        if n in done:
-            continue
-        twins = [m for m, u in done.items() if u is v and hasattr(v, "_fields")]
-        done[n] = v
-        if twins:  # one type to numba too
-            out.append(f"{n} = {twins[0]}")
-        elif isinstance(v, types.FunctionType) and v.__module__ != maths.__name__:
-            _embed(v, n, done, out)
-        elif v is not abs and v is not range:
-            out.append(_meaning(f, n, v))
-    text = re.sub(r"^def \w+", f"def {name}", _with_names(steps.source(f), renamed))
-    out.append(f'@_sl_njit(error_model="numpy", inline="always")\n{text}')
+        line = f"{n} = {_meaning(f, n, v)}"
+        if isinstance(v, types.FunctionType) and v.__module__ != maths.__name__ and v not in found:
+            found[v] = None
+            _uses(v, found, lines)
+        lines.append(line)
+    lines.append(steps.source(f))
 
 
 def _meaning(f: types.FunctionType, n: str, v: Any) -> str:
-    """Return the source line that defines a name which a function uses."""
-    if v is np:
-        return f"import numpy as {n}"
-    if v is maths:
-        return f"{n} = _sl"
+    """Return a text that tells the value of a name that a function uses."""
+    if any(v is one for one in (np, maths, abs, range, np.uint64, np.int64, np.float64)):
+        return v.__name__
     if getattr(maths, getattr(v, "__name__", n), None) is v:
-        return f"{n} = _sl.{getattr(v, '__name__', n)}"
+        return f"maths.{getattr(v, '__name__', n)}"
+    if isinstance(v, types.FunctionType):
+        return f"{v.__module__}.{v.__qualname__}"
     if isinstance(v, type) and hasattr(v, "_fields"):
-        return _tuple_text(n, v)
-    if isinstance(v, type) and v in (np.uint64, np.int64, np.float64):
-        return f"{n} = _sl_np.{v.__name__}"
-    if isinstance(v, np.uint64):
-        return f"{n} = _sl_np.uint64({int(v)})"
-    if isinstance(v, float):
-        return f"{n} = float({str(float(v))!r})"
-    if isinstance(v, int):
-        return f"{n} = {v!r}"
+        return f"{v.__name__}{v._fields!r}"
+    if isinstance(v, np.uint64 | float | int):
+        return f"{type(v).__name__}({v!r})"
     remedy = (
         "define its NamedTuples outside of the class"
         if isinstance(v, type)
@@ -81,25 +54,6 @@ def _meaning(f: types.FunctionType, n: str, v: Any) -> str:
         f"{f.__qualname__} uses {n!r}, a {type(v).__name__}: a step may use module-level"
         f" numbers, NamedTuples and helper functions; {remedy}"
     )
-
-
-def _same(a: Any, b: Any) -> bool:
-    return a is b or (isinstance(b, (int, float)) and type(a) is type(b) and repr(a) == repr(b))
-
-
-def _with_names(text: str, names: dict[str, str]) -> str:
-    """Return a function's source with other names for some globals."""
-    if not names:
-        return text
-    tree = ast.parse(text)
-    for v in ast.walk(tree):
-        if isinstance(v, ast.Name):
-            v.id = names.get(v.id, v.id)
-    return ast.unparse(tree) + "\n"
-
-
-def _tuple_text(name: str, t: Any) -> str:
-    return f"{name} = _sl_namedtuple({t.__name__!r}, {t._fields!r})"
 
 
 class Form(NamedTuple):
@@ -148,53 +102,68 @@ class Form(NamedTuple):
 
 @memo
 def written(form: Form) -> tuple[str, str]:
-    """Return the source of a form's segment, and the name of the class that has it."""
+    """Return all that a form's segment is made of, and the class that has it."""
     cls = form.cls
     f = cls.tile or cls.step
     steps.source(f)  # an error here names the step, not the first of its helpers
-    out: list[str] = [_HEAD]
-    done: dict[str, Any] = {}
-    _embed(f, "_sl_block", done, out)
-    if any(isinstance(g, types.FunctionType) and g.__annotations__ for g in (f, *done.values())):
-        # types that an author notes may have any names
-        out.insert(0, "from __future__ import annotations\n")
-    if noise_behind(form):
-        _embed(form.beside[0].cls.tile, "_sl_other", done, out)
-    different = form.parts if noise_behind(form) else form.parts[:1]
-    for b, part in zip(["", "1"], different, strict=False):
-        for ours, t in ((f"_sl_P{b}", part.p_type), (f"_sl_S{b}", part.s_type)):
-            # the step's own, or the types would differ
-            theirs = [name for name, v in done.items() if v is t]
-            if fields(t):
-                out.append(f"{ours} = {theirs[0]}" if theirs else _tuple_text(ours, t))
+    lines: list[str] = []
+    for part in form.parts if noise_behind(form) else form.parts[:1]:
+        _uses(part.cls.tile or part.cls.step, {}, lines)
+        lines += [str(fields(t)) for t in (part.p_type, part.s_type)]
+    lines.append(body(form))
+    # all classes on top of the one that wrote the step share one segment
+    owner = next(c for c in cls.__mro__ if "tile" in c.__dict__ or "step" in c.__dict__)
+    return "\n".join(lines), owner.__name__
+
+
+@memo
+def body(form: Form) -> str:
+    """Return the function that runs a block along a stretch of samples, as a source."""
     taken: list[str] = []
     kept: list[str] = []
     for c in range(len(form.parts)):
         _take(form, c, taken, kept)
-    body = [*taken, *_run(form, f, out), *kept]
-    decorator = '@_sl_cfunc(_sl.SEGMENT, cache=True, error_model="numpy")'
-    out.append(f"{decorator}\n{codegen.define('_sl_segment', ['P', 'S', 'W', 'A', 'n'], body)}")
-    # all classes on top of the one that wrote the step share one segment
-    owner = next(c for c in cls.__mro__ if "tile" in c.__dict__ or "step" in c.__dict__)
-    return "\n".join(out), owner.__name__
+    lines = [*taken, *_run(form), *kept]
+    return codegen.define("_sl_segment", ["P", "S", "W", "A", "n"], lines)
+
+
+def made(form: Form) -> walk.Intermediate:
+    """Return a form's segment as LLVM's text."""
+    cls = form.cls
+    of = {"block": cls.tile or cls.step, "one": _one(form), "deviates": deviates}
+    for b, part in zip(["", "1"], form.parts, strict=False):
+        of |= {f"P{b}": part.p_type, f"S{b}": part.s_type}
+    if noise_behind(form):
+        of["other"] = form.beside[0].cls.tile
+    space = {"_sl": known, "_sl_np": np} | {f"_sl_{name}": v for name, v in of.items()}
+    return walk.of_source(body(form), space, {"_sl_segment": ("void", *known.SEGMENT)}, known.TWINS)
+
+
+def _one(form: Form) -> Any:
+    """Return a step on lanes, with the new state of a resettable block."""
+    step: Any = lanes.twin(form.cls.step) if form.beside and not noise_behind(form) else None
+    if not form.cls.resettable:
+        return step
+
+    def one(p, s, *x):
+        y, s = step(p, s, *x)
+        return y, s._replace(cold=0.0)
+
+    return one
 
 
 @memo
-def segment(form: Form) -> types.ModuleType:
+def segment(form: Form) -> Code:
     """Return the compiled segment of a form, from the cache if it is there."""
     text, owner = written(form)
+    f = form.cls.tile or form.cls.step
+    what = f"{form.cls.__name__}.{'tile' if form.cls.tile else 'step'}"
     try:
-        return load(text, owner)
+        return load(text, owner, lambda: made(form))
     except SceneError as e:  # of lanes
-        raise SceneError(
-            f"{place(form.cls.tile or form.cls.step)}{form.cls.__name__}.tile: {e}"
-        ) from None
-    except (numba.core.errors.NumbaError, TypeError) as e:
-        f = form.cls.tile or form.cls.step
-        name = "tile" if form.cls.tile else "step"
-        raise SceneError(
-            f"{_line(e, text, f)}{form.cls.__name__}.{name}: it does not compile: {_said(e)}"
-        ) from e
+        raise SceneError(f"{place(f)}{what}: {e}") from None
+    except walk.Unknown as e:
+        raise SceneError(f"{e.where or place(f)}{what}: it does not compile: {e}") from e
 
 
 _MEMORY = {"f": "PS", "F": "PS", "u": "CZ", "U": "CZ"}
@@ -267,8 +236,8 @@ if n == 64 and p1.p.size == 8 and mark[0] == s.n and mark[1] == s.key and mark[2
         _sl.call(A[{2}], P, S, W, _sl.at(A, {3}), n)
     else:
         _sl.copy(ahead, y)
-    _sl_vectors.pairs_beside_modes(
-        deviates, s.key, later >> _sl_np.uint64(1), ahead, p1.p, p1.r, s1.q, p1.d, y, y1
+    _sl.pairs_beside_modes(
+        _sl_deviates, s.key, later >> _sl_np.uint64(1), ahead, p1.p, p1.r, s1.q, p1.d, y, y1
     )
     s = _sl_S(s.key, later)
     mark[2] = 2
@@ -289,11 +258,9 @@ the segment of white noise alone, whose address and words are in A.
 """
 
 
-def _run(form: Form, f: Any, out: list[str]) -> list[str]:
-    """Return source lines that run a step or tile in the fastest possible way.
-
-    out: the source that precedes the segment.
-    """
+def _run(form: Form) -> list[str]:
+    """Return source lines that run a step or tile in the fastest possible way."""
+    f: Any = form.cls.tile or form.cls.step
     inputs, numbers = form.inputs, (form.p_type, form.p_kinds)
     slots = codegen.each("_sl.at(W, A[%d])", range(len(form.parts) * len(form.signals)))
     if noise_behind(form):
@@ -308,16 +275,13 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
         and not form.s_kinds
         and form.p_kinds == form.p_kinds.lower()
     )
-    if flat and vectors.in_vectors(f, *numbers, inputs):
+    if flat and lanes.in_vectors(f, *numbers, inputs):
         x = "".join(codegen.each("%s, ", slots[:inputs]))
-        return [f"_sl_vectors.steps(_sl_block, p, ({x}), {slots[inputs]}, n)"]
-    if form.beside and vectors.go_abreast(f, *numbers, form.s_type, form.s_kinds, inputs):
-        body = ["y, s = _sl_block(p, s, *x)", *form.warm("s"), "return y, s"]
-        one = codegen.define("_sl_one", ["p", "s", "*x"], body)
-        out.append(f'@_sl_njit(error_model="numpy")\n{one}')
+        return [f"_sl.steps(_sl_block, p, ({x}), {slots[inputs]}, n)"]
+    if form.beside and lanes.go_abreast(f, *numbers, form.s_type, form.s_kinds, inputs):
         x, x1 = (f"({', '.join(slots[k : k + inputs])},)" for k in (0, inputs + 1))
         pairs = f"(p, p1), (s, s1), ({x}, {x1}), ({slots[inputs]}, {slots[-1]})"
-        return [f"s, s1 = _sl_vectors.abreast(_sl_one, {pairs.replace('(,)', '()')}, n)"]
+        return [f"s, s1 = _sl.abreast(_sl_one, {pairs.replace('(,)', '()')}, n)"]
     before, lines = [], []
     for b, part in zip(["", "1"], form.parts, strict=False):
         samples = codegen.each(f"%s{b}[i]", form.signals)
@@ -332,34 +296,6 @@ def _run(form: Form, f: Any, out: list[str]) -> list[str]:
         run = codegen.call("_sl_block", f"p{b}", f"s{b}", *samples[:inputs])
         lines += [f"{made}, s{b} = {run}", *form.warm(f"s{b}")]
     return [*before, "for i in range(n):", *codegen.indented(lines)]
-
-
-def _said(e: Exception) -> str:
-    """Return the compiler's message in one line, without the names of its passes."""
-    passes = "Failed in", "During:", "File ", "def "
-    said = [
-        line for line in map(str.strip, str(e).splitlines()) if line and not line.startswith(passes)
-    ] or [type(e).__name__]
-    what = " ".join(said[:2] if said[0].endswith("signature:") else said[:1]).partition(
-        ", defined at"
-    )[0]
-    return what + ("; beside a np.uint64 write np.uint64(1), not 1" if "uint64" in what else "")
-
-
-def _line(e: Exception, text: str, f: types.FunctionType) -> str:
-    """Return file and line, as an error message begins.
-
-    They are those that the compiler blames if they are in f itself, else those of f.
-    """
-    blamed = getattr(getattr(e, "loc", None), "line", 0)
-    written = text.partition("\ndef _sl_segment")[0].splitlines()
-    lines, first = inspect.getsourcelines(f)
-    at = [
-        k
-        for k, line in enumerate(lines)
-        if 0 < blamed <= len(written) and line.strip() == written[blamed - 1].strip()
-    ]
-    return f"{f.__code__.co_filename}:{first + at[0]}: " if at else place(f)
 
 
 def kinds(t: Any) -> str:

@@ -3,13 +3,11 @@
 Its text is compiled from the cache, named by content, like a segment's.
 """
 
-from numba import cfunc, njit, types
+from functools import partial
 
-from stimlib.targets.numba import intrinsics, kernels, vectors
-from stimlib.targets.numba.intrinsics import (
-    F8,
+from stimlib.targets.llvm import kernels, vectors
+from stimlib.targets.llvm.known import (
     FIR,
-    I8,
     MODES,
     as_i8,
     at,
@@ -17,8 +15,20 @@ from stimlib.targets.numba.intrinsics import (
     f8_at,
     i8_at,
     move,
+    of,
     run,
 )
+from stimlib.targets.llvm.rows import (
+    ALIGNED,
+    C_ORDER,
+    CLOSE,
+    NUMBERS,
+    OPEN,
+    OPERATION,
+    SEGMENT,
+    WRITEABLE,
+)
+from stimlib.targets.llvm.walk import Outer, exported
 
 # ctx: 0 rows before those of outputs, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7
 # outputs, 8 place in A of the numbers of the outputs' rows, 9 &N, 10 &index,
@@ -27,23 +37,19 @@ from stimlib.targets.numba.intrinsics import (
 #      18 numpy's array, 19 what tells float64, 20 &warm clocks
 # pending, 8 words: whether it waits (1, or 2: y is set too), place, target, left, y;
 # a ramp set after a jump at the same sample begins where the jump ends
-# row: address or opcode, P, S, A, clock, autonomous, still (one number as long as no
-# parameter moves), whether a row or two outputs read it
-OPEN, CLOSE, GATHER, OPERATION, SEGMENT = 1, 2, 3, 16, 4096
+move_tile, _sound_tile = of(kernels.move_tile), of(kernels.sound_tile)
+_operation = of(vectors.operation)
+_fir = of(kernels.fir)
+_poles, _last_poles = (of(partial(kernels.poles, last=last)) for last in (False, True))
 
 
-move_tile, _sound_tile = kernels.move_tile, kernels.sound_tile
-_operation = vectors.operation
-_fir, _poles, _last_poles = kernels.fir, kernels.poles, kernels.last_poles
-
-
-@cfunc(FIR, cache=True, error_model="numpy")
+@exported("void", *FIR)
 def fir(taps, size, w, y, n):
     """Compute an FIR filter."""
     _fir(taps, size, w, y, n)
 
 
-@cfunc(MODES, cache=True, error_model="numpy")
+@exported("void", *MODES)
 def modes(p, r, q, size, d, x, w, y, n):
     """Compute a bank of modes."""
     for k in range(0, size - 32, 32):
@@ -52,7 +58,6 @@ def modes(p, r, q, size, d, x, w, y, n):
     _last_poles(at(p, k), at(r, k), at(q, k), d, x, w, y, n, (size - k) >> 3, k == 0)
 
 
-@njit(error_model="numpy", inline="always")
 def open_clock(W, w, every, up, down, N, k):  # w = (slot of by, child)
     """Gather the samples at which a gate is open.
 
@@ -74,7 +79,6 @@ def open_clock(W, w, every, up, down, N, k):  # w = (slot of by, child)
                 n += 1
 
 
-@njit(error_model="numpy", inline="always")
 def standing(S, pending, params):
     """Return whether no parameter is being ramped."""
     for j in range(params):
@@ -83,7 +87,6 @@ def standing(S, pending, params):
     return True
 
 
-@njit(error_model="numpy", inline="always")
 def guard(q, P, S, W, A, to, n):
     """Write an output, which a guard checks while it is copied.
 
@@ -100,7 +103,7 @@ def guard(q, P, S, W, A, to, n):
         move_tile(to, at(W, w[1]), n)
 
 
-@cfunc(types.void(I8, F8, F8, types.int64), cache=True, error_model="numpy")
+@exported("void", "i8*", "f8*", "f8*", "i8")
 def entry(ctx, x, y, n):
     """Run a program's table for n samples."""
     rows, table, P, S, W, A = (
@@ -187,25 +190,24 @@ def entry(ctx, x, y, n):
 # of Python; an array has the words 1 type, 2 &data, 3 axes (an int), 4 &shape, 7 &type
 # of numbers, 8 flags (an int): see calls
 READ, WRITE = (
-    intrinsics.C_ORDER | intrinsics.ALIGNED,
-    intrinsics.C_ORDER | intrinsics.ALIGNED | intrinsics.WRITEABLE,
+    C_ORDER | ALIGNED,
+    C_ORDER | ALIGNED | WRITEABLE,
 )
-number = types.ExternalFunction("PyLong_FromLongLong", types.int64(types.int64))
-value = types.ExternalFunction("PyLong_AsLongLong", types.int64(types.int64))
+number = Outer("PyLong_FromLongLong", "i8", ("i8",))
+value = Outer("PyLong_AsLongLong", "i8", ("i8",))
 
 
-@njit(error_model="numpy", inline="always")
 def fits(a, flags, ctx):
     """Return whether an object is an array of float64 with two axes and these flags."""
     return (
         a[1] == ctx[18]
         and a[3] & 0xFFFFFFFF == 2
         and a[8] & flags == flags
-        and i8_at(a[7])[3] & intrinsics.NUMBERS == ctx[19]
+        and i8_at(a[7])[3] & NUMBERS == ctx[19]
     )
 
 
-@cfunc(types.int64(types.int64, I8, types.int64), cache=True, error_model="numpy")
+@exported("i8", "i8", "i8*", "i8")
 def process(me, args, count):
     """Run a program, as a METH_FASTCALL function of (x, out).
 

@@ -3,12 +3,11 @@
 Its text is compiled from the cache, as ``runtime``, when a scene has such a block.
 """
 
-from numba import cfunc
+from stimlib.targets.llvm.known import SEGMENT, at, call, move
+from stimlib.targets.llvm.walk import exported
 
-from stimlib.targets.numba.intrinsics import SEGMENT, at, call, move
 
-
-@cfunc(SEGMENT, cache=True, error_model="numpy")
+@exported("void", *SEGMENT)
 def stretches(
     P,
     S,

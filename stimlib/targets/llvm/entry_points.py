@@ -1,6 +1,6 @@
-"""Python entry points to compiled code, without numba's dispatcher.
+"""Python entry points to compiled code, without a dispatcher.
 
-The dispatcher takes longer than a squeeze takes for a sample.
+A call by ctypes takes longer than a squeeze takes for a sample.
 
 The code looks at its arguments itself (``runtime.process``), where numpy's binary
 interface has the words of an array.  That numpy and Python are laid out so is compared
@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from .intrinsics import ALIGNED, C_ORDER, NUMBERS, WRITEABLE
+from .rows import ALIGNED, C_ORDER, NUMBERS, WRITEABLE
 
 METH_FASTCALL = 0x80
 logger = logging.getLogger(__name__)

@@ -7,7 +7,8 @@ machine (``segments``, ``cache``).
 from __future__ import annotations
 
 import copy
-import types
+import ctypes
+import math
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
@@ -21,11 +22,13 @@ from ...core import steps
 from ...core.graph import Block, Map, Param, Pick, at_rest, pack
 from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
 from ...system.cache_folder import lock
-from . import entry_points, vectors
-from .cache import expect, load
+from . import entry_points, rows
+from .cache import Code, expect, load
 from .segments import Form, kinds, noise_behind, segment, written
 
 TILE = 64
+_P, _I = ctypes.c_void_p, ctypes.c_int64
+TOGETHER = ctypes.CFUNCTYPE(None, _P, _I, _P, _P, _I, _I, _P, _I, _I)
 
 
 RUNTIME, SLOW_MODES, STRETCHES, THREADS = (
@@ -34,7 +37,7 @@ RUNTIME, SLOW_MODES, STRETCHES, THREADS = (
 )
 
 
-def runtime() -> types.ModuleType:
+def runtime() -> Code:
     """Return the compiled runtime.
 
     Segments find its kernels by name, so it must be loaded before any of them.
@@ -43,13 +46,13 @@ def runtime() -> types.ModuleType:
 
 
 @cache
-def _part(piece: tuple[str, str], *kernels: str) -> types.ModuleType:
+def _part(piece: tuple[str, str], *kernels: str) -> Code:
     """Return a compiled part of the runtime, after giving its kernels their names."""
     expect([piece])
-    module = load(*piece)
+    code = load(*piece)
     for name in kernels:
-        llvmlite.binding.add_symbol(f"stimlib_{name}", getattr(module, name).address)
-    return module
+        llvmlite.binding.add_symbol(f"stimlib_{name}", code.addresses[name])
+    return code
 
 
 # A program to a table -----------------------------------------------------------------
@@ -90,9 +93,9 @@ class _Table:
             written(self.form(group))
             for group in order
             if (q := program.instances[group[0]]).kind == "block"
-            and q.block.definition not in vectors.OPERATIONS
+            and q.block.definition not in rows.OPERATIONS
         )
-        self.machine = runtime()
+        runtime()
         ends = {i: (i,) for i in outputs if i not in self.read}
         for group in (*(g for g in order if g[0] not in ends), *ends.values()):
             self.add(group)
@@ -119,7 +122,7 @@ class _Table:
             return self.place(i)
         if (i, clock) not in self.slot:
             words = [self.place(i), self.place((i, clock))]
-            self.row(self.machine.GATHER, i, words, 0, clock, q.clock == PARAMS)
+            self.row(rows.GATHER, i, words, 0, clock, q.clock == PARAMS)
         return self.slot[i, clock]
 
     def places(self, i: int) -> list[int]:
@@ -135,18 +138,18 @@ class _Table:
 
     def add(self, group: tuple[int, ...]) -> None:
         """Add the row of an instance, or of two that run side by side."""
-        i, machine, p = group[0], self.machine, 0
+        i, p = group[0], 0
         q = self.program.instances[i]
         cls = q.block.definition
         if q.kind == "pick":
             return
         if q.kind == "open":
-            address, words = machine.OPEN, [self.arg(q.args[0], q.clock), q.child]
+            address, words = rows.OPEN, [self.arg(q.args[0], q.clock), q.child]
         elif q.kind == "close":
-            address = machine.CLOSE
+            address = rows.CLOSE
             words = [self.arg(q.args[1], q.child), self.place(i), q.child]
-        elif cls in vectors.OPERATIONS:
-            address = machine.OPERATION + vectors.OPERATIONS.index(cls)
+        elif cls in rows.OPERATIONS:
+            address = rows.OPERATION + rows.OPERATIONS.index(cls)
             words = [*(self.arg(a, q.clock) for a in q.args), self.place(i)]
         else:
             address, words, p = self.call(group)
@@ -162,9 +165,9 @@ class _Table:
         compiled = segment(form)
         resets = cls.resettable and not _always(instances[q.args[-1]])
         rest = pack(at_rest(self.design[i][1])) if resets else np.zeros(0, np.uint64)
-        address, words, starts = compiled._sl_segment.address, [], []
+        address, words, starts = compiled.addresses["_sl_segment"], [], []
         for k, part in zip(group, form.parts, strict=True):
-            self.segments[k] = compiled.__name__
+            self.segments[k] = compiled.name
             p, s = self.design[k]
             args = instances[k].args[: part.inputs]
             words += [*(self.arg(a, q.clock) for a in args), *self.places(k)]
@@ -178,13 +181,13 @@ class _Table:
         for k, start in zip(group[1:], starts[1:], strict=True):
             words += [start - starts[0], self.state[k] - self.state[i]]
         if noise_behind(form):
-            noise = segment(self.form(group[:1]))._sl_segment.address
+            noise = segment(self.form(group[:1])).addresses["_sl_segment"]
             words += [self.place(("ahead", i)), self.place(("mark", i)), noise, words[0]]
         if resets:
             outs, at = self.places(i), self.p_at - starts[0] - rest.size
             contact = self.arg(q.args[-1], q.clock)
             words = [contact, outs[0], len(outs), at, rest.size, address, *words]
-            address = _part(STRETCHES).stretches.address
+            address = _part(STRETCHES).addresses["stretches"]
         if cls.work:
             words.append(-1)  # the slot of the scratch, which is behind all others
         return address, words, starts[0]
@@ -234,7 +237,7 @@ class Engine:
 
         Threads that run copies then never write to the same line.
         """
-        machine, params, clocks = runtime(), len(self._param), self._clocks
+        machine, params, clocks = runtime().addresses, len(self._param), self._clocks
         words = max(self.size, 1), self._buffers, clocks, clocks * 2 * TILE, 8 * max(1, params), 21
         ends = np.cumsum([-(-n // 8) * 8 for n in words])
         memory = np.zeros(ends[-1] + 8, np.uint64)
@@ -252,14 +255,14 @@ class Engine:
         arrays = {1: self.table, 2: self.P, 3: self.S, 4: self.W, 5: self.A, 9: self.N}
         for k, a in (arrays | {10: self.index, 13: self.pending}).items():
             self.ctx[k] = a.ctypes.data
-        self.ctx[0], self.ctx[14], self.ctx[16] = self._main, params, machine.entry.address
+        self.ctx[0], self.ctx[14], self.ctx[16] = self._main, params, machine["entry"]
         self.ctx[6:9] = *(a.shape[0] for a in self._empty), self._outs_at
         self.ctx[11:13] = clocks, -1
         known = entry_points.array_words()
         self.ctx[18:20] = known or 0
-        self.address = int(machine.entry.address), int(self.ctx.ctypes.data)
+        self.address = int(machine["entry"]), int(self.ctx.ctypes.data)
         self.process = (
-            entry_points.function(machine.process.address, self.address[1])
+            entry_points.function(machine["process"], self.address[1])
             if known
             else entry_points.checked(*self.address, (self.ctx[6], self.ctx[7]))
         )
@@ -286,13 +289,17 @@ class Engine:
         thread has taken. turn is one number, 0 at the start; x (1 or copies, n_inputs,
         n) and out (copies, n_outputs, n) must fit.
         """
-        contexts, process = np.array([e.ctx.ctypes.data for e in engines]), _part(THREADS).process
+        contexts = np.array([e.ctx.ctypes.data for e in engines])
+        process = TOGETHER(_part(THREADS).addresses["process"])
 
         def run(
             turn: np.ndarray, x: np.ndarray, out: np.ndarray, kept: object = tuple(engines)
         ) -> None:
             """Run copies; the engines live as long as this function."""
-            process(contexts, turn, x, out)
+            of_x, of_y = (math.prod(a.shape[1:]) for a in (x, out))
+            first, rows = contexts.ctypes.data, (x.ctypes.data, x.shape[0], of_x)
+            to = out.ctypes.data, of_y, out.shape[2]
+            process(first, contexts.size, turn.ctypes.data, *rows, *to)
 
         return run
 
@@ -371,7 +378,7 @@ def normals(key: np.uint64, n: int) -> np.ndarray:
     --------
     >>> import numpy as np
     >>> from stimlib.blocks import noise
-    >>> from stimlib.targets.numba.engine import normals
+    >>> from stimlib.targets.llvm.engine import normals
     >>> bool(np.all(normals(np.uint64(7), 5) == noise.normals(np.uint64(7), 5)))
     True
     """

@@ -1,0 +1,1 @@
+"""The llvm target: the streaming compiler, its cache and its runtime."""

@@ -1,0 +1,213 @@
+"""Compiled code on the disk: compiled once per machine, for all processes.
+
+An entry is a file, named by its content: the text, what it is compiled with, the
+versions, the processor.  It appears whole, and never changes.  Its machine code is run,
+so the folder must be private, and an entry is used only if its SHA-256 is that of what
+was written.
+
+It is written by a walk (``walk``), and compiled by LLVM (``machine``).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import stat
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import llvmlite
+import llvmlite.binding
+
+from ...core import maths
+from ...core.steps import source
+from ...errors import SinkError
+from ...system import safe_files
+from ...system.cache_folder import folder, lock, open_to_others, temporary
+from ...system.progress import announce, counted
+from . import known, machine, rows, walk
+
+logger = logging.getLogger(__name__)
+# s, for another process to compile an entry, which takes 15 s on two busy cores: it may
+# be stopped
+WAIT = 300.0
+LONG = "runtime_", "pump_"
+"""What takes a second to compile, and is missing in an empty cache; a block class takes
+a tenth.
+"""
+PARTS = "machine walk known rows instructions lanes kernels vectors segments".split()
+"""Files that are compiled into entries, or say how."""
+
+
+class Code(NamedTuple):
+    """A compiled text: where it is kept, and the address of each of its functions."""
+
+    name: str
+    addresses: Mapping[str, int]
+
+
+_loaded: dict[str, Code] = {}
+
+
+# Entries ------------------------------------------------------------------------------
+@cache
+def _salt() -> str:
+    texts = [Path(__file__).with_name(f"{name}.py").read_text() for name in PARTS]
+    operations = [source(cls.step) for cls in rows.OPERATIONS if cls.step]
+    host = llvmlite.binding.get_host_cpu_name(), machine.FEATURES, machine.CHOICES
+    texts += [Path(maths.__file__).read_text()]
+    versions = llvmlite.__version__, sys.version_info[:2]
+    return "".join([*texts, *operations, repr((host, versions))])
+
+
+def _sums(text: str) -> str:
+    return _sum((text + _salt()).encode())
+
+
+def _name(text: str, stem: str) -> str:
+    return f"{stem}_{_sums(text)[:20]}"
+
+
+def expect(pieces: Iterable[tuple[str, str]]) -> None:
+    """Report how many lines have to be compiled before pieces can be loaded.
+
+    Pieces are arguments of ``load``. Nothing is done unless somebody counts.
+    """
+    for tell in counted:
+        new = {
+            name: text
+            for text, stem in pieces
+            if (name := _name(text, stem)) not in _loaded and not (folder() / name).exists()
+        }
+        tell("".join(new.values()).count("\n"), 0)
+
+
+def load(text: str, stem: str, make: Callable[[], walk.Intermediate] | None = None) -> Code:
+    """Return the code of a source, from the cache or newly compiled.
+
+    Any number of threads and processes may call it at once.
+
+    Parameters
+    ----------
+    text : str
+        All that decides what is compiled: a source file, without ``make``.
+    stem : str
+        How the name of its entry begins.
+    make : callable, optional
+        Gives it as LLVM's text.
+
+    Raises
+    ------
+    SinkError
+        Not even a temporary folder can be written.
+    """
+    name = _name(text, stem)
+    with lock:
+        if name not in _loaded:
+            try:
+                _loaded[name] = _load(folder() / name, text, make)
+            except OSError as e:  # full or gone in the middle
+                temporary(folder(), e)
+                try:
+                    _loaded[name] = _load(folder() / name, text, make)
+                except OSError as again:
+                    raise SinkError(
+                        f"cannot compile into {folder()}: {again.strerror or again}"
+                    ) from again
+        return _loaded[name]
+
+
+def _load(place: Path, text: str, make: Callable[[], walk.Intermediate] | None) -> Code:
+    of = _sums(text)
+    if (code := _kept(place, of)) is None:
+        if place.name.startswith(LONG):
+            for tell in announce:
+                tell("compiling for this machine, once: about ten seconds")
+        with _turn(place, text):
+            if (code := _kept(place, of)) is None:
+                began = time.perf_counter()
+                _publish(place, text, make)
+                took = time.perf_counter() - began
+                where = place.parent
+                logger.info("cache miss: %s compiled in %.2f s, into %s", place.name, took, where)
+                code = _kept(place, of)
+    if code is None:
+        raise OSError(f"what was written to {place} is not what is there")
+    return code
+
+
+def _kept(place: Path, of: str) -> Code | None:
+    """Return the code of an entry, or None unless it is intact and can be used here."""
+    if (found := _sound(place, of)) is None:
+        return None
+    head, data = found
+    try:
+        if machine.missing(head["calls"]):
+            return None
+        code = Code(place.name, machine.addresses(data, head["names"]))
+    except (LookupError, RuntimeError, TypeError):  # sums that fit, and code that does not
+        return None
+    logger.debug("cache hit: %s in %s", place.name, place.parent)
+    return code
+
+
+def _sound(place: Path, of: str) -> tuple[dict[str, Any], bytes] | None:
+    """Return the parts of an entry, or None unless it is intact and made of this."""
+    try:
+        info = os.lstat(place)
+        if not stat.S_ISREG(info.st_mode) or open_to_others(info):
+            return None
+        line, _, data = safe_files.read(place, "sidecar_bytes").partition(b"\n")
+        head = json.loads(line)
+        wanted = head.pop("sha256")
+        whole = json.dumps(head).encode() + data
+        return (head, data) if head["of"] == of and wanted == _sum(whole) else None
+    except (OSError, SinkError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def _publish(place: Path, text: str, make: Callable[[], walk.Intermediate] | None) -> None:
+    """Compile an entry and move it into its place, whatever is there."""
+    made = make() if make else walk.of_module(text, place.name, known.TWINS)
+    data, calls = machine.machine_code(made.llvm, ours=make is not None)
+    head = {"of": _sums(text), "names": made.names, "calls": calls}
+    line = json.dumps(head | {"sha256": _sum(json.dumps(head).encode() + data)}).encode()
+    try:
+        safe_files.publish(place, line + b"\n" + data)
+    except SinkError as e:
+        raise e.__cause__ if isinstance(e.__cause__, OSError) else OSError(str(e)) from None
+    place.chmod(0o600)  # whatever the umask is
+
+
+@contextmanager
+def _turn(place: Path, text: str) -> Iterator[None]:
+    """Lock an entry for compiling, or wait until another process has compiled it.
+
+    In the second case the entry is valid afterwards.
+
+    The system frees the lock of a process that ends, however it ends. If the file
+    system has no locks, or the other process takes longer than WAIT, both compile, and
+    one result is kept. Only the process that holds the lock removes the lock file.
+    """
+    at, until = place.with_name(f"{place.name}.lock"), time.monotonic() + WAIT
+    with ExitStack() as stack:
+        while not _sound(place, _sums(text)) and time.monotonic() < until:
+            if safe_files.taken(stack, at):
+                stack.callback(safe_files.remove, at)
+                break
+            stack.close()
+            time.sleep(0.02)
+        yield
+    for tell in counted:
+        tell(0, text.count("\n"))
+
+
+def _sum(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,335 @@
+"""Functions that write instructions: what the compiled sources call, and ``maths``.
+
+A source imports them from here; for a step, ``TWINS`` has them in the place of the
+functions of ``stimlib.core.maths``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+
+from stimlib.core import maths
+from stimlib.core.maths import SILENT
+from stimlib.errors import SceneError
+from stimlib.targets.llvm import instructions, kernels, lanes, vectors
+from stimlib.targets.llvm.instructions import DOUBLE, I64, TRUTH
+from stimlib.targets.llvm.walk import (
+    KINDS,
+    Array,
+    Known,
+    Outer,
+    Pointer,
+    Unknown,
+    Value,
+    cast,
+    llvm_type,
+    number,
+    plain,
+)
+
+
+# Numbers ------------------------------------------------------------------------------
+def _where(w: Any, c: Any, one: Any, other: Any) -> Any:
+    one, other = number(one), number(other)
+    kind = "u8" if one.kind == other.kind == "u8" else "f8"
+    v = w.b.select(w.truth(c), cast(w.b, one, kind).v, cast(w.b, other, kind).v)
+    return Value(v, kind)
+
+
+def _rounded(name: str) -> Known:
+    def f(w: Any, *x: Any) -> Value:
+        return Value(instructions.known(w.b, name, *(cast(w.b, v, "f8").v for v in x)), "f8")
+
+    return Known(f)
+
+
+def _bits(w: Any, x: Any) -> Value:
+    return Value(w.b.bitcast(cast(w.b, x, "f8").v, I64), "u8")
+
+
+def _unbits(w: Any, u: Any) -> Value:
+    return Value(w.b.bitcast(number(u).v, DOUBLE), "f8")
+
+
+def _as_float(w: Any, u: Any) -> Value:
+    u = number(u)
+    if u.kind[0] == "f":
+        raise Unknown("as_float converts a np.uint64, not a float")
+    return Value(w.b.uitofp(u.v, DOUBLE), "f8")
+
+
+def _flush(w: Any, x: Any) -> Value:
+    return Value(instructions.flush(w.b, cast(w.b, x, "f8").v), "f8")
+
+
+def _settle(w: Any, x: Any) -> Value:
+    """With a branch: a comparison and a selection would lengthen the recursion."""
+    b, v = w.b, cast(w.b, x, "f8").v
+    size = instructions.known(b, "fabs", v)
+    start, rare, done = b.block, b.append_basic_block("silent"), b.append_basic_block("settled")
+    silent = b.fcmp_ordered("<=", size, ir.Constant(DOUBLE, SILENT))
+    b.cbranch(silent, rare, done).set_weights([1, 1000000])
+    b.position_at_end(rare)
+    b.branch(done)
+    b.position_at_end(done)
+    y = b.phi(DOUBLE)
+    y.add_incoming(v, start)
+    y.add_incoming(ir.Constant(DOUBLE, 0.0), rare)
+    return Value(y, "f8")
+
+
+# Memory -------------------------------------------------------------------------------
+def known(f: Any) -> Known:
+    """Let a source call a function that writes instructions."""
+    return Known(f)
+
+
+def _as(kind: str) -> Known:
+    return Known(lambda w, p: Pointer(w.b.bitcast(p.v, KINDS[kind].as_pointer()), kind))
+
+
+def _at_address(kind: str) -> Known:
+    return Known(lambda w, n: Pointer(w.b.inttoptr(number(n).v, KINDS[kind].as_pointer()), kind))
+
+
+as_u8, as_i8 = _as("u8"), _as("i8")
+f8_at, i8_at, f4_at = _at_address("f8"), _at_address("i8"), _at_address("f4")
+whole, single = Known(lambda w, x: cast(w.b, x, "i8")), Known(lambda w, x: cast(w.b, x, "f4"))
+
+
+@known
+def at(w, p, o):
+    """Return a pointer advanced by o words."""
+    return w.place(p, o)
+
+
+@known
+def array(w, p, n):
+    """Return n words at a pointer as an array."""
+    return Array(p, Value(cast(w.b, n, "i8").v, "i8", True))
+
+
+@known
+def move(w, to, source, n):
+    """Copy n words."""
+    instructions.copied(w.b, to.v, source.v, cast(w.b, n, "i8").v)
+
+
+def through(result: str, *kinds: str) -> Known:
+    """Return a call of the function at an address, the first of its arguments."""
+
+    def f(w: Any, address: Any, *given: Any) -> Any:
+        of = ir.FunctionType(llvm_type(result), [llvm_type(k) for k in kinds])
+        there = w.b.inttoptr(number(address).v, of.as_pointer())
+        return w.called(there, Outer("", result, kinds), given)
+
+    return Known(f)
+
+
+SEGMENT = "f8*", "f8*", "f8*", "i8*", "i8"  # P, S, W, A, n
+call = through("void", *SEGMENT)
+run = through("void", "i8*", "f8*", "f8*", "i8")
+
+
+@known
+def words(w, a):
+    """Return a float64 array's memory as words."""
+    return a._replace(p=as_u8.f(w, a.p))
+
+
+@known
+def copy(w, a, b):
+    """Copy a into the start of b."""
+    kernels.copy(w.b, b.p.v, a.p.v, a.n.v)
+
+
+def search(knots, x):
+    """Return the index of the piece that contains a position."""
+    low, high = 0, knots.size - 2
+    while low < high:
+        k = (low + high + 1) >> 1
+        if x >= knots[k]:
+            low = k
+        else:
+            high = k - 1
+    return low
+
+
+# Long sums: kernels of the runtime ----------------------------------------------------
+FIR = "f8*", "i8", "f8*", "f8*", "i8"  # taps, size, w, y, n
+MODES = "f8*", "f8*", "f8*", "i8", "f8", "f8*", "f8*", "f8*", "i8"  # p, r, q, size, d, x, w, y, n
+# e, r, q, low, size, size of low, x, w, y, n
+MEMORY = "f8*", "f8*", "f8*", "f8*", "i8", "i8", "f8*", "f8*", "f8*", "i8"
+CHEBYSHEV = "f8*", "i8", "f8*", "f8*", "i8", "i8"  # c, terms, t, y, series, size of t
+
+
+def kernel(name: str, kinds: tuple[str, ...], *given: Any) -> Any:
+    """Call a kernel by its name: of an array, the address."""
+    w, *rest = given
+    rest = [v.p if isinstance(v, Array) else v for v in rest]
+    return w.outside(Outer(f"stimlib_{name}", "void", kinds), rest)
+
+
+@known
+def fir(w, taps, v, y):
+    """Compute an FIR filter with the runtime's kernel."""
+    kernel("fir", FIR, w, taps, taps.size, v, y, y.size)
+
+
+@known
+def modes(w, p, r, q, d, x, y, v):
+    """Compute a bank of modes with the runtime's kernel."""
+    kernel("modes", MODES, w, p, r, q, p.size, d, x, v, y, y.size)
+
+
+@known
+def steady(w, e, r, q, low, x, y, v):
+    """Compute a bank of slow modes with the runtime's kernel."""
+    kernel("memory", MEMORY, w, e, r, q, low, e.size, low.size, x, v, y, y.size)
+
+
+@known
+def moving(w, e, r, q, low, x, y, v):
+    """Compute a bank of slow modes, with weights for each sample."""
+    kernel("moving_memory", MEMORY, w, e, r, q, low, e.size, low.size, x, v, y, y.size)
+
+
+def memory(e, r, q, low, x, y, w):
+    """Compute a bank of slow modes, whose states have second words."""
+    if r.size == e.size:
+        steady(e, r, q, low, x, y, w)
+    else:
+        moving(e, r, q, low, x, y, w)
+
+
+@known
+def series_at(w, c, terms, t, y, m):
+    """Compute Chebyshev series with the runtime's kernel."""
+    kernel("chebyshev", CHEBYSHEV, w, c, terms, t, y, m, t.size)
+
+
+def chebyshev(c, t, y):
+    """Compute m Chebyshev series, whose coefficients follow each other."""
+    m = y.size // t.size
+    series_at(c, c.size // m, t, y, m)
+
+
+# Vectors ------------------------------------------------------------------------------
+def _numbers(w: Any, t: Any) -> Any:
+    """Return the numbers of a NamedTuple as LLVM's, or ()."""
+    return type(t)(*(number(v).v for v in t)) if t else ()
+
+
+def _kinds(t: Any) -> str:
+    kinds = {"f8": "f", "u8": "u"}
+    return "".join(
+        kinds.get(number(v).kind, "?") if plain(v) or isinstance(v, Value) else "?" for v in t
+    )
+
+
+def _floats(*arrays: Any) -> bool:
+    return all(isinstance(a, Array) and a.p.kind == "f8" for a in arrays)
+
+
+@known
+def steps(w, f, p, x, y, n):
+    """Run a step without state along slots."""
+    vectors.steps(w.b, lanes.twin(f), _numbers(w, p), [q.v for q in x], y.v, n.v)
+
+
+@known
+def abreast(w, f, p, s, x, y, n):
+    """Run a step on lanes along the slots of two blocks, one in each lane."""
+    kinds = [[v.kind for v in map(number, one)] for one in s]
+    made = vectors.abreast(
+        w.b,
+        f,
+        [_numbers(w, one) for one in p],
+        [_numbers(w, one) for one in s],
+        [[q.v for q in one] for one in x],
+        [q.v for q in y],
+        n.v,
+    )
+    return tuple(
+        type(one)(*(Value(v, k) for v, k in zip(one, kind, strict=True)))
+        for one, kind in zip(made, kinds, strict=True)
+    )
+
+
+@known
+def each(w, f, p, x, y):
+    """Compute maths.each."""
+    tuples = all(isinstance(t, tuple) and not isinstance(t, Array | Value) for t in (p, x))
+    if not tuples or "?" in (kinds := _kinds(p)) or not _floats(*x, y):
+        raise SceneError(
+            "each(f, p, x, y): p must be a NamedTuple of numbers or (), x a tuple of arrays, such"
+            " as (x,), and all arrays of floats without gaps; else write a loop over the samples"
+        )
+    helper = vectors.helper_of(f, type(p), kinds, "f" * len(x))
+    vectors.each(w.b, helper, _numbers(w, p), [a.p.v for a in x], y.p.v, y.n.v)
+
+
+@known
+def series(w, f, p, s, x, y):
+    """Compute maths.series."""
+    tuples = all(hasattr(t, "_fields") and not isinstance(t, Array | Value) for t in (p, s))
+    numbers = tuples and all(_floats(v) or not isinstance(v, Array) for v in p)
+    if not numbers or not _floats(*s, x, y):
+        raise SceneError(
+            "series(f, p, s, x, y): p must be a NamedTuple of numbers and arrays, s one of arrays,"
+            " x and y arrays, all of floats without gaps; else write a loop over the samples"
+        )
+    types = type(p), type(s)
+    helper = vectors.helper_of(f, types[0], "f" * len(p), "f" * (len(s) + 1), types[1])
+    fields = [
+        [v.p.v if isinstance(v, Array) else cast(w.b, v, "f8").v for v in one] for one in (p, s)
+    ]
+    vectors.series(w.b, helper, types, fields, s[0].n.v, x.p.v, y.p.v, y.n.v)
+
+
+@known
+def pairs(w, f, key, first, z):
+    """Compute maths.pairs."""
+    helper = vectors.helper_of(f, (), "", "uu")
+    vectors.pairs(w.b, helper, number(key).v, number(first).v, z.p.v, z.n.v)
+
+
+@known
+def pairs_beside_modes(w, f, key, first, z, p, r, q, d, x, y):
+    """Compute maths.pairs and maths.modes of eight, for a tile each."""
+    helper = vectors.helper_of(f, (), "", "uu")
+    given = [
+        v.p.v if isinstance(v, Array) else number(v).v for v in (key, first, z, p, r, q, d, x, y)
+    ]
+    vectors.pairs_beside_modes(w.b, helper, *given)
+
+
+def of(f: Any) -> Known:
+    """Let a source call a function of values: f(b, *values)."""
+
+    def g(w: Any, *x: Any) -> Any:
+        y = f(w.b, *(v.v if isinstance(v, Pointer) else number(v).v for v in x))
+        return None if y is None else Value(y, "b1" if y.type == TRUTH else "f8")
+
+    return Known(g)
+
+
+TWINS: dict[Any, Any] = {
+    maths.where: Known(_where),
+    maths.fma: _rounded("fma"),
+    maths.sqrt: _rounded("sqrt"),
+    maths.floor: _rounded("floor"),
+    maths.bits: Known(_bits),
+    maths.unbits: Known(_unbits),
+    maths.as_float: Known(_as_float),
+    maths.flush: Known(_flush),
+    maths.settle: Known(_settle),
+}
+TWINS |= {
+    getattr(maths, name): globals()[name]
+    for name in "words copy search fir modes memory chebyshev each pairs series".split()
+}
+TWINS |= {getattr(maths, name): f for name, f in maths.ELEMENTARY.items()}
+"""What stands in the place of functions of ``maths``."""

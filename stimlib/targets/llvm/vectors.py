@@ -1,0 +1,282 @@
+"""Loops of vector code, over samples and over steps side by side.
+
+They are ``maths.each``, ``pairs`` and ``series``, and the operations of the runtime.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+
+from stimlib.core.graph import signals
+from stimlib.errors import SceneError
+from stimlib.targets.llvm.instructions import (
+    DOUBLE,
+    I32,
+    I64,
+    V8,
+    cases,
+    copied,
+    function,
+    load,
+    loop,
+    room,
+    shuffle,
+    splat,
+    store,
+    variable,
+    zeros,
+)
+from stimlib.targets.llvm.kernels import eight_modes
+from stimlib.targets.llvm.lanes import TRUTH, TWINS, Lanes, bind, fault, number, twin
+from stimlib.targets.llvm.machine import FEATURES
+from stimlib.targets.llvm.rows import OPERATIONS
+
+WIDTHS = 16, 2
+"""Sixteen hide the latency of the operations; two are quickest where a sink asks for a
+sample or two.
+"""
+
+
+def _steps(b, step, p, x, y, n):
+    """Emit y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples.
+
+    Samples that fill up the last vector are computed as well.
+    """
+
+    def at(i):
+        samples = [Lanes(b, load(b, q, i)) for q in x]
+        store(b, number(b, step(p, (), *samples)[0]), y, i)
+
+    with b.if_else(b.icmp_signed("==", n, I64(64))) as (whole, part):
+        with whole:  # no loop, which would take as long as the work
+            for i in range(0, 64, 8):
+                at(i)
+        with part, loop(b, I64(0), n, 8) as i:
+            at(i)
+
+
+def lanes_of(b, t):
+    """Return a NamedTuple of numbers as lanes, or ()."""
+    return type(t)(*(Lanes(b, splat(b, v)) for v in t)) if t else ()
+
+
+def steps(b, step, p, x, y, n):
+    """Run a step without state along slots, of which x and y are the addresses."""
+    _steps(b, step, lanes_of(b, p), x, y, n)
+
+
+def abreast(b, step, p, s, x, y, n):
+    """Run a step along the slots of two blocks, one in each lane.
+
+    p, s, x and y hold what belongs to the one and to the other. The states after n
+    samples are returned.
+    """
+
+    def both(one, other):
+        none = ir.Constant(ir.VectorType(one.type, 2), ir.Undefined)
+        return b.insert_element(b.insert_element(none, one, I32(0)), other, I32(1))
+
+    lanes = [Lanes(b, both(*pair)) for pair in zip(*p, strict=True)]
+    numbers = type(p[0])(*lanes) if lanes else ()
+    cells = [variable(b, both(*pair)) for pair in zip(*s, strict=True)]
+    with loop(b, I64(0), n, 1) as i:
+        samples = [
+            Lanes(b, both(*(b.load(b.gep(q, [i])) for q in pair))) for pair in zip(*x, strict=True)
+        ]
+        old = type(s[0])(*(Lanes(b, b.load(cell)) for cell in cells))
+        out, new = step(numbers, old, *samples)
+        for k in range(2):
+            b.store(b.extract_element(old[0].like(out), I32(k)), b.gep(y[k], [i]))
+        for cell, value in zip(cells, new, strict=True):
+            b.store(old[0].like(value), cell)
+    last = [b.load(cell) for cell in cells]
+    return tuple(type(s[0])(*(b.extract_element(v, I32(k)) for v in last)) for k in range(2))
+
+
+def helper_of(f: Any, p_type: Any, p_kinds: str, kinds: str, s_type: Any = None) -> Callable:
+    """Return a helper of each, pairs or series; raise SceneError for its author."""
+    helper = twin(f)
+    call = helper if "f" in kinds else helper and (lambda p, *x: helper(*x))
+    if s_type:
+        call = helper and (lambda p, *v: helper(p, s_type(*v[:-1]), v[-1]))
+    if why := fault(call, p_type, p_kinds, kinds):
+        raise SceneError(
+            f"{f.__name__} cannot run in vectors: {why}. Vectors support arithmetic, comparisons,"
+            f" abs, {', '.join(n for n in TWINS if n[0] != '_')} and helpers of these; else write a"
+            " loop over the samples"
+        )
+    return helper
+
+
+def each(b, helper, p, x, y, n):
+    """Compute maths.each, from the addresses x to y."""
+    numbers = lanes_of(b, p)
+    few, to_end = b.icmp_signed("<", n, I64(8)), y
+    rooms = [room(b, DOUBLE, 8) for _ in (*x, y)]
+    with b.if_then(few):  # what is beyond the end belongs to others
+        for to, q in zip(rooms, x, strict=False):
+            store(b, zeros(V8), to)
+            copied(b, to, q, n)
+    *x, out = (b.select(few, to, q) for to, q in zip(rooms, (*x, y), strict=True))
+    last = b.select(few, I64(0), b.sub(n, I64(8)))
+    ends = room(b, DOUBLE, 8)
+    # the last eight, which may hold some of those before, first: x may be y
+    with loop(b, I64(0), n, 8) as i:
+        first = b.icmp_signed("==", i, I64(0))
+        i = b.select(first, last, b.sub(i, I64(8)))
+        samples = [Lanes(b, load(b, q, i)) for q in x]
+        store(b, number(b, helper(numbers, *samples)), b.select(first, ends, b.gep(out, [i])))
+    with b.if_then(b.icmp_signed(">", n, I64(0))):
+        store(b, load(b, ends), out, last)
+    with b.if_then(few):
+        copied(b, to_end, out, n)
+
+
+def _masked(b, q, there, v=None):
+    """Load the elements whose mask is set, and 0 for others; with v, store them."""
+    t = ir.VectorType(DOUBLE, there.type.count)
+    place = b.bitcast(q, t.as_pointer())
+    given = [v, place, I32(8), there] if v else [place, I32(8), there, zeros(t)]
+    name = f"llvm.masked.{'store' if v else 'load'}.v{t.count}f64.p0v{t.count}f64"
+    return b.call(function(b, name, ir.VoidType() if v else t, [a.type for a in given]), given)
+
+
+def _stages(b, W, helper, types, fields, count, x, y, n):
+    """Emit maths.series of ``count`` stages, up to W, one in each lane.
+
+    Each is one sample behind the one before, which hands its output on by a lane.
+    """
+    lanes, behind = ir.Constant(ir.VectorType(I64, W), list(range(W))), b.sub(count, I64(1))
+    there, zero = b.icmp_unsigned("<", lanes, splat(b, count, W)), I64(0)
+    p = [splat(b, v, W) if v.type == DOUBLE else _masked(b, v, there) for v in fields[0]]
+    cells = [  # outputs of the turn before, and states
+        variable(b, v)
+        for v in (
+            zeros(ir.VectorType(DOUBLE, W)),
+            *(_masked(b, q, there) for q in fields[1]),
+        )
+    ]
+
+    def turn(i, part):
+        at, late = i, b.sub(i, behind)  # samples of the first and of the last stage
+        if part:  # some stages have no sample yet, or no more
+            at = b.select(b.icmp_signed("<", i, n), i, b.sub(n, I64(1)))
+            late = b.select(b.icmp_signed(">", late, zero), late, zero)
+        v, *old = map(b.load, cells)
+        v = shuffle(b, v, splat(b, b.load(b.gep(x, [at])), W), [W, *range(W - 1)])
+        own = (t(*(Lanes(b, u) for u in one)) for t, one in zip(types, (p, old), strict=True))
+        out, new = helper(*own, Lanes(b, v))
+        out, *new = [number(b, u, W) for u in (out, *new)]
+        if part:
+            runs = b.icmp_unsigned("<", b.sub(splat(b, i, W), lanes), splat(b, n, W))
+            new = [b.select(runs, u, o) for u, o in zip(new, old, strict=True)]
+        for cell, u in zip(cells, (out, *new), strict=True):
+            b.store(u, cell)
+        b.store(b.extract_element(out, behind), b.gep(y, [late]))
+
+    most = b.select(b.icmp_signed(">", n, behind), n, behind)
+    for start, stop, part in (
+        (zero, behind, True),
+        (behind, most, False),
+        (most, b.add(n, behind), True),
+    ):
+        with loop(b, start, stop, 1) as i:
+            turn(i, part)
+    for q, cell in zip(fields[1], cells[1:], strict=True):
+        _masked(b, q, there, b.load(cell))
+
+
+# Of numbers of stages for which there is a loop, 1, 2, 4 .. : more than 16 take several
+# passes, or fewer where more lanes would not fit into the registers.
+STAGES = 5 if "+avx512f" in FEATURES else 4 if "+avx" in FEATURES else 3
+
+
+def series(b, helper, types, fields, size, x, y, n):
+    """Compute maths.series: ``size`` stages of the fields of parameters and state.
+
+    A field is a number, or the address of one for each stage.
+    """
+    most = 1 << (STAGES - 1)
+    stop = b.select(b.icmp_signed(">", n, I64(0)), size, I64(0))
+    with loop(b, I64(0), stop, most) as first:
+        left = b.sub(size, first)
+        count = b.select(b.icmp_signed("<", left, I64(most)), left, I64(most))
+        source = b.select(b.icmp_signed("==", first, I64(0)), x, y)
+        at = [[v if v.type == DOUBLE else b.gep(v, [first]) for v in one] for one in fields]
+        cases(
+            b,
+            b.sub(I64(64), b.ctlz(b.sub(count, I64(1)), TRUTH(0))),
+            {k: 1 << k for k in range(STAGES)},
+            lambda W: _stages(b, W, helper, types, at, count, source, y, n),
+        )
+
+
+def operation(b, number, W, A, n):
+    """Run the row of an operation.
+
+    A holds the slots of its inputs and that of its output.
+    """
+
+    def body(cls):
+        *x, y = (b.gep(W, [b.load(b.gep(A, [I64(k)]))]) for k in range(len(signals(cls)) + 1))
+        _steps(b, bind(cls.step), (), x, y, n)
+
+    cases(b, number, dict(enumerate(OPERATIONS)), body)
+
+
+def _draw(b, helper, key, first, z, W):
+    """Emit z[2 k : 2 k + 2] = helper(key, first + k) for W pairs."""
+    steps = ir.Constant(ir.VectorType(I64, W), list(range(W)))
+    m = b.add(splat(b, first, W), steps)
+    one, other = helper(Lanes(b, splat(b, key, W)), Lanes(b, m))
+    for k in range(0, W, min(4, W)):
+        both = [lane for j in range(k, min(k + 4, W)) for lane in (j, W + j)]
+        store(b, shuffle(b, one.v, other.v, both), z, 2 * k)
+
+
+def pairs(b, helper, key, first, z, n):
+    """Compute maths.pairs."""
+    name = f"pairs.{helper.__name__}"
+    if name not in b.module.globals:  # one function, however often it is called
+        of = ir.FunctionType(ir.VoidType(), [I64, I64, DOUBLE.as_pointer(), I64])
+        once = ir.Function(b.module, of, name)
+        once.linkage = "internal"
+        once.attributes.add("noinline")
+        once.append_basic_block()
+        _pairs(ir.IRBuilder(once.blocks[0]), helper, *once.args)
+    b.call(b.module.globals[name], [key, first, z, n])
+
+
+def _pairs(b, helper, key, first, z, n):
+    with b.if_else(b.icmp_signed("==", n, I64(64))) as (tile, part):
+        with tile:  # no loop, for two turns of which keys and constants would be prepared
+            _draw(b, helper, key, first, z, 32)
+        with part:
+            whole = b.and_(n, I64(-2 * WIDTHS[0]))
+            for W, start, stop in zip(WIDTHS, (I64(0), whole), (whole, n), strict=True):
+                with loop(b, start, stop, 2 * W) as i:
+                    m = b.add(first, b.lshr(i, I64(1)))
+                    _draw(b, helper, key, m, b.gep(z, [i]), W)
+    b.ret_void()
+
+
+def pairs_beside_modes(b, helper, key, first, z, p, r, q, d, x, y):
+    """Compute maths.pairs into z, and maths.modes of 8 from x to y, for a tile each.
+
+    Each sample of the modes waits for the one before; the pairs are drawn meanwhile.
+    """
+    done = b.block.instructions
+    before = len(done)
+    eight_modes(b, p, r, q, d, x, y)
+    between = len(done)
+    _draw(b, helper, key, first, z, 32)
+    done[before:] = _merged(done[before:between], done[between:])
+
+
+def _merged(one: list, other: list) -> list:
+    """Return two lists of independent instructions as one, evenly mixed."""
+    places = [((k + 0.5) / len(v), v is other, k) for v in (one, other) for k in range(len(v))]
+    return [(other if second else one)[k] for _, second, k in sorted(places)]

@@ -1,1 +1,0 @@
-"""The numba target: the streaming compiler, its cache and its runtime."""

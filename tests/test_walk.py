@@ -1,0 +1,219 @@
+"""What the walk writes means what Python means, form by form; and what it refuses."""
+
+import linecache
+import textwrap
+
+import numpy as np
+import pytest
+from laws import STRESS
+from refusals import refused
+from walked import compiled
+
+from stimlib.core.maths import where  # noqa: F401
+from stimlib.targets.llvm import walk
+
+ODD = [0.0, -0.0, 1.0, -1.0, 0.5, np.inf, -np.inf, np.nan, 5e-324, -3.0, 1e308]
+ONE, COUNTS, HERE, gain = np.uint64(1), (3, 1, 2), globals(), 5.0
+FLOATS = """x + y;x - y;x * y;x / y;x % y;-x;x % 1.0;i * x;x - 3;2 / y;-7.0 % y;x % -2.5;y % i
+;1e3 % -2.5;2.0**3;(x > y) * 0.5;abs(x);min(x, y);max(x, y);max(x, 1.0, y);min(i, y);abs(x < y)"""
+WHOLE = """i + j;i - j;i * j;i / n;i // n;i % n;-i;i & j;i | j;i ^ j;i >> 3;i << 5;i % -7;i // -7
+;-7 // n;-7 % n;7 // -2;(i > n) + 1;n >> (i & 63);1 << (n & 31);abs(i);min(i, j);max(i, j, 3)
+;round(i * 0.5);round(i * -0.3);float(i) / 4;np.int64(i * 0.3);max(-i, -5, 7 - j);u < v;u >= v
+;u == v;u != v;np.float64(u);np.int64(u >> ONE) >> 12;u / v"""
+WORDS = """u + v;u - v;u * v;u << ONE;u >> 7;u & v;u | v;u ^ v;-u;u + 1;u // (v | ONE)
+;u % (v | ONE);u << (v & np.uint64(63));where(u > v, u, ONE);np.uint64(i * i)"""
+TRUTHS = """x < y;x <= y;x > y;x >= y;x == y;x != y;i < j;i <= j;i > j;i >= j;i == j;i != j;i < x
+;x < y <= 1.0;-1.0 < x != y > i;1.0 if x < y and i > j or not i else -1.0
+;2 if not (x == y or x != x) else y;1 if i and j else 0;0 if x or y else i if i > 3 else x
+;a[i] if i >= 0 and i < a.size and (x < 1.0 or y) else j"""
+
+
+def of(text, *lines):
+    """A function of a text, with a source as if it were in a file."""
+    source = "def f(x, y, i, j, u, v, a, o, w):\n    n = j if j != 0 else 3\n"
+    source += textwrap.indent("\n".join([text, *lines]), "    ") + "\n"
+    linecache.cache[text] = len(source), None, source.splitlines(True), text
+    exec(compile(source, text, "exec"), HERE)
+    return HERE["f"]
+
+
+def each_of(name, texts):
+    texts = texts.replace("\n", "").split(";")
+    return of(*(f"{name}[{k}] = {text}" for k, text in enumerate(texts)))
+
+
+def whiles(x, y, i, j, u, v, a, o, w):
+    n, s, k, grown = i % 50, 0, 0, j > 3
+    while True:
+        k += 1
+        if k % 3 == 0:
+            continue
+        if k > n:
+            break
+        s += k * x  # a whole number until here
+        grown = grown + k  # a truth value
+    while n > 3 and s != s + 1.0:
+        n -= 2
+        while n > 9:
+            n //= 3
+            if n == 5:
+                break
+        s = 1 - s
+    o[0], o[1], o[2], o[3] = s, k, grown, n
+
+
+def ranges(x, y, i, j, u, v, a, o, w):
+    s, last = 0, -1
+    for k in range(i % 9 - 4, j % 9 - 4):
+        s = 3 * s + k
+        if k == 2:
+            continue
+        s += 1
+    for k in range(j % 9, i % 7 - 3, -2):
+        s = 2 * s - k
+    for last in range(4, 4 + i % 3):
+        s += last
+    for m in range(-1, 10, 3):
+        for k in COUNTS:
+            s += k * m
+        if m > j % 10:
+            break
+    for k in range(a.size):
+        s = s + a[k] * k
+    o[0], o[1], o[2], o[3] = s, last, m, k
+
+
+def found(x, y, i, most=50):
+    if x > y:
+        return 1, i  # a float below
+    if i > 0:
+        for k in range(i % most + 1):
+            if k * k > i:
+                return y, k
+    else:
+        return x, 0
+    return 0.5, -1
+
+
+def returns(x, y, i, j, u, v, a, o, w):
+    o[0], o[1] = found(*(x, y), i)
+    o[2], o[3] = found(y, *(x, j, 7))
+    pair, part = (x, i), a
+    for k in range(i % 3):
+        pair, part = (pair[1], pair[0]), part[k:]
+        if x > 1.0 and k > 0:
+            return
+    (o[4], o[5]), o[6] = pair, part[0]
+
+
+def slices(x, y, i, j, u, v, a, o, w):
+    i, j, s = i % 25 - 12, j % 25 - 12, 0.0
+    part = a[i:j]
+    o[0], o[1], o[2], o[3] = part.size, a[i:].size, a[:j].size, a[2:][i:-1].size
+    for k in range(part.size):
+        s += (k + 1) * part[k]
+    o[4] = s
+    a[1:5] = a[3:7]
+    a[2:] = a[:-2]
+    part[1:] = part[:-1]
+    a[:i] = x
+    a[j:][:2] = 3
+    i, j = i % 16 - 8, j % 8
+    a[-1] += x
+    a[i] *= y
+    a[j] -= 1
+    a[-1 - j] = a[i] / 3
+    a[i], a[j] = a[j], a[i]
+    w[0] ^= v
+    w[-2] += ONE
+
+
+FORMS = {f.__name__: f for f in (whiles, ranges, returns, slices)} | {
+    t.replace("\n", "")[:9]: each_of("w" if t is WORDS else "o", t)
+    for t in (FLOATS, WHOLE, WORDS, TRUTHS)
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_a_form_is_what_python_makes_of_it(name):
+    walked, rng = compiled(FORMS[name]), np.random.default_rng(0)
+    for _ in range(3000 if STRESS else 400):
+        x, y = np.where(rng.random(2) < 0.5, rng.choice(ODD, 2), rng.standard_normal(2) * 9.0)
+        i, j = (rng.standard_normal(2) * 10.0 ** rng.integers(0, 7)).astype(int).tolist()
+        u, v = rng.integers(0, 2**64, 2, np.uint64) >> rng.integers(0, 64, 2, np.uint64)
+        made = []
+        for run in (FORMS[name], walked):
+            made.append((np.arange(8.0), np.zeros(40), np.zeros(16, np.uint64)))
+            with np.errstate(all="ignore"):
+                run(x, y, i, j, u, v, *made[-1])
+        for one, other in zip(*made, strict=True):
+            differ = (one != other) | (np.signbit(one) != np.signbit(other))
+            differ &= (one == one) | (other == other)
+            assert not differ.any(), (x, y, i, j, u, v, np.flatnonzero(differ), one, other)
+
+
+def given():
+    return 3.0, 2.0, 3, 4, ONE, ONE, np.arange(8.0), np.zeros(8), np.zeros(8, np.uint64)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    {
+        "w[0] = u + i": "uint64 .* make both",
+        "o[0] = u < j": "uint64 .* make both",
+        "o[0] = a[x]": "index .* float",
+        "o[0] = x[0]": "number",
+        "o[:] = a[::2]": "slice .* step",
+        "if x > 0.0: n = 1.0, 2.0": "n changes what",
+        "for k in range(2): n = np.uint64(k)": "n is i8 and becomes u8",
+        "for k in range(2): later = where if k > 0 else abs": "no number",
+        "o[0] = later; later = 1.0": "later has no value",
+        "o[0] = x // y": "FloorDiv of floats",
+        "o[0] = x ** y": "Pow of floats",
+        "for k in range(x): pass": "range are whole",
+        "for k in range(0, 9, n): pass": "step of a range",
+        "for k in a: o[0] = k": "loop with for",
+        "o[:8] = w[:8]": "another kind",
+        "o[0] = a": "whole array.* loop",
+        "x, y = i": "no parts",
+        "o[0] = int(x)": "int has no value",
+    }.items(),
+)
+def test_what_has_no_form_is_refused(text, says):
+    refused(walk.Unknown, says, compiled(of(text)), *given())
+
+
+def of_name(x, *, gain=2.0):
+    return x * gain
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "o[0] = x or 2.0",
+        "o[0] = x and 2.0",
+        "o[0] = a[abs(i) | -1]",
+        "o[0] = a[abs(i) ^ -1]",
+        "o[0] = u > -1",
+        "o[0], o[1] = found(y, x, 20, most=3)",
+        "o[0], o[1] = found(*(y, x), 20, most=3)",
+        "o[0] = of_name(x)",
+        "o[:3] = a[1:2]",
+        "for k in range(2): o[0] += 1.0\nelse: o[0] = 7.0",
+        "while n > 9: n -= 1\nelse: o[0] = 7.0",
+        "for gain in range(3):\n    for gain in range(2): o[0] += 1.0\n    o[1] += gain",
+        "for k in range(3):\n    for i in COUNTS:\n        if i < 2: break\n        o[k] += 1.0",
+        "for i in COUNTS:\n    if i < 2: continue\n    o[0] += 1.0",
+        "o[0] = COUNTS[i % 3]",
+        "o[0] = x.real",
+        "o[0] = ONE is ONE",
+    ],
+)
+def test_what_is_not_refused_is_what_python_makes_of_it(text):
+    wanted, made = given(), given()
+    of(text)(*wanted)
+    try:
+        compiled(of(text))(*made)
+    except walk.Unknown:
+        return
+    np.testing.assert_array_equal(made[-2], wanted[-2])

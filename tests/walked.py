@@ -1,0 +1,59 @@
+"""Functions as compiled code runs them: walked, compiled and called with arrays."""
+
+import ctypes
+from types import FunctionType
+
+import numpy as np
+
+from stimlib.targets.llvm import known, machine, walk
+
+KINDS = {np.dtype("f8"): "f8", np.dtype("u8"): "u8", np.dtype("i8"): "i8", np.dtype("b1"): "b1"}
+CTYPES = {"f8": ctypes.c_double, "u8": ctypes.c_uint64, "i8": ctypes.c_int64, "void": None}
+CTYPES["b1"] = ctypes.c_bool
+
+
+def compiled(f: FunctionType, result: str = "void"):
+    """A function of arrays, numbers, functions and tuples of them, compiled for each
+    form of its arguments; it returns a number of a kind, such as "f8", or nothing.
+    """
+    made = {}
+
+    def run(*given):
+        parts, objects = [], {"f": f, "array": known.array}
+        words = ", ".join(_form(x, parts, objects) for x in given)
+        kinds = [kind for kind, _ in parts]
+        key = words, *kinds
+        if key not in made:
+            made[key] = _made(words, kinds, result, objects), objects
+        numbers = [x.ctypes.data if kind[-1] == "*" else x.item() for kind, x in parts]
+        return made[key][0](*numbers)
+
+    return run
+
+
+def _form(x, parts, objects) -> str:
+    """How a source names an argument; its parts, and what it is made of, are noted."""
+    if isinstance(x, FunctionType | type):
+        objects[name := f"{x.__name__}_{id(x)}"] = x
+        return name
+    if isinstance(x, tuple):
+        of = _form(type(x), parts, objects) if hasattr(x, "_fields") else ""
+        return f"{of}({''.join(f'{_form(v, parts, objects)}, ' for v in x)})"
+    x = np.asarray(x)
+    kind, v = KINDS[x.dtype], f"v{len(parts)}"
+    if x.ndim == 0:
+        parts.append((kind, x))
+        return v
+    assert x.flags.c_contiguous
+    parts += [(f"{kind}*", x), ("i8", np.asarray(x.size))]
+    return f"array({v}, v{len(parts) - 1})"
+
+
+def _made(words, kinds, result, objects):
+    names = ", ".join(f"v{k}" for k in range(len(kinds)))
+    source = f"def run({names}):\n    return f({words})\n"
+    text = walk.of_source(source, {**objects}, {"run": (result, *kinds)}, known.TWINS).llvm
+    code, calls = machine.machine_code(text, ours=True)
+    assert machine.missing(calls) == []
+    pointers = [ctypes.c_void_p if kind[-1] == "*" else CTYPES[kind] for kind in kinds]
+    return ctypes.CFUNCTYPE(CTYPES[result], *pointers)(machine.addresses(code, ["run"])["run"])
