@@ -11,7 +11,7 @@ import typer
 
 from ..errors import shown
 from . import options as opt
-from .app import Output, command, print_json, say
+from .app import Output, command, print_json
 from .scene import SceneText, run_files, scene_of, shipped
 
 if TYPE_CHECKING:
@@ -81,14 +81,19 @@ def list_(json_: opt.Json = False):
         )
     out = Output(emoji=False)
     for name, make in shipped().items():
-        made = make()
-        out.print(f"[bold]{name}[/]  {_summary(make)}", soft_wrap=True)
-        say(f"    {made!r}", out)
+        out.print(f"[bold]{name}[/]{_words(make)}", soft_wrap=True)
+        out.print(f"    {_summary(make)}", soft_wrap=True)
     out.print("[bold]motions[/]")
     for name, generator in GENERATORS.items():
-        known = inspect.signature(generator).parameters.values()
-        words = ", ".join(str(p.replace(annotation=p.empty)) for p in known)
-        out.print(f"    [bold]{name}[/]({words})  {_summary(generator)}", soft_wrap=True)
+        out.print(f"    [bold]{name}[/]{_words(generator)}  {_summary(generator)}", soft_wrap=True)
+
+
+def _words(function: Callable[..., Any]) -> str:
+    """Return the arguments of a function with their defaults."""
+    from rich.markup import escape
+
+    known = inspect.signature(function).parameters.values()
+    return escape(f"({', '.join(str(p.replace(annotation=p.empty)) for p in known)})")
 
 
 def _facts(scene: Scene) -> dict[str, Any]:
