@@ -131,7 +131,7 @@ def test_what_an_empty_cache_compiles_is_said_once_before(tmp_path, monkeypatch,
         cache.load(seen, "runtime")
         cache.load(seen, "pump")
     said = capsys.readouterr().err.splitlines()
-    assert said == ["compiling for this machine, once: about ten seconds", "running", "running"]
+    assert said == ["compiling for this machine, once: about two seconds", "running", "running"]
     cache.load(f"{seen} # again", "pump")
     assert capsys.readouterr().err == "running\n", "nobody is told outside of a command"
 

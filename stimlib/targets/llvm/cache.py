@@ -129,7 +129,7 @@ def _load(place: Path, text: str, make: Callable[[], walk.Intermediate] | None) 
     if (code := _kept(place, of)) is None:
         if place.name.startswith(LONG):
             for tell in announce:
-                tell("compiling for this machine, once: about ten seconds")
+                tell("compiling for this machine, once: about two seconds")
         with _turn(place, text):
             if (code := _kept(place, of)) is None:
                 began = time.perf_counter()
