@@ -6,6 +6,7 @@ import math
 import operator
 from collections import namedtuple
 from dataclasses import dataclass
+from types import FunctionType
 
 import numpy as np
 
@@ -128,15 +129,20 @@ def deviates(key, m):
     return r * c, r * s
 
 
+# the same on whole numbers of Python, whose arithmetic is five times as fast as numpy's
+_rounds = FunctionType(
+    rounds.__code__, {name: int(v) for name, v in globals().items() if isinstance(v, np.uint64)}
+)
+
+
 def noise_key(run_seed: int, seed: int, stream: int, use: int) -> np.uint64:
     """Return the 64-bit key of one use of a noise source in one run.
 
     It is the Philox output for (seed, stream, use), keyed by the seed of the run.
     """
-    words32 = (seed & 0xFFFFFFFF, seed >> 32, stream, use, run_seed & 0xFFFFFFFF, run_seed >> 32)
-    with np.errstate(over="ignore"):
-        c = philox(*(U(v) for v in words32))
-    return c[0] | (c[1] << HALF_WORD)
+    low = 0xFFFFFFFF
+    c0, c1, *_ = _rounds(10, seed & low, seed >> 32, stream, use, run_seed & low, run_seed >> 32)
+    return U(c0 | c1 << 32)
 
 
 def normals(key: np.uint64, n: int) -> np.ndarray:
