@@ -56,8 +56,8 @@ trivial = Scene({"y": x})
 
 
 LINES = {
-    "first compile of a process (starts numba)": "stimlib.compile(trivial, 8000)",
-    "squeeze from the cache, numba started": (
+    "first compile of a process (starts LLVM)": "stimlib.compile(trivial, 8000)",
+    "squeeze from the cache, LLVM started": (
         "stimlib.compile(trivial, 8000); s = squeeze(); start = time.perf_counter(); "
         "stimlib.compile(s, 8000)"
     ),

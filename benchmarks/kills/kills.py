@@ -351,7 +351,7 @@ class Chosen:
         every = {k for tests in of_file.values() for k in tests}
         # a step is compiled too, and a line may run at import alone
         found |= {k for k in every if not found or stem in words_of(self.file(k))}
-        if len(found) < 10:  # compiled by numba, or run to compile: whoever runs its importers
+        if len(found) < 10:  # run to compile: whoever runs its importers
             found |= {
                 k
                 for path in PACKAGE.rglob("*.py")
@@ -381,7 +381,7 @@ def preload() -> None:
     """What every child would import for itself."""
     for name in (
         "numpy scipy.signal scipy.optimize scipy.stats scipy.special scipy.integrate jax jax.numpy"
-        " numba llvmlite.binding mpmath matplotlib.figure soundfile typer rich.console"
+        " llvmlite.ir llvmlite.binding mpmath matplotlib.figure soundfile typer rich.console"
         " rich.progress rich.table pint pandas pytest"
     ).split():
         with contextlib.suppress(ImportError):
