@@ -416,6 +416,10 @@ def test_an_edit_is_never_served_stale(tmp_path, cache):
         ({"helper": "other(x)", "top": "DEEP = 4.0\ndef other(x):\n    return x * DEEP"}, [24, 48]),
         ({"helper": "other(x)", "top": "DEEP = 8.0\ndef other(x):\n    return x * DEEP"}, [48, 96]),
     ]
+    pair = "class Pair(NamedTuple):\n    a: float\n    b: float = "
+    edits += [
+        ({"helper": "x * Pair(x).b", "top": f"{pair}{b}"}, [6 * b, 12 * b]) for b in (2.0, 3.0)
+    ]
     texts = [MODULE.format(**(DEFAULT | edit)) for edit, _ in edits]
     (tmp_path / "texts.json").write_text(json.dumps(texts))
     out, _ = run(["-c", EDITS], cache, tmp_path, cwd=tmp_path)

@@ -19,9 +19,11 @@ FLOATS = """x + y;x - y;x * y;x / y;x % y;-x;x % 1.0;i * x;x - 3;2 / y;-7.0 % y;
 WHOLE = """i + j;i - j;i * j;i / n;i // n;i % n;-i;i & j;i | j;i ^ j;i >> 3;i << 5;i % -7;i // -7
 ;-7 // n;-7 % n;7 // -2;(i > n) + 1;n >> (i & 63);1 << (n & 31);abs(i);min(i, j);max(i, j, 3)
 ;round(i * 0.5);round(i * -0.3);float(i) / 4;np.int64(i * 0.3);max(-i, -5, 7 - j);u < v;u >= v
-;u == v;u != v;np.float64(u);np.int64(u >> ONE) >> 12;u / v"""
+;u == v;u != v;np.float64(u);np.int64(u >> ONE) >> 12;u / v;np.int64(i) % np.int64(j & 1)
+;np.int64(i) // np.int64(j & 1);np.int64(i) >> np.int64(j & 127);np.int64(i) << np.int64(j & 127)"""
 WORDS = """u + v;u - v;u * v;u << ONE;u >> 7;u & v;u | v;u ^ v;-u;u + 1;u // (v | ONE)
-;u % (v | ONE);u << (v & np.uint64(63));where(u > v, u, ONE);np.uint64(i * i)"""
+;u % (v | ONE);u << (v & np.uint64(63));where(u > v, u, ONE);np.uint64(i * i)
+;u << (v & np.uint64(127));u >> (v & np.uint64(127));u % (v & ONE);u // (v & ONE)"""
 TRUTHS = """x < y;x <= y;x > y;x >= y;x == y;x != y;i < j;i <= j;i > j;i >= j;i == j;i != j;i < x
 ;x < y <= 1.0;-1.0 < x != y > i;1.0 if x < y and i > j or not i else -1.0
 ;2 if not (x == y or x != x) else y;1 if i and j else 0;0 if x or y else i if i > 3 else x
@@ -143,7 +145,7 @@ def test_a_form_is_what_python_makes_of_it(name):
         u, v = rng.integers(0, 2**64, 2, np.uint64) >> rng.integers(0, 64, 2, np.uint64)
         made = []
         for run in (FORMS[name], walked):
-            made.append((np.arange(8.0), np.zeros(40), np.zeros(16, np.uint64)))
+            made.append((np.arange(8.0), np.zeros(40), np.zeros(24, np.uint64)))
             with np.errstate(all="ignore"):
                 run(x, y, i, j, u, v, *made[-1])
         for one, other in zip(*made, strict=True):
@@ -177,6 +179,12 @@ def given():
         "o[0] = a": "whole array.* loop",
         "x, y = i": "no parts",
         "o[0] = int(x)": "int has no value",
+        "o[x > y] = x": "index .* comparison",
+        "o[0] = found(*a)": "only a tuple",
+        "later = x > y; o[0] = later + later": "comparisons.*where",
+        "o[0] = where(x > y, u, 1.0)": "where of a uint64",
+        "o[0] = a.mean": "only fields",
+        "o[0] = " + " + ".join(["x"] * 900): "too deep: split",
     }.items(),
 )
 def test_what_has_no_form_is_refused(text, says):
@@ -195,6 +203,10 @@ def of_name(x, *, gain=2.0):
         "o[0] = a[abs(i) | -1]",
         "o[0] = a[abs(i) ^ -1]",
         "o[0] = u > -1",
+        "o[0] = a[np.int64((u & ONE) + np.uint64(2**64 - 4))]",
+        "a[np.int64((u & ONE) + np.uint64(2**64 - 4)) :] = x",
+        "a[np.uint64(2**63) :] = x",
+        "a[: np.uint64(2**63)] = x",
         "o[0], o[1] = found(y, x, 20, most=3)",
         "o[0], o[1] = found(*(y, x), 20, most=3)",
         "o[0] = of_name(x)",

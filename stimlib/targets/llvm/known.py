@@ -33,7 +33,9 @@ from stimlib.targets.llvm.walk import (
 # Numbers ------------------------------------------------------------------------------
 def _where(w: Any, c: Any, one: Any, other: Any) -> Any:
     one, other = number(one), number(other)
-    kind = "u8" if one.kind == other.kind == "u8" else "f8"
+    if (one.kind == "u8") != (other.kind == "u8"):
+        raise Unknown("where of a uint64 and another number: make both np.uint64, or floats")
+    kind = one.kind if one.kind == "u8" else "f8"
     v = w.b.select(w.truth(c), cast(w.b, one, kind).v, cast(w.b, other, kind).v)
     return Value(v, kind)
 
@@ -50,7 +52,10 @@ def _bits(w: Any, x: Any) -> Value:
 
 
 def _unbits(w: Any, u: Any) -> Value:
-    return Value(w.b.bitcast(number(u).v, DOUBLE), "f8")
+    u = number(u)
+    if u.kind not in ("u8", "i8"):
+        raise Unknown("unbits converts a np.uint64")
+    return Value(w.b.bitcast(u.v, DOUBLE), "f8")
 
 
 def _as_float(w: Any, u: Any) -> Value:

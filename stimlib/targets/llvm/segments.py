@@ -16,6 +16,7 @@ import numpy as np
 from ...blocks.noise import deviates
 from ...core import codegen, maths, steps
 from ...core.graph import kind, memo
+from ...core.source import source_of
 from ...core.steps import fields
 from ...errors import SceneError, place
 from . import known, lanes, walk
@@ -30,7 +31,7 @@ def _uses(f: types.FunctionType, found: dict[Any, None], lines: list[str]) -> No
             found[v] = None
             _uses(v, found, lines)
         lines.append(line)
-    lines.append(steps.source(f))
+    lines.append(f"{f.__defaults__!r} {f.__kwdefaults__!r}\n{steps.source(f)}")
 
 
 def _meaning(f: types.FunctionType, n: str, v: Any) -> str:
@@ -42,7 +43,9 @@ def _meaning(f: types.FunctionType, n: str, v: Any) -> str:
     if isinstance(v, types.FunctionType):
         return f"{v.__module__}.{v.__qualname__}"
     if isinstance(v, type) and hasattr(v, "_fields"):
-        return f"{v.__name__}{v._fields!r}"
+        more = {n for n in dir(v) if n[0] != "_"} - {*v._fields, "count", "index"}
+        parts = v._fields, getattr(v, "_field_defaults", {}), source_of(v) if more else ""
+        return f"{v.__name__}{parts!r}"
     if isinstance(v, np.uint64 | float | int):
         return f"{type(v).__name__}({v!r})"
     remedy = (

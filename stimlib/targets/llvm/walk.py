@@ -165,7 +165,9 @@ def cast(b: ir.IRBuilder, x: Any, kind: str) -> Value:
         return Value((b.uitofp if own[0] in "ub" else b.sitofp)(v, t), kind)
     if v.type.width < t.width:
         return Value((b.zext if own[0] in "ub" else b.sext)(v, t), kind, x.low or own[0] in "ub")
-    return Value(v if v.type == t else b.trunc(v, t), kind, x.low)
+    # a uint64 of 2**63 or more is below 0 as an int64
+    low = x.low and (own != "u8" or isinstance(v, ir.Constant) and v.constant < 2**63)
+    return Value(v if v.type == t else b.trunc(v, t), kind, low)
 
 
 def common(x: Value, y: Value) -> str:
@@ -207,7 +209,9 @@ def binary(b: ir.IRBuilder, op: type, x: Any, y: Any) -> Any:
         except ZeroDivisionError:
             pass
     x, y = number(x), number(y)
-    if op in ON_BITS and x.kind == y.kind == "b1":
+    if x.kind == y.kind == "b1" and op not in SIGNS:
+        if op not in ON_BITS:
+            raise Unknown("arithmetic with comparisons: use where(c, 1.0, 0.0)")
         return Value(getattr(b, ON_BITS[op])(x.v, y.v), "b1")
     if op is ast.Div and {x.kind, y.kind} <= {*WHOLE}:
         kind = "f8"
@@ -239,20 +243,37 @@ def binary(b: ir.IRBuilder, op: type, x: Any, y: Any) -> Any:
     if op in ON_BITS:
         both = x.low and y.low or op is ast.BitAnd and (x.low or y.low)
         return Value(getattr(b, ON_BITS[op])(x.v, y.v), kind, both)
-    if op is ast.LShift:
-        return Value(b.shl(x.v, y.v), kind)
-    if op is ast.RShift:
-        return Value((b.lshr if kind == "u8" else b.ashr)(x.v, y.v), kind, x.low)
+    if op in (ast.LShift, ast.RShift):
+        return Value(_shifted(b, op, x.v, y.v, kind), kind, x.low and op is ast.RShift)
     if op not in (ast.Mod, ast.FloorDiv):
         raise Unknown(f"{op.__name__} of whole numbers")
+    by, none = y.v, b.icmp_signed("==", y.v, I64(0))
+    if not isinstance(y.v, ir.Constant) or y.v.constant in (0, -1):
+        bad = none
+        if kind == "i8":
+            least = b.icmp_signed("==", x.v, I64(-(2**63)))
+            bad = b.or_(none, b.and_(least, b.icmp_signed("==", y.v, I64(-1))))
+        by = b.select(bad, I64(1), y.v)  # else the processor ends the process
     if kind == "u8":
-        return Value((b.urem if op is ast.Mod else b.udiv)(x.v, y.v), kind, True)
-    quotient, rest = b.sdiv(x.v, y.v), b.srem(x.v, y.v)
+        found = b.urem(x.v, by) if op is ast.Mod else b.select(none, I64(0), b.udiv(x.v, by))
+        return Value(found, kind, True)
+    quotient, rest = b.select(none, I64(0), b.sdiv(x.v, by)), b.srem(x.v, by)
     apart = b.icmp_signed("<", b.xor(rest, y.v), I64(0))
     turned = b.and_(b.icmp_signed("!=", rest, I64(0)), apart)
     if op is ast.Mod:
         return Value(b.select(turned, b.add(rest, y.v), rest), kind, y.low)
     return Value(b.select(turned, b.sub(quotient, I64(1)), quotient), kind, low)
+
+
+def _shifted(b: ir.IRBuilder, op: type, x: ir.Value, by: ir.Value, kind: str) -> ir.Value:
+    """Emit a shift, as numpy has it for 64 bits and more too."""
+    shift = b.shl if op is ast.LShift else b.lshr if kind == "u8" else b.ashr
+    if isinstance(by, ir.Constant):
+        return shift(x, by)
+    fits = b.icmp_unsigned("<", by, I64(64))
+    if kind == "i8" and op is ast.RShift:
+        return b.ashr(x, b.select(fits, by, I64(63)))
+    return b.select(fits, shift(x, b.and_(by, I64(63))), I64(0))
 
 
 def _modulo(b: ir.IRBuilder, x: ir.Value, y: ir.Value) -> ir.Value:
@@ -443,11 +464,21 @@ class Walk:
         """Return the values of expressions, of which some are unpacked."""
         found: list[Any] = []
         for n in nodes:
-            found += self.value(n.value) if isinstance(n, ast.Starred) else [self.value(n)]
+            if not isinstance(n, ast.Starred):
+                found.append(self.value(n))
+            elif several(x := self.value(n.value)):
+                found += x
+            else:
+                raise Unknown(f"{ast.unparse(n)}: only a tuple can be unpacked")
         return found
 
     def _Attribute(self, node: Any) -> Any:
-        return getattr(self.value(node.value), node.attr)
+        of = self.value(node.value)
+        fields = of._fields if several(of) and hasattr(of, "_fields") else ()
+        size = isinstance(of, Array) and node.attr == "size"
+        if isinstance(of, types.ModuleType) or size or node.attr in fields:
+            return getattr(of, node.attr)
+        raise Unknown(f"{ast.unparse(node)}: only fields of NamedTuples and names of modules")
 
     def _Subscript(self, node: Any) -> Any:
         of = self.value(node.value)
@@ -473,6 +504,8 @@ class Walk:
         """Return an index that counts from the start."""
         if i.kind in FLOATS:
             raise Unknown("an index that is a float")
+        if i.kind == "b1":
+            raise Unknown("an index that is a comparison")
         if i.kind == "u8" or i.low:
             return i
         i = cast(self.b, i, "i8")
@@ -491,7 +524,10 @@ class Walk:
         def bound(part: Any, default: Value) -> ir.Value:
             if part is None:
                 return default.v
-            v = self.from_end(number(self.value(part)), of.n).v
+            x = number(self.value(part))
+            if x.kind == "u8":
+                return b.select(b.icmp_unsigned(">", x.v, of.n.v), of.n.v, x.v)
+            v = self.from_end(x, of.n).v
             v = b.select(b.icmp_signed("<", v, zero), zero, v)
             return b.select(b.icmp_signed(">", v, of.n.v), of.n.v, v)
 
@@ -671,6 +707,9 @@ class Walk:
             form(node)
         except StimlibError:  # of what it calls
             raise
+        except RecursionError:
+            why = Unknown("an expression that is too deep: split it into several lines")
+            raise why from None
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
             e = why if isinstance(why, Unknown) else Unknown(f"{ast.unparse(node)[:60]}: {why}")
             f = self.frame.f
