@@ -248,9 +248,9 @@ class Pty:
         self.shown = ""
 
     def hit(self, keys):
-        """Until they have come."""
+        """Until they have come, or somebody has read them already."""
         os.write(self.hands, keys)
-        assert select.select([self.fd], [], [], 5)[0]
+        select.select([self.fd], [], [], 1)
 
     def screen(self):
         """All that has been shown; the mark comes after it."""
