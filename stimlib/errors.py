@@ -40,7 +40,14 @@ def shown(text: object) -> str:
 
 
 def shortened(value: object, most: int = 80) -> str:
-    """Return the repr of a value, cut to 80 characters or to ``most``."""
+    """Return the repr of a value, cut to 80 characters or to ``most``.
+
+    Examples
+    --------
+    >>> from stimlib.errors import shortened
+    >>> len(shortened("x" * 200)), shortened("short")
+    (80, "'short'")
+    """
     text = repr(value)
     return text if len(text) <= most else text[: most - 3] + "..."
 

@@ -242,7 +242,13 @@ test_spectrum.__test__ = False  # type: ignore[attr-defined]  # a function of ou
 
 
 def _at_least(parts: list[np.ndarray], size: int) -> list[np.ndarray]:
-    """Join neighbouring groups of bins until each has a minimum size."""
+    """Join neighbouring groups of bins until each has a minimum size.
+
+    Examples
+    --------
+    >>> [part.size for part in _at_least([np.zeros(n) for n in (1, 2, 4, 1)], 3)]
+    [3, 5]
+    """
     joined: list[np.ndarray] = []
     for part in parts:
         if joined and joined[-1].size < size:

@@ -6,7 +6,8 @@ import re
 import subprocess
 import sys
 
-import matplotlib
+import matplotlib.image
+import numpy as np
 import pytest
 from refusals import refused
 
@@ -45,6 +46,13 @@ SCENES = {
     "noise": lambda: Scene({"n": white_noise(1)}),
     "long": lambda: chain(200),
 }
+
+
+def test_a_picture_is_filled_by_its_graph(tmp_path):
+    draw(squeeze(), tmp_path / "a.png")
+    image = matplotlib.image.imread(tmp_path / "a.png")
+    rows, columns = np.nonzero((image[..., :3] < 0.9).any(axis=-1))
+    assert np.ptp(columns) > 0.8 * image.shape[1] and np.ptp(rows) > 0.8 * image.shape[0]
 
 
 @pytest.mark.parametrize("name", SCENES)
