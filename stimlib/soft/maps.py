@@ -95,11 +95,12 @@ def image(
 
     Examples
     --------
-    >>> import numpy as np
+    >>> import tempfile, numpy as np
     >>> from matplotlib.image import imsave
     >>> from stimlib.soft import image
-    >>> imsave("map.png", np.array([[0.0, 0.0], [0.0, 0.2], [1.0, 0.0]]), cmap="gray")
-    >>> image("map.png", width=0.01)
+    >>> path = tempfile.mkdtemp() + "/map.png"
+    >>> imsave(path, np.array([[0.0, 0.0], [0.0, 0.2], [1.0, 0.0]]), cmap="gray")
+    >>> image(path, width=0.01)
     Levels(levels=array([[1. , 0. ],
            [0. , 0.2],
            [0. , 0. ]]), width=0.01, height=0.02)

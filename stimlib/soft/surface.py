@@ -304,7 +304,7 @@ def film(
 
     Examples
     --------
-    >>> import numpy as np, stimlib
+    >>> import tempfile, numpy as np, stimlib
     >>> from stimlib.scenes import soft_surface
     >>> from stimlib.soft import film
     >>> hand = {
@@ -314,7 +314,7 @@ def film(
     ... }
     >>> film(
     ...     stimlib.render(soft_surface("deformation"), hand, fs=1000),
-    ...     "soft.gif",
+    ...     tempfile.mkdtemp() + "/soft.gif",
     ...     fps=20,
     ... )
     2
