@@ -35,6 +35,7 @@ from stimlib.targets.llvm import (
     lanes,
     machine,
     rows,
+    values,
     vectors,
     walk,
 )
@@ -137,7 +138,9 @@ def test_the_log_tells_hits_misses_and_times(wanted, tmp_path):
 def test_an_entry_is_named_by_all_that_is_compiled_into_it(monkeypatch):
     usual = salt.__wrapped__()
     modules = {Path(caches.__file__).with_name(f"{name}.py") for name in caches.PARTS}
-    used = {Path(m.__file__) for m in (walk, known, kernels, vectors, lanes, instructions, rows)}
+    used = {
+        Path(m.__file__) for m in (walk, values, known, kernels, vectors, lanes, instructions, rows)
+    }
     assert used <= modules
     for path in (*modules, Path(maths.__file__)):
         assert path.read_text() in usual
@@ -195,7 +198,7 @@ def test_segments_are_compiled_with_options_of_llvm_and_nothing_else_is(
 
 FLOATS = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)
 TWICE = """
-from stimlib.targets.llvm.walk import exported
+from stimlib.targets.llvm.values import exported
 @exported("f8", "f8")
 def twice(x):
     return 2.0 * x

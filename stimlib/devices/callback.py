@@ -12,7 +12,7 @@ so neither ever waits for the other.
 from stimlib.devices.words import *
 from stimlib.targets.llvm.instructions import DOUBLE, I64
 from stimlib.targets.llvm.known import at, f4_at, f8_at, i8_at, known, run, single, through, whole
-from stimlib.targets.llvm.walk import Value, exported, number
+from stimlib.targets.llvm.values import Value, exported, number
 
 
 # memory and calls ---------------------------------------------------------------------

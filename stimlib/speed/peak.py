@@ -63,10 +63,11 @@ def _loop(lanes: int) -> Callable[[int], float]:
 
     from ..targets.llvm import machine, walk
     from ..targets.llvm.instructions import I32, I64, function
+    from ..targets.llvm.values import Known, Value
 
     vector = ir.VectorType(ir.DoubleType(), lanes)
 
-    def sums(w: Any, n: walk.Value) -> walk.Value:
+    def sums(w: Any, n: Value) -> Value:
         b = w.b
         # towards 1: never slow, never lost
         factor, term = (ir.Constant(vector, [x] * lanes) for x in (0.999, 0.001))
@@ -88,10 +89,10 @@ def _loop(lanes: int) -> Callable[[int], float]:
         total = new[0]
         for x in new[1:]:
             total = b.fadd(total, x)
-        return walk.Value(b.extract_element(total, I32(0)), "f8")
+        return Value(b.extract_element(total, I32(0)), "f8")
 
     source, of = "def run(n):\n    return sums(n)\n", {"run": ("f8", "i8")}
-    text = walk.of_source(source, {"sums": walk.Known(sums)}, of, {}).llvm
+    text = walk.of_source(source, {"sums": Known(sums)}, of, {}).llvm
     code, _ = machine.machine_code(text, ours=False)
     address = machine.addresses(code, ["run"])["run"]
     return ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_int64)(address)

@@ -42,7 +42,7 @@ LONG = "runtime_", "pump_"
 """What takes a second to compile, and is missing in an empty cache; a block class takes
 a tenth.
 """
-PARTS = "machine walk known rows instructions lanes kernels vectors segments".split()
+PARTS = "machine values walk known rows instructions lanes kernels vectors segments".split()
 """Files that are compiled into entries, or say how."""
 
 

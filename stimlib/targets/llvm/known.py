@@ -15,7 +15,7 @@ from stimlib.core.maths import SILENT
 from stimlib.errors import SceneError
 from stimlib.targets.llvm import instructions, kernels, lanes, vectors
 from stimlib.targets.llvm.instructions import DOUBLE, I64, TRUTH
-from stimlib.targets.llvm.walk import (
+from stimlib.targets.llvm.values import (
     KINDS,
     Array,
     Known,

@@ -28,7 +28,7 @@ from stimlib.targets.llvm.rows import (
     SEGMENT,
     WRITEABLE,
 )
-from stimlib.targets.llvm.walk import Outer, exported
+from stimlib.targets.llvm.values import Outer, exported
 
 # ctx: 0 rows before those of outputs, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7
 # outputs, 8 place in A of the numbers of the outputs' rows, 9 &N, 10 &index,

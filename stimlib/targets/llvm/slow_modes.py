@@ -7,7 +7,7 @@ from functools import partial
 
 from stimlib.targets.llvm import kernels
 from stimlib.targets.llvm.known import CHEBYSHEV, MEMORY, at, of
-from stimlib.targets.llvm.walk import exported
+from stimlib.targets.llvm.values import exported
 
 MOST = kernels.MOST
 _leaks, _moving_leaks = (of(partial(kernels.leaks, moving=m)) for m in (False, True))

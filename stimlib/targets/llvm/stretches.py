@@ -4,7 +4,7 @@ Its text is compiled from the cache, as ``runtime``, when a scene has such a blo
 """
 
 from stimlib.targets.llvm.known import SEGMENT, at, call, move
-from stimlib.targets.llvm.walk import exported
+from stimlib.targets.llvm.values import exported
 
 
 @exported("void", *SEGMENT)

@@ -5,7 +5,7 @@ Its text is compiled from the cache, as ``runtime``.
 
 from stimlib.targets.llvm.instructions import I64
 from stimlib.targets.llvm.known import at, i8_at, known, run
-from stimlib.targets.llvm.walk import Value, exported
+from stimlib.targets.llvm.values import Value, exported
 
 
 @known
