@@ -25,8 +25,10 @@ from typer.testing import CliRunner
 from stimlib import blocks
 from stimlib.cli import app
 from stimlib.core import graph, pointwise
+from stimlib.devices.engine import native
 from stimlib.devices.null import NullSink
 from stimlib.motion.generators import GENERATORS
+from stimlib.targets.llvm.engine import runtime
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -132,6 +134,7 @@ def test_what_a_page_types_into_a_terminal_prints_what_it_says(page, tmp_path, m
     """Lines with $ are run by the shell's rules; the lines below are what must come,
     `...` anything.
     """
+    runtime(), native()  # a command that compiles them would say so
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
