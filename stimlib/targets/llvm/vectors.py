@@ -114,7 +114,7 @@ def helper_of(f: Any, p_type: Any, p_kinds: str, kinds: str, s_type: Any = None)
 def each(b, helper, p, x, y, n):
     """Compute maths.each, from the addresses x to y."""
     numbers = lanes_of(b, p)
-    few, to_end = b.icmp_signed("<", n, I64(8)), y
+    few = b.icmp_signed("<", n, I64(8))
     rooms = [room(b, DOUBLE, 8) for _ in (*x, y)]
     with b.if_then(few):  # what is beyond the end belongs to others
         for to, q in zip(rooms, x, strict=False):
@@ -132,7 +132,7 @@ def each(b, helper, p, x, y, n):
     with b.if_then(b.icmp_signed(">", n, I64(0))):
         store(b, load(b, ends), out, last)
     with b.if_then(few):
-        copied(b, to_end, out, n)
+        copied(b, y, out, n)
 
 
 def _masked(b, q, there, v=None):
