@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import asdict
+from itertools import count
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
@@ -15,6 +18,7 @@ from . import options as opt
 from .app import Output, command, end, errors, failed, print_json, say
 from .motions import given, motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
+from .watching import Watched
 
 SinkName: Any = Literal[tuple(available.SINKS)]
 
@@ -59,6 +63,7 @@ def _play(
     block: int | None,
     seconds: float | None,
     wanted: bool,
+    reloaded: Any,
 ) -> None:
     """Play to the end with a progress bar; the sink fades out even after an error."""
     with sink:
@@ -66,11 +71,11 @@ def _play(
             sink.open(fs, channels, block)
         sink.start(seconds)
         frames = None if seconds is None else round(seconds * fs)
-        with progress("playing; Ctrl-C ends", frames, wanted) as advance:
+        with reloaded, progress("playing; Ctrl-C ends", frames, wanted) as advance:
             done = 0
-            while not sink.finished:
-                sink.wait(0.1)
-                before, done = done, sink.report().produced
+            while not sink.newest.finished:
+                sink.newest.wait(0.1)
+                before, done = done, sink.newest.since + sink.newest.pump.index
                 advance(done - before)
         sink.check()
 
@@ -141,6 +146,16 @@ def play(
     set_: opt.Params = [],
     seed: opt.Seed = 0,
     log: opt.Log = None,
+    watch: Annotated[
+        bool,
+        typer.Option(
+            "--watch",
+            help=(
+                "When your file is saved, let its scene take the place of the one before, in a "
+                "crossfade; with --log, each has a log of its own."
+            ),
+        ),
+    ] = False,
     quiet: opt.Quiet = False,
     import_: opt.Import = [],
 ):
@@ -155,8 +170,16 @@ def play(
 
     [bold]stimlib play tone --set freq=80 --seconds 3[/]
 
+    [bold]stimlib play click_block.py:scene --motion "sinusoid(0.01, 1)" --watch[/]
+
     [bold]stimlib play vib.wav --full-scale 1[/]
     """
+    watched = Watched(scene, import_)
+    if watch and (fast or not watched.paths):
+        raise BadValue(
+            "--watch: a scene of your own can be saved while it plays: write my_scene.py:NAME,"
+            " without --fast"
+        )
     run_files(import_)
     recorded: float | None = None
     chosen = sink or ("null" if fast else None)
@@ -196,7 +219,29 @@ def play(
         playing = available.make(kind, made, limits, **options)
         length = seconds if seconds is not None else recorded
         place = (rate if fs is None else fs, opt.channel_map(channels), block)
-        _played(playing, place, length, quiet, log)
+
+        def played(scene_: Any) -> None:
+            """Let a scene that was saved follow, for the rest of the time."""
+            motion, _ = motions(scene_, contact=touching(scene))
+            new, old = None if own else safety(scene_), playing.newest
+            left = None if length is None else length - (old.since + old.pump.index) / old.rate
+            to = _free(log)
+            how = {"motion": motion, "seed": seed, "markers": marker, "send": senders}
+            playing.crossfade(scene_, new, seconds=left, log=to, **how)
+            if to is not None:
+                say(f"log: {to}")
+
+        reloaded = watched.reloaded(played) if watch else nullcontext()
+        _played(playing, place, length, quiet, log, reloaded)
+
+
+def _free(log: Any) -> Path | None:
+    """Return the folder of the next log beside a log, such as monday-2.stimlog."""
+    if log is None:
+        return None
+    path = Path(log)
+    names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in count(2))
+    return next(p for p in names if not p.exists())
 
 
 def _played(
@@ -205,10 +250,11 @@ def _played(
     length: float | None,
     quiet: bool,
     log: Any,
+    reloaded: Any,
 ) -> None:
     """Play to the end, then print the report."""
     try:
-        _play(playing, *place, length, not quiet)
+        _play(playing, *place, length, not quiet, reloaded)
     except (SinkError, FaultError) as e:
         if not playing._started:
             raise
@@ -221,7 +267,7 @@ def _played(
         raise typer.Exit(130) from None
     finally:
         if playing._started and not quiet:
-            print(playing.report())
+            print(playing.newest.report())
             if log is not None:
                 print(f"log: {log}")
 

@@ -18,6 +18,7 @@ from .app import command, errors, note, print_json, say
 from .devices import safety_of
 from .motions import motions_of
 from .scene import SceneText, number, params_of, run_files, scene_of, touching
+from .watching import Watched
 
 
 def page_safety_of(
@@ -123,7 +124,9 @@ def live(
 ):
     r"""Explore a scene in the browser with a pointer.
 
-    Sliders set its parameters; plots and sound show its outputs.
+    Sliders set its parameters; plots and sound show its outputs. When your own file is
+    saved, its scene takes the place of the one before, within a session too: positions
+    and sliders stay.
 
     Needs [bold]pip install 'stimlib\[live]'[/].  Mouse, pen and touch
     drive the first position inputs of a scene; every input may have another source, on
@@ -134,8 +137,9 @@ def live(
     [bold]stimlib live click_block.py:scene --range x=0:0.01[/]
     [bold]stimlib live soft_surface --motion "press=sinusoid(0.5, 1, mean=0.5)"[/]
     """
+    watched = Watched(scene, import_)
     run_files(import_)
-    from ..live.describe import full_scales, ranges_of
+    from ..live.describe import full_scales
     from ..live.server import Server  # which says what is not installed
     from ..live.stream import Stream
 
@@ -149,7 +153,7 @@ def live(
         page = Stream(
             made,
             fs,
-            safety(lambda: full_scales(made, fs, ranges_of(made, ranges))),
+            lambda scene, ranges: safety(lambda: full_scales(scene, fs, ranges)),
             title=scene,
             ranges=ranges,
             given=given,
@@ -165,7 +169,8 @@ def live(
         page.say = partial(errors.print, markup=False, highlight=False, soft_wrap=True)
         with closing(Server(page, host, port)) as server:
             page.warm_up()
-            _serve(server, not no_browser)
+            with watched.reloaded(page.reload, page.tell_error):
+                _serve(server, not no_browser)
 
 
 def _serve(server: Any, browser: bool) -> None:

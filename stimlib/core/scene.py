@@ -271,8 +271,8 @@ class Scene:
         """Show the scene live, in a notebook cell or at the ``.url`` of the result.
 
         A pointer drives it, and sliders set its parameters; plots and sound present its
-        output. It runs beside the notebook until ``.close()``, or until the same scene
-        is shown again.
+        output. It runs beside the notebook until ``.close()``.  If the cell is run
+        again, the scene takes the place of the one before, within a session too.
 
         Parameters
         ----------

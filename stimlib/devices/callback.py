@@ -222,15 +222,21 @@ def deliver(c, start, m, log):
         c[F_STAGED] = w + m
 
 
+@exported("void", "i8*")
 def commit(c):
     """Count the block as accepted by the device."""
     c[DELIVERED] += c[STAGED]
     c[STAGED] = 0
     store(c, F_WRITE, c[F_STAGED])
+    if load(c, NEXT) != 0:
+        commit(i8_at(c[NEXT]))
 
 
+@exported("void", "i8*")
 def withdraw(c):
     """Count the block as lost because it came too late."""
+    if load(c, NEXT) != 0:
+        withdraw(i8_at(c[NEXT]))
     n = c[STAGED]
     c[LOST] += n
     if c[LOG] == 0 or c[F_STAGED] > c[F_WRITE]:  # else it is in a gap already
@@ -404,6 +410,7 @@ def produce(c, n, lost):
     store(c, CALLS, c[CALLS] + 1)
     start = now(c)
     done, program = 0, i8_at(c[CONTEXT])
+    begins = 0  # the frame at which a session that follows begins
     if load(c, STATE) == RUNNING:
         late(c, n, start)
         # before sample 0 there is nothing to lose
@@ -413,12 +420,13 @@ def produce(c, n, lost):
             c[UNDERRUNS] += gone > 0
         c[WAS] = RUNNING
         done = rise(c, n)
+        first = program[15] - done
         if c[LEAD] == 0:
-            timed(c, program[15] - done, start)
+            timed(c, first, start)
             done = advance(c, done, n, 1)
+        begins = min(max(min(c[FADE_AT], c[END]) - first, 0), n)
         if program[15] >= c[END]:
             done = fall(c, done, n)
-    c[MADE] = done
     outs = i8_at(c[OUTS])
     for j in range(c[CHANNELS]):
         out = f4_at(outs[j])
@@ -427,8 +435,34 @@ def produce(c, n, lost):
     if c[STALL] > 0:
         sleep(c, c[STALL])
         c[STALL] = 0
+    if load(c, NEXT) != 0:
+        follow(c, i8_at(c[NEXT]), begins, n, lost)
     if done > 0:
         count(c[HISTOGRAM], now(c) - start)
+
+
+def follow(c, d, begins, n, lost):
+    """Add the frames of the session d, which follows this one, to those of the block.
+
+    It begins with its fade-in at the frame at which the other begins its fade-out.
+    Their gains add up to 1 then, so that the sum keeps the limits that both keep.
+    """
+    outs, added = i8_at(c[OUTS]), i8_at(d[OUTS])
+    d[CONNECTED] = c[CONNECTED]
+    store(d, WAIT, load(c, WAIT))
+    if begins < n and d[ROSE] == 0 and d[LEAD] == d[FADE] and d[LEAD] > 0:
+        # the first frame of a fade-in is silence: it is the one before
+        event(d, 0, RISE, d[FADE], 0, 0)
+        d[LEAD], d[ROSE] = d[LEAD] - 1, 1
+    while begins < n:
+        m = min(n - begins, CHUNK)
+        produce(d, m, lost)
+        for j in range(c[CHANNELS]):
+            out, more = f4_at(outs[j]), f4_at(added[j])
+            for k in range(m):
+                both = float(out[(begins + k) * c[STRIDE]]) + float(more[k])
+                out[(begins + k) * c[STRIDE]] = single(min(max(both, -1.0), 1.0))
+        begins, lost = begins + m, 0
 
 
 def pump(c, n, lost):

@@ -158,12 +158,13 @@ class ControlLoop(Sink):
 
     def _period(self, n: int, lost: int) -> None:
         """Read the inputs, compute one block and write it."""
-        if self.pump.state == words.RUNNING and self._read is not None:
+        pump = self.newest.pump
+        if pump.state == words.RUNNING and self._read is not None:
             try:
                 if (x := self._read()) is not None:
                     if not isinstance(x, Mapping) and np.ndim(x) == 1:
                         x = np.asarray(x)[:, None]
-                    self.pump.put_motion(columns_of("read: ", x, self.proc.inputs))
+                    pump.put_motion(columns_of("read: ", x, pump.proc.inputs))
             except BaseException as e:
                 self._fail(e, what="read failed")
                 self._read = None

@@ -24,7 +24,7 @@ LOG_SECONDS = 4.0
 """Seconds by which the log may lag before it misses samples."""
 
 FOREVER = 2**62
-REASONS = ("stop", "fault", "error", "close")
+REASONS = ("stop", "fault", "error", "close", "next")
 
 # the name and the data of each event of callback.py, from its three numbers; the last
 # argument is the second number as a float

@@ -50,6 +50,7 @@ from .sources import (
 
 if TYPE_CHECKING:
     from .calibration import Calibration
+    from .crossfade import Following
 
 logger = logging.getLogger(__name__)
 CLOSE_WITHIN = 2.0
@@ -156,6 +157,8 @@ class Sink:
     _last_latency = 0.0
     _recorder: Any = SimpleNamespace(stales=0)  # until it is started
     _telling: Any = SimpleNamespace(count=0, lost=0, unsent=0)
+    _next: Following | None = None  # the session that follows on this device
+    since = 0  # sample of the motion at which the session begins
 
     def __init__(
         self,
@@ -186,6 +189,8 @@ class Sink:
         self.protected, self.calibration = protect(scene, self.safety), calibration
         self.motion = source_of(motion, tuple(scene.inputs))
         self.seed, self.params = seed, dict(params or {})
+        self.changed: dict[str, float] = {}  # parameters, while it plays
+        self.kept: list[Sink] = []  # sessions that follow: the callback may be in one of them
         self.realtime = self.clock if realtime is None else realtime
         self._log_to = log
         if isinstance(markers, str) or not isinstance(markers, Sequence):
@@ -270,6 +275,7 @@ class Sink:
             self.proc.set(name, value, ramp=0.0)
         # they are there from the first sample on
         self.proc.process(np.zeros((len(self.proc.inputs), 0)))
+        self._aim()
         self.pump = Pump(
             self.proc,
             self.safety,
@@ -443,8 +449,11 @@ class Sink:
     def check(self) -> None:
         """Raise the error of the device or its threads, if there is one.
 
-        A session that has ended without any motion is an error, too.
+        A session that has ended without any motion is an error, too; and so is an error
+        of the session that follows.
         """
+        if self._next is not None:
+            self._next.check()
         if self.error is None and self.finished and (why := self._received().get("silent")):
             self.error = MotionError(f"{self.device}: {why}")
         if self.error is not None:
@@ -506,6 +515,8 @@ class Sink:
 
     def _close_by(self, end: float) -> None:
         try:
+            if self._next is not None:
+                self._next.close()
             self.stop("close")
         finally:
             self._last_latency = self._latency()
@@ -600,6 +611,7 @@ class Sink:
         value = _number(f"set: {name}", value)
         samples = max(1, _samples(f"set: {name}: ramp", ramp, self.rate))
         self.proc.setting(name, value, ramp)
+        self.changed[name] = value
         end = time.monotonic() + 1.0
         while not self.finished and not self.pump.set(name, value, samples):
             if time.monotonic() > end or not self._started:
@@ -619,6 +631,81 @@ class Sink:
             raise UnknownName(
                 f"no parameter {name!r}; this scene has {', '.join(self.scene.params) or 'none'}"
             )
+
+    def crossfade(
+        self, scene: Scene, safety: Safety | None = None, *, seconds: float | None = None, **options
+    ) -> Following:
+        """Let another scene follow on the device, and return its session.
+
+        This session fades out while the other fades in, and their sum keeps the limits
+        that both keep. The parameters go on by name, and so does a motion that is given
+        by its time. Each session has its own log and report. Leaving the ``with`` block
+        of the first sink, or closing it, ends all.
+
+        Parameters
+        ----------
+        scene : Scene
+            With the same outputs, in the same units; its parameters and inputs may be
+            others.
+        safety : Safety, optional
+            With the same fade; by default that of this session.
+        seconds : float, optional
+            As for ``start``.
+        **options
+            ``motion``, ``params``, ``log``, ``seed``, ``markers``, ``send`` of the new
+            session; see ``Sink``.
+
+        Returns
+        -------
+        Sink
+            The session that plays now; ``set``, ``push`` and ``crossfade`` of it are
+            for the next.
+
+        Raises
+        ------
+        SinkError
+            Not started, or failed; other outputs; the session before has not ended.
+        BadValue
+            Another fade.
+
+        Examples
+        --------
+        >>> import stimlib
+        >>> from stimlib.devices import NullSink
+        >>> from stimlib.scenes import tone
+        >>> with NullSink(tone(freq=80.0), 10.0) as sink:
+        ...     sink.open(8000)
+        ...     sink.start()
+        ...     higher = sink.crossfade(tone(freq=120.0), seconds=0.1)
+        ...     higher.wait()
+        >>> higher.report().produced
+        800
+        """
+        from .crossfade import follow
+
+        if not isinstance(self.error, FaultError):  # which another scene may not have
+            self.check()
+        if not self._started or self._closed:
+            raise SinkError("crossfade: start the sink first")
+        if self._next is not None:
+            return self._next.crossfade(scene, safety, seconds=seconds, **options)
+        made = follow(self, scene, safety, **options)
+        if isinstance(self._feeder, Receiver):
+            self._feeder.stop()  # no two may receive; this one holds its last position
+            self._feeder.join(1.0)
+        made.start(seconds)
+        self._next = made
+        self._link(made)
+        return made
+
+    @property
+    def newest(self) -> Sink:
+        """The session that plays on the device now: this one, or one that follows."""
+        return self if self._next is None else self._next.newest
+
+    def _link(self, made: Following) -> None:
+        """Let a session that has started follow this one."""
+        made.link(made.at)
 
     def push(self, x: Mapping[str, Any] | np.ndarray) -> int:
         """Add columns of live motion, one per sample; return how many fitted.
@@ -787,6 +874,8 @@ class Sink:
         """
         self._device_gone = True
         self._fail(SinkError(f"{self.device}: {why}"))
+        if self._next is not None:
+            self._next.device_lost(why)
 
     def make_frames(self) -> NDArray[np.float32]:
         """Make the array into which the pump writes the samples of each block.
@@ -904,6 +993,8 @@ class Sink:
         looked = time.monotonic()
         try:
             while not self._over.wait(0.001 if self.pump.hurried else 0.01):
+                if self._next is not None and self.finished:
+                    break  # its log is whole; the device goes on
                 self._recorder.drain()
                 seen, looked = looked, time.monotonic()
                 # at most: a process that was stopped has heard no call either
@@ -924,6 +1015,9 @@ class Sink:
             self._recorder.end(self.report)  # without a log, but markers are sent
 
     # What a device fills in -----------------------------------------------------------
+    def _aim(self) -> None:
+        """Look at the motion once more, when everything else is compiled."""
+
     def _open(self) -> None:
         """Open the device and connect it to ``self.pump``, or raise SinkError.
 

@@ -38,8 +38,9 @@ OUTS, STRIDE, INS, IN_STRIDE, IN_SCALE, CONNECTED, ORIGIN, REPEATS = range(60, 6
 # PortAudio: frames per second (bits of a float); blocks that any device has asked for
 RATE, CALLS = range(80, 82)
 # frames outside of the samples: how many are left and were made, before and after;
-# their level; frames of the last block; ticks per second of Windows' clock
-LEAD, TAIL, ROSE, FELL, LEVELS, MADE, TICKS = range(82, 89)
+# their level; the context of the session that follows on the device, or 0; ticks per
+# second of Windows' clock
+LEAD, TAIL, ROSE, FELL, LEVELS, NEXT, TICKS = range(82, 89)
 # outputs that mark: how many, which, their last values; a sample and the time of its
 # block, with a count of writes that is odd while they change
 MARKS, MARKED, MARK_LAST, TIMED_AT, TIMED_NS, TIMES = range(89, 95)

@@ -21,7 +21,7 @@ from ..errors import BadValue, UnknownName, shortened
 from ..motion.generators import sinusoid
 from ..motion.recorded import LIFTED
 from ..motion.source import positions
-from ..run.processor import compile
+from ..run.processor import Processor, compile
 from .protocol import FINGERS, POINTERS
 
 Array = NDArray[np.float64]
@@ -169,20 +169,18 @@ class Inputs:
         delay: float = DELAY,
         stream: Callable[[float], tuple[Any, ...]] | None = None,
     ):
-        self.fs, self.names = fs, list(scene.inputs)
-        self._forces = {n for n, b in scene.inputs.items() if LIFTED.get(str(b.dim)) == "zero"}
-        self.given = dict(given or {})
-        for name, motion in self.given.items():
-            if name not in self.names:
+        for name, motion in (given or {}).items():
+            if name not in scene.inputs:
                 raise UnknownName(
                     f"motion of {name}: the scene has no such input; it has"
-                    f" {', '.join(self.names) or 'none'}"
+                    f" {', '.join(scene.inputs) or 'none'}"
                 )
             if not callable(motion):
                 raise BadValue(
                     f"motion of {name}: a live scene has no end, so give a function of time, not"
                     f" {type(motion).__name__}"
                 )
+        self.fs, self.bandwidth = fs, bandwidth
         self.fingers = [(0.0, 0.0, 0.0, 0.0)] * FINGERS  # u, v, pressure, on
         self.delay, self._samples = delay, Clock()
         self._moves: deque[tuple[float, float, float]] = deque(maxlen=KEPT)
@@ -191,22 +189,55 @@ class Inputs:
         self.row: dict[Any, float] = {}  # the newest of the stream
         self.stream, self.stream_error, self.jitter = stream, "", 0.0
         self.count()
-        self.sources = first_sources(scene, ranges, self.given)
-        self._see_touch()
-        self._changed: dict[str, float | None] = dict.fromkeys(
-            self.names, -math.inf
-        )  # sample of the source's change; None: the next
-        self._last = np.zeros(len(self.names))
-        self._from = np.zeros(len(self.names))
-        self._follow = compile(following(len(self.names), bandwidth), fs) if self.names else None
-        self._row = {name: k for k, name in enumerate(self._follow.inputs)} if self._follow else {}
+        self.sources: dict[str, dict[str, Any]] = {}
+        self.names: list[str] = []
+        self._units: dict[str, str] = {}
+        self._follow: Processor | None = None
+        self.change(scene, ranges, given or {}, self.smoothing(scene))
         if stream is not None:
             threading.Thread(
                 target=_listen, args=(weakref.ref(self), stream), name="stimlib stream", daemon=True
             ).start()
 
+    def smoothing(self, scene: Scene) -> Processor | None:
+        """Return the filter for the inputs of a scene."""
+        n = len(scene.inputs)
+        return compile(following(n, self.bandwidth), self.fs) if n else None
+
+    def change(
+        self,
+        scene: Scene,
+        ranges: Mapping[str, tuple[float, float]],
+        given: Mapping[str, Any],
+        follow: Processor | None,
+        since: int = 0,
+    ) -> None:
+        """Become the inputs of another scene, whose session begins at sample ``since``.
+
+        The fingers stay where they are, and inputs of the same name and unit have the
+        source that they had. While ``columns`` is called, its thread must call this.
+        """
+        units = {n: str(b.dim) for n, b in scene.inputs.items()}
+        old = {
+            n: s
+            for n, s in self.sources.items()
+            if units.get(n) == self._units[n] and (s["from"] != "given" or n in given)
+        }
+        if list(units) != self.names:
+            self._follow = follow
+            self._row = {name: k for k, name in enumerate(follow.inputs)} if follow else {}
+            # sample of the source's change; None: the next
+            self._changed: dict[str, float | None] = dict.fromkeys(units, -math.inf)
+            self._last, self._from = np.zeros(len(units)), np.zeros(len(units))
+        self.given, self._units, self.names = dict(given), units, list(units)
+        self._forces = {n for n, unit in units.items() if LIFTED.get(unit) == "zero"}
+        self.sources = first_sources(scene, ranges, self.given) | old
+        self._since += since
+        self._see_touch()
+
     def count(self) -> None:
         """Begin to count the motion of a session."""
+        self._since = 0
         self._moved, self.rows = set[int](), 0  # fingers; rows that were in range
         self.rejected, self.examples = Counter[str](), dict[str, str]()
 
@@ -333,7 +364,8 @@ class Inputs:
             if source["from"] == "contact":
                 x[k] = held[self._row[f"x{k}"]]
             elif source["from"] in ("sine", "given"):
-                x[k] = positions({name: self._motion(name, source)}, at, at + n, self.fs)[0]
+                begin = self._since + at
+                x[k] = positions({name: self._motion(name, source)}, begin, begin + n, self.fs)[0]
             if source["from"] != "contact":
                 self._go_over(k, name, x[k], at)
             self._last[k] = x[k, -1]

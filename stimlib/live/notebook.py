@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 from ..core.scene import Scene
@@ -13,7 +14,7 @@ from .stream import Stream
 
 NEAR = "http://127.0.0.1:* http://localhost:*"
 """Sites that may show the page in a frame: notebooks on this machine."""
-_shown: dict[str, Server] = {}
+_shown: dict[str, tuple[Server, Stream, Any]] = {}  # by cell, and with which options
 
 
 def show(
@@ -37,8 +38,12 @@ def show(
     -------
     Server or Shared
         A notebook shows its page; ``url`` is its address, and ``close()`` fades out and
-        ends it.  If the scene is shown already, the earlier server is closed.  Where no
-        port can be opened, the page of ``stimlib.live.share.share``, which needs none.
+        ends it.  Where no port can be opened, the page of ``stimlib.live.share.share``,
+        which needs none.
+
+        If the cell is run again, the scene takes the place of the one before on the
+        same page, as in ``Stream.reload``; with other options, the earlier page is
+        closed.  Outside of a notebook, ``title`` does what the cell does.
 
     Raises
     ------
@@ -58,15 +63,30 @@ def show(
     (True, '<iframe src="http://127.0.0')
     >>> page.close()
     """
+    cell, how = _cell() or options.get("title") or scene.hash, (fs, safety, port, options)
+    if cell in _shown:
+        server, stream, before = _shown[cell]
+        if server.runs and before == how:
+            stream.reload(scene)
+            stream.expect()
+            return server
+        server.close()
     stream = Stream(scene, fs, safety, **options)
     stream.warm_up()
-    if earlier := _shown.pop(scene.hash, None):
-        earlier.close()
     try:
-        _shown[scene.hash] = server = Server(stream, port=port, framed_by=NEAR)
+        server = Server(stream, port=port, framed_by=NEAR)
+        _shown[cell] = server, stream, how
     except SinkError:
         if port:
             raise
         own = {n: options[n] for n in ("params", "seed", "title", "ranges") if n in options}
         return share(scene, fs, **own)
     return server.start()
+
+
+def _cell() -> str:
+    """Return the name of the notebook's cell that runs now, or an empty text."""
+    ipython: Any = sys.modules.get("IPython")
+    shell = ipython and ipython.get_ipython()
+    asked = shell.get_parent() if hasattr(shell, "get_parent") else {}
+    return str(asked.get("metadata", {}).get("cellId", ""))

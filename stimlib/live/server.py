@@ -185,9 +185,14 @@ class Server:
         with self._socket, _closed_terminal_ends():
             self._uvicorn.run(sockets=[self._socket])
 
+    @property
+    def runs(self) -> bool:
+        """Whether a thread serves the page."""
+        return self._thread is not None and self._thread.is_alive()
+
     def start(self) -> Server:
         """Serve in a thread until ``close``; a running server is left running."""
-        if self._thread is not None and self._thread.is_alive():
+        if self.runs:
             return self
         self._begin()
         self._thread = begin(

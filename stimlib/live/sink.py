@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from ..core.scene import Scene
 from ..devices import words
+from ..devices.crossfade import Following
 from ..devices.process import begin
-from ..devices.sink import Sink
+from ..devices.sink import CLOSE_WITHIN, Sink
 from ..devices.sources import Live, columns_of
 from ..errors import place
 from ..run.safety import Safety
@@ -92,6 +93,12 @@ class PageSink(Sink):
         self._feed, self._take, self._stands, self._counted = feed, take, False, counted
         self._places = place(feed), place(take)
         self._x = np.zeros((len(scene.inputs) if motion else 0, 1))
+        self._now: Sink = self  # the session that plays; the one before holds its motion
+        self._coming: tuple[Following, threading.Event] | None = None
+        self.switched: Callable[[int], None] = lambda since: None
+        """Called in the sink's thread where another session follows, with its first
+        sample of the motion; ``feed`` then returns the motion of its inputs.
+        """
         self.late = self.busy = 0.0
         """Seconds behind the clock, and part of a block's time that making it took,
         each of late.
@@ -111,20 +118,22 @@ class PageSink(Sink):
                 time.sleep(due - now)
                 continue
             self.late = now - due
+            self._switch()
             lost = 0
             if self.late > LATE:
                 lost, due = round(min(self.late, MOST_LOST) * self.rate), now
             due += period
-            state = self.pump.state  # read once: a start just now has its first block next turn
+            pump = self._now.pump
+            state = pump.state  # read once: a start just now has its first block next turn
             if state == words.RUNNING:
-                self._make(lost if self.pump.read("DELIVERED") else 0)
+                self._make(lost if pump.read("DELIVERED") else 0)
                 self.busy += 0.02 * ((time.perf_counter() - now) / period - self.busy)
             elif state != words.IDLE:  # silence
                 self._block(np.repeat(self._x, self.block or 1, axis=1), 0)
 
     def _make(self, lost: int) -> None:
         """Make one block, after ``lost`` samples that are discarded."""
-        pump, n = self.pump, self.block or 1
+        pump, n = self._now.pump, self.block or 1
         x = np.repeat(self._x, lost + n, axis=1)
         if not self._stands:
             try:
@@ -137,12 +146,32 @@ class PageSink(Sink):
             pump.put_motion(x)
         self._block(x, lost)
 
+    def _link(self, made: Following) -> None:
+        """Let the thread that makes blocks begin a session, between two blocks."""
+        self._coming = made, (taken := threading.Event())
+        taken.wait(CLOSE_WITHIN)
+
+    def _switch(self) -> None:
+        """Begin the session that is to follow, if there is one."""
+        if self._coming is None:
+            return
+        (made, taken), self._coming = self._coming, None
+        old, self._now = self._now, made
+        made.link(old.pump.index)
+        rows = dict(zip(old.proc.inputs, self._x, strict=True))
+        self._x = np.array([rows.get(n, [0.0]) for n in made.proc.inputs]).reshape(-1, 1)
+        self.switched(old.pump.index)
+        taken.set()
+
     def _block(self, x: NDArray[np.float64], lost: int) -> None:
         """Let the device take a block, after ``lost`` samples, and show what it got."""
-        pump, begun = self.pump, self.pump.read("DELIVERED")
-        pump.block(self.block or 1, lost)
-        if made := pump.read("MADE"):  # with those after the last sample
-            first = pump.index - pump.read("DELIVERED") + begun
+        pump = self._now.pump
+        begun, fallen = pump.read("DELIVERED"), pump.read("FELL")
+        self.pump.block(self.block or 1, lost)
+        made = pump.read("DELIVERED") - begun
+        first = pump.index - made
+        made += pump.read("FELL") - fallen  # after the last sample
+        if made:
             try:
                 self._take(first, x[:, lost : lost + made], self.buffer[:, :made])
             except BaseException as e:

@@ -7,17 +7,22 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.graph import reach
+from ..core.graph import Param, reach
 from ..core.scene import Scene
+from ..devices.sink import Sink
+from ..devices.sources import Live
 from ..errors import BadValue, StimlibError, UnknownName
-from ..run.safety import Safety
+from ..run.processor import compile
+from ..run.safety import Safety, protect
 from .describe import Range, description, full_scales, ranges_of
 from .inputs import SMOOTH, Inputs
 from .protocol import GRACE, HEAD, MESSAGE, PAGES, REPORTS, VERSION, message, samples
@@ -27,6 +32,17 @@ from .site import Page
 logger = logging.getLogger(__name__)
 RAMP = 0.02
 """Duration in s of a slider's change."""
+
+
+class Version(NamedTuple):
+    """A scene as a page shows it, ready to be played."""
+
+    scene: Scene
+    ranges: dict[str, Range]
+    safety: Safety
+    given: dict[str, Any]
+    hello: dict[str, Any]  # what of the first message the scene makes
+    smoothing: Any
 
 
 class Stream:
@@ -44,8 +60,9 @@ class Stream:
     scene : Scene
     fs : float
         Hz.
-    safety : Safety, float or None
-        As for a sink; None uses ``full_scales``.
+    safety : Safety, float, callable or None
+        As for a sink; None uses ``full_scales``. A function makes it of a scene and its
+        ranges, also for each scene that follows.
     title : str
     ranges : mapping of str to (low, high), optional
         See ``ranges_of``.
@@ -76,7 +93,7 @@ class Stream:
         self,
         scene: Scene,
         fs: float = 8000.0,
-        safety: Safety | float | None = None,
+        safety: Safety | float | Callable[..., Safety] | None = None,
         *,
         title: str = "",
         ranges: Mapping[str, Range] | None = None,
@@ -90,22 +107,14 @@ class Stream:
         markers: Sequence[str] = (),
         send: Sequence[Any] = (),
     ):
-        self.scene, self.fs, self.seed, self.folder = scene, float(fs), seed, Path(folder)
+        self.fs, self.seed, self.folder = float(fs), seed, Path(folder)
         self.block = max(1, round(0.004 * self.fs)) if block is None else block
-        self.ranges = ranges_of(scene, ranges)
-        if safety is None:
-            safety = Safety(full_scales(scene, fs, self.ranges))
-        self.safety = safety if isinstance(safety, Safety) else Safety(safety)
-        ranges = {n: self.ranges[n] for n in scene.inputs}
-        self.inputs = Inputs(scene, self.fs, ranges, given, bandwidth, stream=stream)
-        self._marking = {"markers": tuple(markers), "send": tuple(send)}
-        self.params = {name: p.value for name, p in scene.params.items()}
-        self._sets: dict[str, float] = {}  # for the next block
-        for name, value in (params or {}).items():
-            self.set(name, value)
-        full = dict(
-            zip(scene.outputs, self.safety.scales(tuple(scene.outputs)).tolist(), strict=True)
+        self._made_by = safety, dict(ranges or {}), dict(given or {})
+        self.safety: Safety | None = None
+        self.inputs = Inputs(
+            scene, self.fs, ranges_of(scene, ranges), given, bandwidth, stream=stream
         )
+        self._marking: dict[str, Any] = {"markers": tuple(markers), "send": tuple(send)}
         self.hello: dict[str, Any] = {
             "version": VERSION,
             "title": title,
@@ -114,7 +123,11 @@ class Stream:
             "stream": stream is not None,
             "marks": bool(send),
         }
-        self.hello |= description(scene, self.ranges, full, self.inputs.given)
+        self.params: dict[str, float] = {}
+        self._sets: dict[str, float] = {}  # for the next block
+        self._become(self._version(scene, self._made_by[1]))
+        for name, value in (params or {}).items():
+            self.set(name, value)
         self.title, self.index, self.message = title or repr(scene), "index.html", message
         self.most, self.longest = PAGES, MESSAGE
         self.pages: list[Page] = []
@@ -122,15 +135,133 @@ class Stream:
         self.session, self.phase, self.why, self.recorded = 0, "idle", "", ""
         self.log: Path | None = None
         self.say: Callable[[str], None] = logger.info  # told of recordings
-        self._sink: PageSink | None = None
+        self._sink: Sink | None = None  # the newest session
+        self._root: PageSink | None = None  # the one that has the page
         self._asked: tuple[str, str] | None = None  # start, record or stop; why
         # the page that had control: its fingers leave when the session has faded out,
         # or they would end it
         self._left = False
+        self._expects = False  # that a page comes which has control
         self._kept = ""  # for the page of this name control is kept, until
         self._until: asyncio.TimerHandle | None = None
         self._wake = asyncio.Event()
         self._hands = ThreadPoolExecutor(1, "stimlib live")
+        self._loop: Any = None  # of the server
+
+    def _version(self, scene: Scene, ranges: Mapping[str, Range]) -> Version:
+        """Return a scene with all that a page needs to know of it."""
+        made_by, _, given = self._made_by
+        found = ranges_of(scene, ranges)
+        if made_by is None:
+            safety = Safety(full_scales(scene, self.fs, found))
+        elif callable(made_by):
+            safety = made_by(scene, found)
+        else:
+            safety = made_by if isinstance(made_by, Safety) else Safety(made_by)
+        if self.safety is not None and isinstance(safety.full_scale, Mapping):
+            safety = replace(safety, full_scale=self._scales(scene, safety.full_scale))
+        full = dict(zip(scene.outputs, safety.scales(tuple(scene.outputs)).tolist(), strict=True))
+        given = {n: motion for n, motion in given.items() if n in scene.inputs}
+        hello = description(scene, found, full, given)
+        return Version(scene, found, safety, given, hello, self.inputs.smoothing(scene))
+
+    def _scales(self, scene: Scene, full: Mapping[str, float]) -> dict[str, float]:
+        """Return full scales at least as large as now: what is weaker sounds weaker."""
+        now = {(o["name"], o["unit"]): o["full"] for o in self.hello["outputs"]}
+        units = {n: str(b.dim) for n, b in scene.outputs.items()}
+        return {n: max(v, now.get((n, units.get(n, "")), v)) for n, v in full.items()}
+
+    def _values(self, made: Version) -> dict[str, float]:
+        """Return the parameters of a version: sliders that were moved stay there."""
+        params = {n: p.value for n, p in made.scene.params.items()}
+        for name in params.keys() & self.params.keys():
+            low, high = made.ranges[name]
+            if self.params[name] != self.scene.params[name].value and (
+                low <= self.params[name] <= high
+            ):
+                params[name] = self.params[name]
+        return params
+
+    def _become(self, made: Version) -> None:
+        """Let a version be what the next session plays."""
+        self.params = self._values(made)
+        self.scene, self.ranges, self.safety = made.scene, made.ranges, made.safety
+        self.hello = self.hello | made.hello
+        self._sets = {}
+
+    def reload(self, scene: Scene) -> None:
+        """Let another scene take the place of this one, within a running session too.
+
+        The positions and the sources of inputs and the values of parameters go on by
+        name.  A session is crossfaded; where its outputs or their full scales are
+        others, it fades out and a new one fades in.  A recording goes on in a folder of
+        its own.  It may be called from any thread but the server's.
+
+        Raises
+        ------
+        StimlibError
+            The scene cannot be compiled or described; the one before plays on.
+        """
+        names = {*scene.inputs, *scene.params}
+        made = self._version(scene, {n: r for n, r in self._made_by[1].items() if n in names})
+        for b in reach(scene.outputs.values()):
+            if isinstance(b.frequency, Param):
+                b.check_rate(b.frequency.value, self.fs, f"{b.frequency.name}: ")
+        compile(protect(scene, made.safety), self.fs)  # so that what follows is quick
+        self._hands.submit(self._exchange, made).result()
+        self.tell_error("")
+
+    def tell_error(self, why: str) -> None:
+        """Show on the pages why a new scene is not played; the old one goes on."""
+        self.why = why
+        self._soon(self._tell_state)
+
+    def _soon(self, f: Callable[[], None]) -> None:
+        """Call a function in the server's loop, if there is one yet."""
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(f)
+
+    def _exchange(self, made: Version) -> None:
+        """Let a version follow: crossfaded, after the session, or in the next one."""
+        old, sink, root = self.hello, self._sink, self._root
+        log = self._new_folder() if self.log is not None else None
+        inputs = {n: made.ranges[n] for n in made.scene.inputs}
+        change = partial(self.inputs.change, made.scene, inputs, made.given, made.smoothing)
+        if sink is None or root is None or sink.finished or sink.error is not None:
+            self._become(made)
+            change()
+        elif made.hello["outputs"] == old["outputs"]:
+
+            def begun(since: int) -> None:
+                change(since=since)
+                self.session += 1
+
+            root.switched = begun
+            options: dict[str, Any] = self._marking | {"seed": self.seed, "log": log}
+            options |= {"params": self._values(made)}
+            options |= {"motion": Live(1.0)} if made.scene.inputs else {}
+            self._sink = sink.crossfade(made.scene, made.safety, **options)
+            self._become(made)
+            self._recorded(sink)
+        else:
+            self._end()
+            self._become(made)
+            change()
+            self._begin(log)
+        if log is not None:
+            self.log = log
+            self.say(f"recording to {log}")
+        if self.hello != old:
+            self._soon(self._greet)
+        self._soon(self._tell_state)
+
+    def _greet(self) -> None:
+        for page in self.pages:
+            page.tell(self._hello())
+
+    def _hello(self) -> dict[str, Any]:
+        values = [p | {"value": self.params[p["name"]]} for p in self.hello["params"]]
+        return {"is": "hello"} | self.hello | {"params": values}
 
     def warm_up(self) -> None:
         """Compile everything that a session needs, so that the first begins at once."""
@@ -142,7 +273,9 @@ class Stream:
     # Pages ----------------------------------------------------------------------------
     def join(self, page: Page) -> None:
         """Accept a page that has sent a valid hello; the first gets control."""
-        if page.name and page.name in (self._kept, getattr(self.control, "name", "")):
+        again = page.name and page.name in (self._kept, getattr(self.control, "name", ""))
+        if again or self._expects:
+            self._expects = False
             self._give(page)
         elif not self._kept:
             self.control = self.control or page
@@ -150,9 +283,12 @@ class Stream:
             if old.name == page.name != "":
                 old.close(4410, "this page was opened again")
         self.pages.append(page)
-        values = [p | {"value": self.params[p["name"]]} for p in self.hello["params"]]
-        page.tell({"is": "hello"} | self.hello | {"params": values})
+        page.tell(self._hello())
         self._tell_state()
+
+    def expect(self) -> None:
+        """Give control to the next page that comes, as in a cell that is shown anew."""
+        self._expects = True
 
     def leave(self, page: Page) -> None:
         """Remove a disconnected page; if it had control, keep that for a moment."""
@@ -307,21 +443,25 @@ class Stream:
         self.session += 1
         self.inputs.count()
         sink.start()
-        self._sink = sink
+        self._sink = self._root = sink
 
     def _end(self) -> None:
         sink, self._sink = self._sink, None
-        if sink is not None:
-            sink.close()
-            r = sink.report()
-            if self.log is not None:
-                self.recorded = f"Recorded {r.produced / self.fs:.1f} s in {self.log}" + (
-                    f", {r.lost} samples lost in {r.underruns} gaps" if r.lost else ""
-                )
-                self.say(self.recorded)
-            if r.silent or r.rejected:
-                self.say(str(r))
+        if sink is not None and self._root is not None:
+            self._root.close()
+            self._recorded(sink)
             sink.check()
+
+    def _recorded(self, sink: Sink) -> None:
+        """Say what a session has recorded, and what was wrong with its motion."""
+        r = sink.report()
+        if self.log is not None:
+            self.recorded = f"Recorded {r.produced / self.fs:.1f} s in {self.log}" + (
+                f", {r.lost} samples lost in {r.underruns} gaps" if r.lost else ""
+            )
+            self.say(self.recorded)
+        if r.silent or r.rejected:
+            self.say(str(r))
 
     def _new_folder(self) -> Path:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
@@ -334,7 +474,8 @@ class Stream:
         if sink is not None and self._sets:
             sets, self._sets = self._sets, {}
             for name, value in sets.items():
-                sink.pump.set(name, value, max(1, round(RAMP * self.fs)))
+                if name in sink.pump.slots:
+                    sink.pump.set(name, value, max(1, round(RAMP * self.fs)))
         return self.inputs.columns(at, n)
 
     def _take(self, at: int, x: NDArray[np.float64], y: NDArray[np.float32]) -> None:
@@ -384,7 +525,7 @@ class Stream:
             for page in self.pages:
                 page.wait(passed)
 
-    def _send_report(self, sink: PageSink) -> None:
+    def _send_report(self, sink: Sink) -> None:
         r = sink.report()
         report = {
             "is": "report",
@@ -393,14 +534,14 @@ class Stream:
             "seconds": r.produced / self.fs,
             "lost": r.lost,
             "underruns": r.underruns,
-            "late": max(0.0, sink.late),
+            "late": max(0.0, self._root.late if self._root else 0.0),
             "clips": r.clips,
             "faults": r.faults,
             "silent": r.silent,
             "rows": r.rows,
             "rejected": r.rejected,
             "time": time.time(),
-            "busy": sink.busy,
+            "busy": self._root.busy if self._root else 0.0,
         }
         for page in self.pages:
             page.tell(report | {"skipped": page.skipped})

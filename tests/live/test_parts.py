@@ -397,15 +397,23 @@ def test_nothing_heaps_up_for_a_page_that_reads_nothing():
     assert page.end[0] == 4408 and page.ended.is_set()
 
 
-def test_a_scene_that_is_shown_again_ends_its_earlier_page():
-    first = SPRING.live(FS, 50.0, title='a "spring"')
-    with SPRING.live(FS, 50.0) as second:
-        policy = second._headers["Content-Security-Policy"]
-        assert "frame-ancestors http://127.0.0.1:* http://localhost:*" in policy
-        shown = first._repr_html_()
-        assert first.url in shown and 'title="a &quot;spring&quot;"' in shown
-        assert not first._thread.is_alive() and second._thread.is_alive()
-    assert not second._thread.is_alive()
+def test_a_scene_that_is_shown_again_is_on_the_same_page():
+    """As the cell that is run again in a notebook; other options make another page."""
+    title = 'a "spring"'
+    first = SPRING.live(FS, 50.0, title=title)
+    policy = first._headers["Content-Security-Policy"]
+    assert "frame-ancestors http://127.0.0.1:* http://localhost:*" in policy
+    shown = first._repr_html_()
+    assert first.url in shown and 'title="a &quot;spring&quot;"' in shown
+    stiffer = Scene({"force": Param("k", 3.0, "N/m") * Input("x", "m")})
+    assert stiffer.live(FS, 50.0, title=title) is first and first.runs
+    assert first.stream.scene is stiffer and first.stream.params == {"k": 3.0}
+    with stiffer.live(FS, 60.0, title=title) as second, SPRING.live(FS, 50.0) as third:
+        assert not first.runs and second.runs and third.runs and second is not third
+    assert not second.runs
+    again = stiffer.live(FS, 60.0, title=title)  # the one before has ended
+    assert again is not second
+    again.close()
 
 
 def test_a_frequency_of_half_the_rate_is_refused_on_the_page(tmp_path):

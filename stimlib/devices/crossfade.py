@@ -1,0 +1,131 @@
+"""A session that follows another on its device, as an edited scene does.
+
+The callback of the device runs both sessions for the length of a fade and adds their
+frames; before and after, each is a session like any other, with its own log.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from ..core.scene import Scene
+from ..errors import BadValue, SinkError
+from ..run.safety import Safety
+from . import words
+from .sink import Sink
+from .sources import Recorded, Scripted, Source
+
+AHEAD = 0.05
+"""Seconds from the request for a crossfade to its first sample, so that the request and
+the first motion are there in time.
+"""
+
+
+class Following(Sink):
+    """The session that follows ``before`` on the device that ``root`` has opened.
+
+    Parameters
+    ----------
+    before : Sink
+    scene, safety, **options
+        See ``Sink``.
+    """
+
+    def __init__(self, before: Sink, scene: Scene, safety: Safety, **options: Any):
+        self.before, self.root = before, getattr(before, "root", before)
+        for name in ("device", "clock", "leads", "silent_for", "gone"):
+            setattr(self, name, getattr(before, name))
+        super().__init__(scene, safety, realtime=False, **options)
+        self._counted = before._counted
+        ours, theirs = _outputs(scene), _outputs(before.scene)
+        if ours != theirs:
+            raise SinkError(
+                f"{before.device}: a scene with the outputs {ours} cannot follow one with {theirs}:"
+                " end, and play it anew"
+            )
+        if self.safety.fade != before.safety.fade:
+            raise BadValue(
+                f"Safety: fade = {self.safety.fade:g} s must be {before.safety.fade:g} s, as in the"
+                " session before: the two are to add up"
+            )
+
+    def _aim(self) -> None:
+        """Choose the sample at which the session begins, where the motion goes on."""
+        # a motion in real time must not wait, or it would lag behind from then on
+        timed = isinstance(self.motion, Recorded | Scripted)
+        self.at = self.before.pump.index + timed * round(AHEAD * self.rate)
+        # sample 0 comes after the fade-in, in which the motion stands
+        self.since = self.before.since + self.at + self.safety.samples(self.rate) - 1
+        self.motion = later(self.motion, self.since, self.rate)
+
+    def _open(self) -> None:
+        self.block = self.before.block
+        self._frames = np.zeros((self.channels, words.CHUNK), np.float32)
+        rows = self._frames.ctypes.data + self._frames.strides[0] * np.arange(self.channels)
+        self.pump.buffers("OUTS")[:] = rows
+        for word in ("INS", "IN_STRIDE"):
+            self.pump.write(word, self.root.pump.read(word))
+
+    def link(self, at: int) -> None:
+        """Let the session begin where the one before begins to fade out."""
+        self.before.pump.write("NEXT", self.pump.context)
+        self.before.pump.stop("next", at)
+
+    def _link(self, made: Following) -> None:
+        self.root._link(made)
+
+    def _close(self) -> None:
+        self.pump.write("STATE", words.CLOSED)
+
+    def _latency(self) -> float:
+        return self.root._latency()
+
+
+def follow(before: Sink, scene: Scene, safety: Safety | None, **options: Any) -> Following:
+    """Return an open session for ``Sink.crossfade``, not yet started.
+
+    The session before is the newest of its device, and the sessions before that are let
+    go.
+    """
+    root = getattr(before, "root", before)
+    end = time.monotonic() + before.safety.fade + 1.0
+    while (old := getattr(before, "before", None)) is not None and not old.finished:
+        if time.monotonic() > end:
+            raise SinkError(f"{before.device}: the session before has not faded out")
+        time.sleep(0.002)
+    options = {"calibration": before.calibration} | options
+    options["params"] = {
+        n: v for n, v in (before.params | before.changed).items() if n in scene.params
+    } | options.get("params", {})
+    made = Following(before, scene, before.safety if safety is None else safety, **options)
+    names = [before.proc.outputs[k] if k >= 0 else None for k in before.map]
+    made.open(before.rate, names, before.block)
+    if old is not None and old is not root:
+        root.pump.write("NEXT", before.pump.context)
+        root._next, old._next = before, None
+        old.close()
+    # the callback may be in a session that was let go just now: it stays for one more
+    root.kept = [*root.kept[-2:], made]
+    return made
+
+
+def later(source: Source | None, samples: int, fs: float) -> Source | None:
+    """Return a motion from a sample on; what is not given by its time is as it was."""
+    if isinstance(source, Recorded):
+        return Recorded(source.x[:, min(samples, source.x.shape[1] - 1) :])
+    if isinstance(source, Scripted):
+        return Scripted({n: _later(v, samples, fs) for n, v in source.motion.items()})
+    return source
+
+
+def _later(motion: Any, samples: int, fs: float) -> Any:
+    if callable(motion):
+        return lambda t: motion(t + samples / fs)
+    return motion[min(samples, len(motion) - 1) :]
+
+
+def _outputs(scene: Scene) -> str:
+    return ", ".join(f"{n} [{b.dim}]" for n, b in scene.outputs.items())

@@ -1,0 +1,201 @@
+"""``Sink.crossfade``: a scene that follows another on its device, within its limits."""
+
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+from devices.servers import Seen, begun, kept, offline, until
+from devices.stands import FS, STANDS
+from refusals import refused
+
+from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError, blocks, constant
+from stimlib.blocks.oscillators import carrier
+from stimlib.devices import Live, NullSink
+from stimlib.devices.sink import Sink
+from stimlib.run.safety import Safety
+
+SPRING = Scene({"y": Param("k", 3.0) * Input("x")})
+FAILS = blocks.sqrt(1 - constant(2.0, "1/s") * blocks.elapsed())  # after half a second
+
+
+class Taken(Sink):
+    """A device of its own that keeps what it is given."""
+
+    device = "taken"
+
+    def _open(self):
+        self.block = self.block or 48
+        self._frames, self.got = self.make_frames(), []
+        self.start_loop(self._loop)
+
+    def _loop(self):
+        while not self.closing:
+            self.pump.block(self.block)
+            self.got.append(self._frames.copy())
+            self._let_go.wait(self.block / self.rate / 8)
+
+
+@pytest.fixture(params=STANDS)
+def stand(request, tmp_path, monkeypatch):
+    """Each kind of sink, with somebody at its other end."""
+    with request.param(tmp_path, monkeypatch) as made:
+        yield made
+
+
+def followed(sink, scenes, block=64, seconds=None, **options):
+    """The sessions of a sink, each of which has played for a while."""
+    made = [sink]
+    with begun(sink, seconds, block=block):
+        for scene in scenes:
+            until(lambda: made[-1].pump.index > 400)
+            made.append(made[-1].crossfade(scene, **options))
+            until(lambda: made[-2].finished)
+        until(lambda: made[-1].pump.index > 400)
+    return made
+
+
+def test_equal_constants_are_constant_on_every_device(stand):
+    """The two gains add up to 1: neither a gap nor a bump, in any block size."""
+    level = Scene({"y": constant(0.5), "z": constant(-0.25)})
+    sink = stand.make(level)
+    sessions = followed(sink, [level, level, level], 300 if stand.kind == "null" else 64)
+    assert [s.finished for s in sessions] == 4 * [True] and not any(s.error for s in sessions)
+    if (heard := stand.heard()) is None or any(s.report().lost for s in sessions):
+        return
+    there = np.flatnonzero(heard[:, 0] > 0.4999)
+    steady = heard[there[0] : there[-1] + 1]
+    assert len(steady) > 4 * 400 and np.abs(steady - [0.5, -0.25]).max() < 1e-7
+
+
+@pytest.mark.parametrize("block", [1, 48, 256, 700])
+def test_the_sum_is_that_of_two_sessions(block):
+    """Each is the offline render of its log; a device has one, both, then the other."""
+    wave = Scene({"y": 0.9 * carrier(110.0, phase=1.0)})
+    other = Scene({"y": 0.9 * carrier(70.0, phase=1.0)})
+    logs, safety = [Seen(), Seen()], Safety(1.0)
+    sink = Taken(wave, safety, log=logs[0], realtime=False)
+    first, second = followed(sink, [other], block, log=logs[1])
+    got = np.concatenate(sink.got, axis=1)[0]
+    start = np.flatnonzero(got)[0] - 1  # the fade-in has one frame of silence
+    ends = next(at for at, kind, _ in logs[0].events if kind == "stop")
+    a, b = (np.concatenate(log.frames)[:, 0] for log in logs)
+    for log, scene, frames in ((logs[0], wave, a), (logs[1], other, b)):
+        whole = offline(scene, safety, {}, FS, len(frames), log.events)[:, 0]
+        assert np.array_equal(frames, whole[kept(log.events, len(frames))])
+    begin = start + 160  # frame of sample 0
+    assert np.array_equal(got[begin : begin + ends], a[:ends]) and len(a) == ends + 160
+    rise = b[0] * np.arange(1, 161) / 160
+    both = (a[ends:].astype(float) + np.float32(rise)).astype(np.float32)
+    assert np.abs(got[begin + ends : begin + ends + 160] - both).max() < 2**-22
+    after = begin + ends + 159
+    assert np.array_equal(got[after : after + len(b)], b) and second.report().rise == 160
+    assert (ends, "stop", {"reason": "next"}) in logs[0].events
+
+
+def test_limits_hold_between_any_two():
+    """Full scale both ways: 20 ms add at most 2 / 160 to the steps of the two."""
+    rng, tops = np.random.default_rng(5), []
+    for _ in range(6):
+        levels, tones = rng.uniform(-3, 3, 2), rng.uniform(20, 200, 2)
+        pair = [Scene({"y": v + 0.8 * carrier(f)}) for v, f in zip(levels, tones, strict=True)]
+        sink = Taken(pair[0], Safety(1.0, slew=300.0), realtime=False)
+        followed(sink, [pair[1], pair[0]], int(rng.integers(1, 300)))
+        got = np.concatenate(sink.got, axis=1)[0].astype(float)
+        tops.append(np.abs(got).max())
+        assert np.abs(np.diff(got)).max() <= 300.0 / FS + 2 / 160 + 1e-6
+    assert 0.9 < max(tops) <= 1.0
+
+
+def test_parameters_and_a_motion_of_time_go_on():
+    """From y = 3 t to y = 3 t: what is heard stays within a fade of it."""
+    motion = {"x": lambda t: 0.01 + 0.1 * t}
+    sink = NullSink(SPRING, 1.0, motion=motion, params={"k": 2.0}, realtime=False)
+    with begun(sink, None, block=64):
+        sink.set("k", 1.0, ramp=0.0)
+        until(lambda: sink.pump.index > 800)
+        log = Seen()
+        other = Scene({"y": Param("k", 5.0) * Input("x") * Param("more", 1.0)})
+        new = sink.crossfade(other, motion=motion, log=log, params={"more": 2.0})
+        until(lambda: new.pump.index > 800)
+        assert sink.newest is new and new.params == {"k": 1.0, "more": 2.0}
+    x = np.concatenate(log.x, axis=1)[0]
+    t0 = (new.at + 159) / FS
+    assert x[:800] == pytest.approx(0.01 + 0.1 * (t0 + np.arange(800) / FS), abs=1e-12)
+    assert new.since == new.at + 159 and sink.report().produced == new.at + 160
+
+
+def test_a_recorded_motion_goes_on_to_its_end():
+    x = np.linspace(0.0, 0.5, 4000)
+    log = Seen()
+    sink = NullSink(SPRING, 5.0, motion={"x": x}, realtime=False)
+    with begun(sink, None, block=64):
+        until(lambda: sink.pump.index > 400)
+        new = sink.crossfade(SPRING, motion={"x": x}, log=log)
+        new.wait(60)
+    assert np.array_equal(np.concatenate(log.x, axis=1)[0], x[new.since :])
+    assert new.report().produced == 4000 - new.since
+
+
+def test_live_motion_is_pushed_into_the_newest():
+    sink = NullSink(SPRING, 5.0, motion=Live(), realtime=False)
+    with begun(sink, None, block=64):
+        sink.push([[0.5]])
+        until(lambda: sink.pump.index > 400)
+        new = sink.crossfade(Scene({"y": Input("z") * Input("x")}), motion=Live())
+        until(lambda: sink.finished or not new.push({"x": 0.5, "z": 1.0}))
+        until(lambda: new.pump.index > 400)
+    assert new.report().silent == "" and sink.report().silent == ""
+
+
+def test_what_cannot_follow_is_refused_and_the_session_goes_on(stand):
+    level = Scene({"y": constant(0.5)})
+    sink = stand.make(level)
+    refused(SinkError, "start the sink first", sink.crossfade, level)
+    with begun(sink, None, block=64):
+        other = Scene({"y": constant(0.5, "N")})
+        refused(SinkError, r"outputs y \[N\] .* one with y \[1\]: end", sink.crossfade, other)
+        refused(BadValue, "fade = 0.1 s must be 0.02", sink.crossfade, level, Safety(1.0, fade=0.1))
+        refused(BadValue, "needs the motion of x", sink.crossfade, SPRING)
+        before = sink.pump.index
+        until(lambda: sink.pump.index > before)
+        assert sink.newest is sink and not sink.error
+    refused(SinkError, "start the sink first", sink.crossfade, level)
+
+
+def test_a_scene_that_fails_can_be_followed_by_another():
+    sink = NullSink(Scene({"y": constant(0.5)}), 1.0, realtime=False)
+    with ExitStack() as ends:
+        ends.enter_context(pytest.raises(FaultError, match="output y was not finite"))
+        ends.enter_context(begun(sink, None, block=64))
+        fails = sink.crossfade(Scene({"y": FAILS}))
+        with pytest.raises(FaultError):
+            fails.wait(60)
+        until(lambda: fails.finished)
+        good = sink.crossfade(Scene({"y": constant(0.25)}))
+        until(lambda: good.pump.index > 400)
+        assert good.error is None and sink.newest is good
+        fails.check()
+
+
+def test_a_device_that_goes_takes_all_with_it_and_the_end_fades(stand):
+    level = Scene({"y": constant(1.0)})
+    logs = [Seen(), Seen()]
+    first = stand.make(level, log=logs[0])
+    sessions = followed(first, [level], log=logs[1])
+    last = np.concatenate(logs[1].frames)[:, 0]
+    assert np.abs(np.diff(last)).max() <= 0.0101 and last[-1] < 0.01 and last.max() == 1.0
+    assert logs[1].end["produced"] == sessions[1].report().produced
+    lost = stand.make(level)
+    with pytest.raises(SinkError, match="it went"), begun(lost, None, block=64):
+        new = lost.crossfade(level)
+        lost.device_lost("it went")
+        new.wait(60)
+    assert "it went" in str(new.error) and new.finished or new._device_gone
+
+
+def test_many_follow_and_few_are_kept():
+    level = Scene({"y": constant(0.5)})
+    sink = NullSink(level, 1.0, realtime=False)
+    sessions = followed(sink, 8 * [level])
+    assert len(sink.kept) == 3 and sink.newest is sessions[-1]
+    assert all(s._closed for s in sessions) and all(not s._worker.is_alive() for s in sessions)

@@ -1,0 +1,171 @@
+"""``play --watch`` and ``live``: what is saved plays, and errors name their line."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from commands import ran
+from waiting import until
+
+import stimlib
+from stimlib.cli.watching import Watched
+from stimlib.errors import StimlibError
+from stimlib.files.log_reader import read_log
+from stimlib.files.log_replay import replay
+
+SCENE = """from stimlib import Input, Param, Scene
+K = 100.0
+def scene():
+    return Scene({"force": Param("k", K, "N/m") * Input("x", "m")})
+"""
+
+
+@pytest.fixture
+def watched(tmp_path, monkeypatch):
+    """What a scene's file, as it is saved, lets play, and what is told of it."""
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "watch_spring.py"
+    file.write_text(SCENE)
+    (tmp_path / "watch_more.py").write_text("")
+    played, told = [], []
+    with Watched("watch_spring.py:scene", ["watch_more.py"]).reloaded(played.append, told.append):
+        yield file, played, told
+
+
+def test_each_save_plays_and_errors_name_the_line(watched, capfd):
+    file, played, told = watched
+    for k in (101.0, 102.0, 103.0):
+        file.write_text(SCENE.replace("100.0", f"{k}"))
+        assert until(played.copy).pop().params["k"].value == k
+        played.clear()
+    for text, why in (
+        ("from stimlib import\n", r"watch_spring\.py:1: SyntaxError"),
+        (SCENE.replace("* Input", "** Input"), r"watch_spring\.py:4: .*exponent"),
+        (SCENE.replace("return", "raise SystemExit(3) or"), "SystemExit: 3"),
+        (SCENE.replace("scene():", "other():"), r"write watch_spring\.py:NAME.* other"),
+    ):
+        file.write_text(text)
+        assert re.search(why, until(told.copy).pop()) and not played
+        told.clear()
+    file.unlink()
+    assert "watch_spring.py" in until(told.copy).pop()
+    file.write_text(SCENE)
+    until(lambda: played)
+    said = capfd.readouterr().err
+    assert len(re.findall(r"scene: plays, \d\.\d\d s after it was saved", said)) == 4
+    assert said.count("; the version before plays on") == 5
+
+
+def test_only_another_content_counts_and_a_file_may_be_replaced(watched, tmp_path):
+    file, played, told = watched
+    os.utime(file, (1.0, 1.0))
+    file.write_text(SCENE)
+    other = tmp_path / "written_beside"
+    other.write_text(SCENE.replace("100.0", "300.0"))
+    other.replace(file)
+    until(lambda: played)
+    assert [s.params["k"].value for s in played] == [300.0] and not told
+    (tmp_path / "watch_more.py").write_text("1 / 0\n")
+    until(lambda: told)
+    assert "watch_more.py:1: ZeroDivisionError" in told[0]
+
+
+OWN = """
+from dataclasses import dataclass
+from typing import NamedTuple
+from stimlib import Block
+class Numbers(NamedTuple):
+    gain: float
+@dataclass(frozen=True, eq=False)
+class Twice(Block):
+    x: Block
+    def units(self, x):
+        return x
+    def design(self, fs):
+        return Numbers(2.0), ()
+    @staticmethod
+    def step(p, s, x):
+        return p.gain * x + 1.0, s
+"""
+
+
+def test_a_class_of_ones_own_may_change(watched):
+    """Its step is compiled anew, and the version before goes on with its own."""
+    file, played, told = watched
+    text = SCENE.replace("def scene", OWN + "def scene").replace(
+        'Input("x", "m")', 'Twice(Input("x", "m"))'
+    )
+    x, last = {"x": np.full(800, 0.5)}, []
+    for one in ("1.0", "3.0"):
+        file.write_text(text.replace("1.0,", f"{one},"))
+        scene = until(lambda: played or told)[-1]
+        last.append(stimlib.render(scene, x, fs=8000, seconds=0.1)["force"][-1])
+        played.clear()
+    assert last == [200.0, 400.0] and not told
+
+
+def test_what_a_version_cannot_do_is_told_and_the_next_one_plays(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "watch_refused.py"
+    file.write_text(SCENE)
+    played, told = [], []
+
+    def play(scene):
+        played.append(scene)
+        if len(played) == 1:
+            raise StimlibError("it has other outputs")
+
+    with Watched("watch_refused.py:scene", []).reloaded(play, told.append):
+        file.write_text(SCENE.replace("100.0", "200.0"))
+        until(lambda: told)
+        file.write_text(SCENE.replace("100.0", "300.0"))
+        until(lambda: len(played) == 2)
+    assert told == ["it has other outputs"]
+    assert not any(t.name == "stimlib watch" for t in threading.enumerate())
+
+
+def test_play_watches_a_file_and_each_version_has_its_log(tmp_path):
+    file = tmp_path / "watch_played.py"
+    file.write_text(SCENE)
+    words = "play watch_played.py:scene --sink null --full-scale 5 --watch --log a.stimlog"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "stimlib", *words.split(), "--motion", "sinusoid(0.01, 1)"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        until(lambda: (tmp_path / "a.stimlog").exists() or process.poll() is not None)
+        file.write_text(SCENE.replace("100.0", "200.0"))
+        until(lambda: (tmp_path / "a-2.stimlog").exists() or process.poll() is not None)
+        file.write_text(SCENE.replace("* Input", "** Input"))
+        said = ""
+        while "plays on" not in said and process.poll() is None:
+            said += process.stderr.readline()
+    finally:
+        process.send_signal(signal.SIGINT)
+        out, more = process.communicate(timeout=60)
+    assert process.returncode == 130, said + more
+    assert re.search(r"plays, \d\.\d\d s after it was saved", said) and "a-2.stimlog" in said
+    assert "watch_played.py:4: " in said and "the version before plays on" in said
+    logs = [read_log(tmp_path / name) for name in ("a.stimlog", "a-2.stimlog")]
+    assert all(replay(log).matches for log in logs)
+    assert [e.data["reason"] for e in logs[0].events if e.kind == "stop"] == ["next"]
+    assert logs[1].scene.params["k"].value == 200.0
+
+
+@pytest.mark.parametrize(
+    "words, why",
+    [
+        ("play tone --watch --sink null", "--watch: a scene of your own"),
+        ("play a.py:scene --watch --fast", "without --fast"),
+    ],
+)
+def test_what_cannot_be_watched_is_told(words, why):
+    ran(words, 2, why)
