@@ -42,16 +42,18 @@ seen        at                           answer to each report, with its at; a p
 =========== ============================ ===============================================
 server: is  fields                       meaning
 =========== ============================ ===============================================
-hello       version, title, fs, block,   first message; see below. stream: whether
-            inputs, params, outputs,     there is one to choose; marks: whether markers
-            view, stream, marks          are sent somewhere
+hello       version, title, fs, block,   first message, and again when the scene was
+            inputs, params, outputs,     edited; see below. stream: whether there is one
+            view, stream, marks          to choose; marks: whether markers are sent
+                                         somewhere
 state       role, controlled, phase,     after hello and after every change. role:
             session, log, recorded,      control or watch; controlled: whether any page
             sources, params, why         has control; phase: idle, starting, running or
                                          stopping; session: number of it; log: folder of
                                          the recording, or null; recorded: a sentence on
                                          the last one; sources: {input: source}; params:
-                                         {name: value}; why: what ended the last session
+                                         {name: value}; why: what ended the last
+                                         session, or why an edited scene is not played
 report      session, at, seconds, lost,  five times a second while a session runs. at:
             underruns, late, skipped,    next sample; lost: samples that came too late
             clips, faults, silent,       in underruns times; late: s behind now;
