@@ -11,6 +11,7 @@ filled once.
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -18,6 +19,7 @@ from functools import partial
 
 from bench import Row, main, row
 
+from stimlib.scenes import SHIPPED
 from stimlib.speed.timing import interleaved, medians
 
 CODE = """
@@ -75,6 +77,8 @@ COMMANDS = {
     "stimlib --version": ["-m", "stimlib", "--version"],
     "stimlib list": ["-m", "stimlib", "list"],
 }
+QUICK = "--help", "list", "show squeeze", "devices", "play tone --sink null --seconds 0.05"
+"""Commands whose CPU time counts, beside a short render of each shipped scene."""
 RENDER = "-m stimlib render squeeze --motion minimum_jerk() --seconds 1 --quiet".split()
 RENDER += ["--full-scale", "50", "--out"]
 
@@ -89,6 +93,22 @@ def process(words: list[str], cache: str) -> str:
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def children() -> float:
+    """CPU seconds of all processes that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def short_of(scene: str, file: str) -> list[str]:
+    """The words that render a tenth of a second of a shipped scene at rest."""
+    made = SHIPPED[scene]()
+    still = [word for n in made.inputs for word in ("--motion", f"{n}=sinusoid(0, 1)")]
+    units = {str(b.dim) for b in made.outputs.values()}
+    full = ",".join(f"{n}=50" for n in made.outputs) if units != {"1"} else "1"
+    return ["-m", "stimlib", "render", scene, *still, *f"--seconds 0.1 --full-scale {full}".split(),
+            "--quiet", "--out", file]  # fmt: skip
 
 
 def fresh(line: str, cache: str) -> float:
@@ -116,7 +136,17 @@ def measure(rounds: int = 5) -> list[Row]:
         whole = interleaved(
             {name: partial(process, words, cache) for name, words in commands.items()}, rounds, 1
         )
-    return rows + [row(name, seconds, "s") for name, seconds in medians(inside | whole).items()]
+        jobs = {f"stimlib {words}": ["-m", "stimlib", *words.split()] for words in QUICK}
+        jobs["stimlib verify, 1 s of squeeze"] = ["-m", "stimlib", "verify", f"{folder}/a.wav"]
+        jobs |= {f"stimlib render {n}": short_of(n, f"{folder}/{n}.wav") for n in SHIPPED}
+        spent = interleaved(
+            {f"{name}: CPU": partial(process, words, cache) for name, words in jobs.items()},
+            rounds,
+            1,
+            children,
+        )
+    took = medians(inside | whole | spent)
+    return rows + [row(name, seconds, "s") for name, seconds in took.items()]
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """What is loaded when: heavy libraries only where they are used."""
 
 import builtins
+import os
 import re
 import subprocess
 import sys
@@ -10,6 +11,8 @@ from pathlib import Path
 import pytest
 
 import stimlib
+from stimlib.devices import NullSink
+from stimlib.scenes import SHIPPED
 from stimlib.system.packages import EXTRAS, PROJECTS
 
 SWEEP = ("pyarrow", "dask", "distributed", "cloudpickle")
@@ -82,6 +85,72 @@ del sys.modules["numba"]"""
     assert loaded(code, NOT_TO_RUN) == set() and any(tmp_path.glob("runtime_*"))
     code = "import llvmlite.binding as llvm\nllvm.create_pass_builder = None\n" + code
     assert loaded(code, NOT_TO_RUN) == set()
+
+
+# what a command, or the render of a shipped scene, loads beyond numpy, typer and rich
+LOADS = {
+    "--help": "",
+    "list": "",
+    "show squeeze": "",
+    "devices": "jack sounddevice",
+    "replay log": "llvmlite",
+    "play tone --sink null --seconds 0.05": "llvmlite",
+    "verify --log log": "llvmlite scipy",
+    "verify a.wav": "llvmlite scipy scipy.special soundfile",
+    **dict.fromkeys(sorted(SHIPPED), "llvmlite"),
+    # least squares of its noise; a spline of its map; units of its table; its modes
+    "grating": "llvmlite scipy scipy.linalg scipy.optimize scipy.special",
+    "soft_surface": "llvmlite scipy scipy.interpolate scipy.linalg scipy.optimize scipy.special",
+    "texture": "cloudpickle dask llvmlite pint scipy",  # pint looks for dask
+    "touch_screen": "llvmlite scipy scipy.interpolate scipy.linalg scipy.optimize scipy.special",
+}
+LOOKED_FOR = (
+    *HEAVY,
+    *"pandas optax uvicorn serial pylsl scipy.special scipy.linalg scipy.interpolate".split(),
+    *"scipy.optimize scipy.signal scipy.stats".split(),
+)
+# one process, of which each is a fork: what all of them load is loaded once
+EACH = """
+import contextlib, io, os, sys, warnings
+warnings.simplefilter("ignore")
+import numpy, stimlib, stimlib.cli
+from stimlib.scenes import SHIPPED
+def run(words):
+    if words in SHIPPED:
+        scene = SHIPPED[words]()
+        motion = {n: (lambda t: 0.0 * t) for n in scene.inputs}
+        return stimlib.render(scene, motion, fs=8000, seconds=0.01)
+    sys.argv = ["stimlib", *words.split()]
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        stimlib.cli.app()
+each, looked_for = map(eval, sys.argv[1:])
+for words in each:
+    if not (child := os.fork()):
+        with contextlib.suppress(SystemExit):
+            run(words)
+        print(words, *sorted(m for m in looked_for if m in sys.modules), sep="|", flush=True)
+        os._exit(0)
+    os.waitpid(child, 0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
+def test_what_each_command_and_scene_loads(tmp_path, monkeypatch):
+    """Their CPU time is in benchmarks/results/compile.csv."""
+    monkeypatch.chdir(tmp_path)
+    stimlib.render(SHIPPED["tone"](), fs=8000, seconds=0.05).save("a.wav", full_scale=10.0)
+    with NullSink(SHIPPED["tone"](), 10.0, log="log", clocked=False) as sink:
+        sink.open(8000)
+        sink.start(0.05)
+        sink.wait(60)
+    words = [sys.executable, "-c", EACH, repr([*LOADS]), repr(LOOKED_FOR)]
+    run = subprocess.run(words, capture_output=True, text=True)
+    found = {name: " ".join(m) for name, *m in (s.split("|") for s in run.stdout.splitlines())}
+    common = {"typer", "rich"}  # of the command line
+    found = {name: " ".join(m for m in of.split() if m not in common) for name, of in found.items()}
+    assert found.keys() == LOADS.keys(), run.stderr
+    there = " ".join(m for m in ("jack", "sounddevice") if m in found["devices"])
+    assert found == LOADS | {"devices": there}, run.stderr
 
 
 def test_public_names_are_there_and_hide_nothing_that_is_built_in():
