@@ -32,10 +32,10 @@ READY = "document.querySelector('#run')?.disabled === false"
 RUNS = f"{READY} && document.querySelector('#run').textContent === 'Stop'"
 
 
-def springs():
+def springs(stiffness=2000.0):
     """A spring under each of two fingers, and a tone."""
     x1, x2 = Input("x1", "m"), Input("x2", "m")
-    k = Param("k", 2000.0, "N/m")
+    k = Param("k", stiffness, "N/m")
     tone = constant(1.0, "V") * oscillator(constant(158.0, "Hz"))
     return Scene({"force1": k * x1, "force2": k * x2, "tone": tone})
 
@@ -131,6 +131,25 @@ def choose(page: Page, css: str, value: str) -> None:
 
 
 SECOND = "#sources fieldset:nth-child(2)"  # what drives x2
+
+
+def test_an_edit_is_felt_at_once_and_a_mistake_is_shown(site, page):
+    """The finger stays where it is, and so do sound and session."""
+    stream = site.server.stream
+    press(page, 0.2, 0.5)
+    move(page, 0.5, 0.5)
+    until(page, "Math.abs(live.outputs.force1 - 100) < 1")
+    stream.tell_error("springs.py:3: what is k?")
+    page.until("document.querySelector('#note').textContent === 'springs.py:3: what is k?'")
+    level = Param("level", 0.5) * springs(4000.0).outputs["tone"]
+    stream.reload(Scene(springs(4000.0).outputs | {"tone": level}))
+    until(page, "Math.abs(live.outputs.force1 - 200) < 1")
+    assert page.js("document.querySelector('#note').hidden") and page.js(RUNS)
+    sliders = page.js("[...document.querySelectorAll('#params input[type=range]')].length")
+    assert sliders == 2 and live(page, "live.state.params.level") == 0.5
+    stream.reload(springs())
+    until(page, "Math.abs(live.outputs.force1 - 100) < 1")
+    release(page, 0.5)
 
 
 def test_a_pointer_reaches_the_processor_and_the_curves(page):
