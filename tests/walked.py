@@ -1,10 +1,14 @@
 """Functions as compiled code runs them: walked, compiled and called with arrays."""
 
 import ctypes
+import subprocess
 from types import FunctionType
 
 import numpy as np
 
+from stimlib.export.program import OF_DOUBLES, RUNTIME
+from stimlib.export.translate import Unit
+from stimlib.export.values import C_TYPES
 from stimlib.targets.llvm import known, machine, walk
 
 KINDS = {np.dtype("f8"): "f8", np.dtype("u8"): "u8", np.dtype("i8"): "i8", np.dtype("b1"): "b1"}
@@ -57,3 +61,34 @@ def _made(words, kinds, result, objects):
     assert machine.missing(calls) == []
     pointers = [ctypes.c_void_p if kind[-1] == "*" else CTYPES[kind] for kind in kinds]
     return ctypes.CFUNCTYPE(CTYPES[result], *pointers)(machine.addresses(code, ["run"])["run"])
+
+
+def in_c(f: FunctionType, kinds: list[str], folder):
+    """The same of a function of numbers and arrays, as an export has it in C; what it
+    does must be defined in C.
+    """
+    unit, given, passed = Unit(), [], []
+    name, _ = unit.function(f, kinds)
+    for k, kind in enumerate(kinds):
+        array = kind[-1] == "*"
+        given.append(f"{C_TYPES[kind[:2]]} {'*' * array}v{k}" + f", int64_t n{k}" * array)
+        passed.append(f"{C_TYPES[kind]}_of(v{k}, n{k})" if array else f"v{k}")
+    run = f"void run({', '.join(given)}) {{ {name}({', '.join(passed)}); }}"
+    texts = [*unit.maths.types, *unit.maths.functions, *unit.types, *unit.functions, run]
+    runtime = RUNTIME.read_text().replace(OF_DOUBLES, "")
+    (folder / "f.c").write_text("\n".join([runtime, *texts]))
+    checks = "-fsanitize=undefined -fsanitize-undefined-trap-on-error"
+    words = f"gcc -std=c99 -O1 {checks} -shared -fPIC f.c -o f.so -lm"
+    subprocess.run(words.split(), cwd=folder, check=True)
+    made = ctypes.CDLL(folder / "f.so").run
+
+    def call(*given):
+        numbers = []
+        for kind, x in zip(kinds, given, strict=True):
+            if kind[-1] == "*":
+                numbers += [ctypes.c_void_p(x.ctypes.data), ctypes.c_int64(x.size)]
+            else:
+                numbers.append(CTYPES[kind](np.asarray(x).item()))
+        made(*numbers)
+
+    return call

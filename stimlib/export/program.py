@@ -17,7 +17,7 @@ from ..core.program import PARAMS, ROOT, Instance
 from ..errors import SceneError
 from ..run.processor import Change, Processor
 from .translate import Unit
-from .values import FLOATS, KINDS, WORD, Kind, Record, in_single, literal, local
+from .values import C_TYPES, KINDS, Kind, in_single, literal, named
 
 OF_EXPORT = "NUMBER_OF_EXPORT"  # stands for it until all texts are there
 OF_DOUBLES = "/* Of doubles, in single precision too. */"
@@ -63,7 +63,7 @@ def words_text(v: np.ndarray, bits: int) -> str:
 def numbers_text(v: np.ndarray) -> str:
     """Return numbers as the inside of a C array, with all their digits."""
     of = np.uint64 if v.dtype == np.uint64 else float
-    return _rows(literal(of(n)).text for n in v.tolist())
+    return _rows(literal(of(n)) for n in v.tolist())
 
 
 def _rows(texts: Iterable[str]) -> str:
@@ -77,9 +77,9 @@ def starts(fields: Sequence[Field], words: np.ndarray) -> list[str]:
     rows, at = [], 0
     for number, name, size in fields:
         part = np.ascontiguousarray(words[at : at + (1 if size is None else size)])
-        values, at = part.view(np.uint64 if number == WORD else np.float64), at + len(part)
+        values, at = part.view(np.uint64 if number == "uint64_t" else np.float64), at + len(part)
         rows += [
-            f"m->{name}{'' if size is None else f'[{k}]'} = {literal(values[k]).text};"
+            f"m->{name}{'' if size is None else f'[{k}]'} = {literal(values[k])};"
             for k in np.flatnonzero(part.view(np.uint64))
         ]
     return rows
@@ -125,7 +125,7 @@ class Writer:
     def instance(self, i: int, q: Instance) -> None:
         """Write what runs one instance."""
         if q.kind == "const":
-            value, to = literal(q.block.value).text, self.slot(i)  # type: ignore[attr-defined]
+            value, to = literal(float(q.block.value)), self.slot(i)  # type: ignore[attr-defined]
             self.constants.append(f"    for (i = 0; i < {self.most}; i++) m->v[{to}][i] = {value};")
         elif q.kind == "open":
             by = self.signal(q.args[0], q.clock)
@@ -152,37 +152,35 @@ class Writer:
             [self.slot((i, k)) for k in range(len(cls.outputs))] if cls.outputs else [self.slot(i)]
         )
         first, known = len(self.fields), len(self.unit.functions)
+        kinds: list[Kind] = [(type(t), *(KINDS[kind(v)] for v in t)) for t in (p, s)]
         parameters, state = self.numbers(f"p{i}", p, True), self.numbers(f"b{i}", s, False)
-        lines = [f"    const {parameters[0].name} p = {parameters[1]};"] if parameters else []
-        lines += [f"    {state[0].name} s = {state[1]};"] if state else []
+        lines = [f"    const {self.unit.type(kinds[0])} p = {parameters};"] if parameters else []
+        lines += [f"    {self.unit.type(kinds[1])} s = {state};"] if state else []
         given = [*(["p"] if parameters else []), *(["s"] if state else [])]
-        kinds: list[Kind] = [t[0] if t else None for t in (parameters, state)]
         arrays = [f"m->v[{k}] + a" for k in inputs], [f"m->v[{k}] + a" for k in outputs]
         # float32 has no words of 64 bits, C no lanes: what has a step too runs that
         if cls.tile is not None and not (
             cls.step and (self.single or maths.series in steps.names(cls.tile).values())
         ):
             given += [f"st_floats_of({v}, n)" for v in (*arrays[0], *arrays[1])]
-            kinds += [FLOATS] * (len(inputs) + len(outputs))
+            kinds += ["f8*"] * (len(inputs) + len(outputs))
             if cls.work:
                 size = int(cls.work(p))
                 self.scratch = max(self.scratch, size)
                 given.append(f"st_floats_of(m->w, {size})")
-                kinds.append(FLOATS)
+                kinds.append("f8*")
             name, _ = self.unit.function(cls.tile, kinds)
             lines.append(f"    {'s = ' if state else ''}{name}({', '.join(given)});")
         else:
-            name, result = self.unit.function(cls.step, [*kinds, *["double"] * len(inputs)])
+            name, result = self.unit.function(cls.step, [*kinds, *["f8"] * len(inputs)])
             given += [f"({v})[i]" for v in arrays[0]]
             lines += ["    int i;", "    for (i = 0; i < n; i++) {"]
-            lines.append(f"        const {result.name} t = {name}({', '.join(given)});")
-            parts = (
-                [f"t.a0.{f}" for f, _ in result.fields[0][1].fields] if cls.outputs else ["t.a0"]
-            )
+            lines.append(f"        const {self.unit.type(result)} t = {name}({', '.join(given)});")
+            parts = [f"t.a0.{f}" for f, _ in named(result[1])] if cls.outputs else ["t.a0"]
             lines += [f"        ({v})[i] = {y};" for v, y in zip(arrays[1], parts, strict=True)]
             lines += ["        s = t.a1;", "    }"] if state else ["    }"]
         if state:
-            single = [f for f, k in state[0].fields if k not in (FLOATS, KINDS["U"])]
+            single = [f for f, k in named(kinds[1]) if k in ("f8", "u8")]
             ends = ["0.0" if cls.resettable and f == "cold" else f"s.{f}" for f in single]
             lines += [f"    m->b{i}_{f} = {v};" for f, v in zip(single, ends, strict=True)]
         head = f"static void b{i}({self.name}_state *m, int a, int n)"
@@ -214,17 +212,11 @@ class Writer:
         )
         return f"contact{i}(m, n{clock});"
 
-    def numbers(self, prefix: str, t: Any, constant: bool) -> tuple[Record, str] | None:
-        """Declare a tuple's numbers; return its struct, and the text that makes it."""
-        if not len(t):
-            return None
-        kinds = [(f, KINDS[kind(v)]) for f, v in zip(t._fields, t, strict=True)]
-        made = self.unit.struct(f"stim_{type(t).__name__}", kinds)
-        assert made is not None
-        texts = []
-        for (f, c), v in zip(kinds, t, strict=True):
-            where, is_array = f"{prefix}_{local(f)}", isinstance(v, np.ndarray)
-            number = "uint64_t" if c in (WORD, KINDS["U"]) else "double"
+    def numbers(self, prefix: str, t: Any, constant: bool) -> str:
+        """Declare a tuple's numbers; return the text that makes its struct."""
+        of, texts = (type(t), *(KINDS[kind(v)] for v in t)), []
+        for (f, c), v in zip(named(of), t, strict=True):
+            where, is_array, number = f"{prefix}_{f}", c[-1] == "*", C_TYPES[c[:2]]
             if is_array and constant:
                 self.constants_of(where, number, v)
             elif not constant and not (is_array and v.size == 0):
@@ -232,12 +224,10 @@ class Writer:
             if is_array:
                 place = where if constant else f"m->{where}"
                 place = place if v.size else f"({number} *)0"
-                texts.append(f"{c}_of({place}, {v.size})")
+                texts.append(f"{C_TYPES[c]}_of({place}, {v.size})")
             else:
-                texts.append(
-                    literal(v if c == WORD else float(v)).text if constant else f"m->{where}"
-                )
-        return made, f"{made.name}_of({', '.join(texts)})"
+                texts.append(literal(v if c == "u8" else float(v)) if constant else f"m->{where}")
+        return f"{self.unit.type(of)}_of({', '.join(texts)})" if texts else ""
 
     def constants_of(self, name: str, number: str, v: np.ndarray) -> None:
         """Write an array of design numbers."""
@@ -251,7 +241,7 @@ class Writer:
         """Approximate size of the state in bytes."""
         index = 8 * self.tile * len(self.proc.program.parents)
         real = 4 if self.single else 8
-        words = sum((8 if of == WORD else real) * (size or 1) for of, _, size in self.fields)
+        words = sum((8 if of == "uint64_t" else real) * (size or 1) for of, _, size in self.fields)
         words += real * (len(self.slots) * self.tile + self.scratch)
         return words + index * (len(self.proc.program.parents) > ROOT + 1)
 
@@ -453,7 +443,7 @@ def self_test(w: Writer, x: np.ndarray, y: np.ndarray, changes: Sequence[Change]
     cuts = sorted({0, total // 3, *(c.at for c in changes)})
     for at, end in zip(cuts, [*cuts[1:], total], strict=True):
         runs += [
-            f"    {n}_set(&m, {params.index(c.name)}, {literal(float(c.value)).text},"
+            f"    {n}_set(&m, {params.index(c.name)}, {literal(float(c.value))},"
             f" {max(1, round(c.ramp * fs))}.0);"
             for c in changes
             if c.at == at

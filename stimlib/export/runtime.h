@@ -92,7 +92,8 @@ ST_INLINE void st_floats_fill(st_floats a, double v)
 
 ST_INLINE void st_floats_fill_from(st_floats a, st_floats b)
 {
-    memmove(a.p, b.p, (size_t)(a.n < b.n ? a.n : b.n) * sizeof *a.p);
+    if (b.n == 1) st_floats_fill(a, b.p[0]);
+    else memmove(a.p, b.p, (size_t)(a.n < b.n ? a.n : b.n) * sizeof *a.p);
 }
 
 ST_INLINE void st_words_fill(st_words a, uint64_t u)
@@ -103,7 +104,8 @@ ST_INLINE void st_words_fill(st_words a, uint64_t u)
 
 ST_INLINE void st_words_fill_from(st_words a, st_words b)
 {
-    memmove(a.p, b.p, (size_t)(a.n < b.n ? a.n : b.n) * 8);
+    if (b.n == 1) st_words_fill(a, st_word(b, 0));
+    else memmove(a.p, b.p, (size_t)(a.n < b.n ? a.n : b.n) * 8);
 }
 
 ST_INLINE int64_t st_abs(int64_t i) { return i < 0 ? -i : i; }
@@ -112,10 +114,29 @@ ST_INLINE st_words st_as_words(st_floats a) { return st_words_of(a.p, a.n); }
 
 ST_INLINE double st_flush(double x) { return fabs(x) <= 1e-190 ? 0.0 : x; }
 
+/* Shifts by 64 and more, and divisions by 0, as numpy has them. */
+ST_INLINE uint64_t st_left_word(uint64_t u, uint64_t by) { return by < 64 ? u << by : 0; }
+ST_INLINE uint64_t st_right_word(uint64_t u, uint64_t by) { return by < 64 ? u >> by : 0; }
+ST_INLINE uint64_t st_rest_word(uint64_t u, uint64_t by) { return by != 0 ? u % by : 0; }
+ST_INLINE uint64_t st_quotient_word(uint64_t u, uint64_t by) { return by != 0 ? u / by : 0; }
+
+ST_INLINE int64_t st_left(int64_t i, int64_t by)
+{
+    return (int64_t)st_left_word((uint64_t)i, (uint64_t)by);
+}
+
+ST_INLINE int64_t st_right(int64_t i, int64_t by) { return i >> (by < 0 || by > 63 ? 63 : by); }
+
 ST_INLINE int64_t st_rest(int64_t a, int64_t b)
 {
-    int64_t r = a % b;
+    int64_t r = b == 0 || b == -1 ? 0 : a % b;
     return r != 0 && (r < 0) != (b < 0) ? r + b : r;
+}
+
+ST_INLINE int64_t st_quotient(int64_t a, int64_t b)
+{
+    if (b == 0 || b == -1) return b == 0 ? 0 : (int64_t)(0 - (uint64_t)a);
+    return a / b - (a % b != 0 && (a < 0) != (b < 0));
 }
 
 ST_INLINE double st_mod(double a, double b)

@@ -36,8 +36,7 @@ def _where(w: Any, c: Any, one: Any, other: Any) -> Any:
     if (one.kind == "u8") != (other.kind == "u8"):
         raise Unknown("where of a uint64 and another number: make both np.uint64, or floats")
     kind = one.kind if one.kind == "u8" else "f8"
-    v = w.b.select(w.truth(c), cast(w.b, one, kind).v, cast(w.b, other, kind).v)
-    return Value(v, kind)
+    return Value(w.b.chosen(w.truth(c), cast(w.b, one, kind), cast(w.b, other, kind)), kind)
 
 
 def _rounded(name: str) -> Known:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import ast
 import operator
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
 
-from .instructions import DOUBLE, I32, I64, TRUTH
+from .instructions import DOUBLE, I32, I64, TRUTH, known
 
 SINGLE = ir.FloatType()
 KINDS: dict[str, ir.Type] = {
@@ -130,29 +130,12 @@ def number(x: Any) -> Value:
     raise Unknown(f"{type(x).__name__} is no number")
 
 
-def cast(b: ir.IRBuilder, x: Any, kind: str) -> Value:
+def cast(b: Any, x: Any, kind: str) -> Value:
     """Return a number as one of another kind."""
     if kind == "f8" and plain(x) and not isinstance(x, float):
         x = float(x)
     x = number(x)
-    v, own, t = x.v, x.kind, KINDS[kind]
-    if own == kind:
-        return x
-    if kind == "b1":
-        zero = ir.Constant(v.type, 0)
-        same = b.fcmp_unordered if own in FLOATS else b.icmp_unsigned
-        return Value(same("!=", v, zero), kind, True)
-    if own in FLOATS and kind in FLOATS:
-        return Value((b.fpext if kind == "f8" else b.fptrunc)(v, t), kind)
-    if own in FLOATS:
-        return Value((b.fptoui if kind[0] == "u" else b.fptosi)(v, t), kind)
-    if kind in FLOATS:
-        return Value((b.uitofp if own[0] in "ub" else b.sitofp)(v, t), kind)
-    if v.type.width < t.width:
-        return Value((b.zext if own[0] in "ub" else b.sext)(v, t), kind, x.low or own[0] in "ub")
-    # a uint64 of 2**63 or more is below 0 as an int64
-    low = x.low and (own != "u8" or isinstance(v, ir.Constant) and v.constant < 2**63)
-    return Value(v if v.type == t else b.trunc(v, t), kind, low)
+    return x if x.kind == kind else b.converted(x, kind)
 
 
 def common(x: Value, y: Value) -> str:
@@ -179,13 +162,15 @@ PYTHON: dict[type, Callable[[Any, Any], Any]] = {
 SIGNS: dict[type, str] = {
     ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
 }  # fmt: skip
-ON_FLOATS = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
-ON_WHOLE = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
-ON_BITS = {ast.BitAnd: "and_", ast.BitOr: "or_", ast.BitXor: "xor"}
-RISING = ast.Add, ast.Mult, ast.FloorDiv, ast.Mod, ast.RShift, ast.BitAnd
+ON_FLOATS: dict[type, str] = {ast.Add: "fadd", ast.Sub: "fsub", ast.Mult: "fmul", ast.Div: "fdiv"}
+ON_WHOLE: dict[type, str] = {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul"}
+ON_BITS: dict[type, str] = {ast.BitAnd: "and_", ast.BitOr: "or_", ast.BitXor: "xor"}
+SHIFTS = ast.LShift, ast.RShift
+RISING = ast.Add, ast.Mult, ast.FloorDiv, ast.Mod, ast.RShift, *ON_BITS
+OF_FLOATS, OF_WHOLE = (*ON_FLOATS, ast.Mod), (*RISING, ast.Sub, ast.LShift)
 
 
-def binary(b: ir.IRBuilder, op: type, x: Any, y: Any) -> Any:
+def binary(b: Any, op: type, x: Any, y: Any) -> Any:
     """Return x op y, an operator of Python's arithmetic or a comparison."""
     if plain(x) and plain(y):
         try:
@@ -197,57 +182,111 @@ def binary(b: ir.IRBuilder, op: type, x: Any, y: Any) -> Any:
     if x.kind == y.kind == "b1" and op not in SIGNS:
         if op not in ON_BITS:
             raise Unknown("arithmetic with comparisons: use where(c, 1.0, 0.0)")
-        return Value(getattr(b, ON_BITS[op])(x.v, y.v), "b1")
-    if op is ast.Div and {x.kind, y.kind} <= {*WHOLE}:
+        kind = "b1"
+    elif op is ast.Div and {x.kind, y.kind} <= {*WHOLE}:
         kind = "f8"
-    elif op in (ast.LShift, ast.RShift):
+    elif op in SHIFTS:
         if {x.kind, y.kind} & {*FLOATS}:
             raise Unknown("a shift of a float")
         kind = "u8" if "u8" in (x.kind, y.kind) else "i8"
     else:
         kind = common(x, y)
+    if op not in SIGNS and op not in (OF_FLOATS if kind in FLOATS else OF_WHOLE):
+        raise Unknown(f"{op.__name__} of {'floats' if kind in FLOATS else 'whole numbers'}")
     x, y = cast(b, x, kind), cast(b, y, kind)
-    if op in SIGNS:
+    low = x.low if op in SHIFTS else y.low if op is ast.Mod else x.low and y.low
+    low = op in RISING and (low or op is ast.BitAnd and (x.low or y.low))
+    return Value(b.computed(op, x, y, kind), "b1" if op in SIGNS else kind, low)
+
+
+# Instructions -------------------------------------------------------------------------
+class Builder(ir.IRBuilder):
+    """What writes operations of numbers, as instructions."""
+
+    def converted(self, x: Value, kind: str) -> Value:
+        """Return a number as one of another kind."""
+        v, own, t = x.v, x.kind, KINDS[kind]
+        if kind == "b1":
+            zero = ir.Constant(v.type, 0)
+            same = self.fcmp_unordered if own in FLOATS else self.icmp_unsigned
+            return Value(same("!=", v, zero), kind, True)
+        if own in FLOATS and kind in FLOATS:
+            return Value((self.fpext if kind == "f8" else self.fptrunc)(v, t), kind)
+        if own in FLOATS:
+            return Value((self.fptoui if kind[0] == "u" else self.fptosi)(v, t), kind)
         if kind in FLOATS:
-            same = b.fcmp_unordered if op is ast.NotEq else b.fcmp_ordered
-        else:
-            same = b.icmp_unsigned if kind == "u8" else b.icmp_signed
-        return Value(same(SIGNS[op], x.v, y.v), "b1")
-    if kind in FLOATS:
-        if op in ON_FLOATS:
-            return Value(getattr(b, ON_FLOATS[op])(x.v, y.v), kind)
+            return Value((self.uitofp if own[0] in "ub" else self.sitofp)(v, t), kind)
+        if v.type.width < t.width:
+            wider, low = (self.zext, True) if own[0] in "ub" else (self.sext, x.low)
+            return Value(wider(v, t), kind, low)
+        # a uint64 of 2**63 or more is below 0 as an int64
+        low = x.low and (own != "u8" or isinstance(v, ir.Constant) and v.constant < 2**63)
+        return Value(v if v.type == t else self.trunc(v, t), kind, low)
+
+    def computed(self, op: type, one: Value, other: Value, kind: str) -> ir.Value:
+        """Return one op other, which are of one kind."""
+        x, y = one.v, other.v
+        if op in SIGNS:
+            if kind in FLOATS:
+                same = self.fcmp_unordered if op is ast.NotEq else self.fcmp_ordered
+            else:
+                same = self.icmp_unsigned if kind == "u8" else self.icmp_signed
+            return same(SIGNS[op], x, y)
+        if kind in FLOATS:
+            return _modulo(self, x, y) if op is ast.Mod else getattr(self, ON_FLOATS[op])(x, y)
+        if op in ON_WHOLE:
+            # places do not wrap, or searches take a quarter longer; randomness may
+            large = any(isinstance(v, ir.Constant) and abs(v.constant) >= 2**31 for v in (x, y))
+            flags = ("nsw",) if kind == "i8" and not large else ()
+            return getattr(self, ON_WHOLE[op])(x, y, flags=flags)
+        if op in ON_BITS:
+            return getattr(self, ON_BITS[op])(x, y)
+        if op in SHIFTS:
+            return _shifted(self, op, x, y, kind)
+        by, none = y, self.icmp_signed("==", y, I64(0))
+        if not isinstance(y, ir.Constant) or y.constant in (0, -1):
+            bad = none
+            if kind == "i8":
+                least = self.icmp_signed("==", x, I64(-(2**63)))
+                bad = self.or_(none, self.and_(least, self.icmp_signed("==", y, I64(-1))))
+            by = self.select(bad, I64(1), y)  # else the processor ends the process
+        if kind == "u8":
+            return (
+                self.urem(x, by) if op is ast.Mod else self.select(none, I64(0), self.udiv(x, by))
+            )
+        quotient, rest = self.select(none, I64(0), self.sdiv(x, by)), self.srem(x, by)
+        apart = self.icmp_signed("<", self.xor(rest, y), I64(0))
+        turned = self.and_(self.icmp_signed("!=", rest, I64(0)), apart)
         if op is ast.Mod:
-            return Value(_modulo(b, x.v, y.v), kind)
-        raise Unknown(f"{op.__name__} of floats")
-    low = x.low and y.low and op in RISING
-    if op in ON_WHOLE:
-        # places do not wrap, or searches would take a quarter longer; randomness may
-        large = any(isinstance(v.v, ir.Constant) and abs(v.v.constant) >= 2**31 for v in (x, y))
-        flags = ("nsw",) if kind == "i8" and not large else ()
-        return Value(getattr(b, ON_WHOLE[op])(x.v, y.v, flags=flags), kind, low)
-    if op in ON_BITS:
-        both = x.low and y.low or op is ast.BitAnd and (x.low or y.low)
-        return Value(getattr(b, ON_BITS[op])(x.v, y.v), kind, both)
-    if op in (ast.LShift, ast.RShift):
-        return Value(_shifted(b, op, x.v, y.v, kind), kind, x.low and op is ast.RShift)
-    if op not in (ast.Mod, ast.FloorDiv):
-        raise Unknown(f"{op.__name__} of whole numbers")
-    by, none = y.v, b.icmp_signed("==", y.v, I64(0))
-    if not isinstance(y.v, ir.Constant) or y.v.constant in (0, -1):
-        bad = none
-        if kind == "i8":
-            least = b.icmp_signed("==", x.v, I64(-(2**63)))
-            bad = b.or_(none, b.and_(least, b.icmp_signed("==", y.v, I64(-1))))
-        by = b.select(bad, I64(1), y.v)  # else the processor ends the process
-    if kind == "u8":
-        found = b.urem(x.v, by) if op is ast.Mod else b.select(none, I64(0), b.udiv(x.v, by))
-        return Value(found, kind, True)
-    quotient, rest = b.select(none, I64(0), b.sdiv(x.v, by)), b.srem(x.v, by)
-    apart = b.icmp_signed("<", b.xor(rest, y.v), I64(0))
-    turned = b.and_(b.icmp_signed("!=", rest, I64(0)), apart)
-    if op is ast.Mod:
-        return Value(b.select(turned, b.add(rest, y.v), rest), kind, y.low)
-    return Value(b.select(turned, b.sub(quotient, I64(1)), quotient), kind, low)
+            return self.select(turned, self.add(rest, y), rest)
+        return self.select(turned, self.sub(quotient, I64(1)), quotient)
+
+    def negative(self, x: Value) -> ir.Value:
+        """Return -x."""
+        return (self.fneg if x.kind in FLOATS else self.neg)(x.v)
+
+    def size(self, x: Value) -> ir.Value:
+        """Return the absolute value."""
+        if x.kind in FLOATS:
+            return known(self, "fabs", x.v)
+        return self.select(self.icmp_signed("<", x.v, I64(0)), self.neg(x.v), x.v)
+
+    def chosen(self, c: Value, x: Value, y: Value) -> ir.Value:
+        """Return x where c is true, else y; both are of one kind."""
+        return self.select(c.v, x.v, y.v)
+
+    def element(self, p: Pointer, i: Value) -> Pointer:
+        """Return the address of an element."""
+        return Pointer(self.gep(p.v, [i.v]), p.kind)
+
+    def loaded(self, p: Pointer) -> Value:
+        """Return the number at an address."""
+        return Value(self.load(p.v), p.kind)
+
+    def from_end(self, i: Value, n: Value) -> ir.Value:
+        """Return the index i, which counts from the end where it is below 0."""
+        later = self.add(i.v, n.v, flags=("nsw",))
+        return self.select(self.icmp_signed("<", i.v, I64(0)), later, i.v)
 
 
 def _shifted(b: ir.IRBuilder, op: type, x: ir.Value, by: ir.Value, kind: str) -> ir.Value:
@@ -291,5 +330,9 @@ def like(x: Any, leaves: Iterator[Any]) -> Any:
     """Return something that looks like x, of other parts."""
     if isinstance(x, Value | Pointer) or not isinstance(x, tuple):
         return next(leaves)
-    made = [like(v, leaves) for v in x]
-    return type(x)(*made) if hasattr(x, "_fields") else tuple(made)
+    return rebuilt(type(x), [like(v, leaves) for v in x])
+
+
+def rebuilt(t: type, values: Iterable[Any]) -> Any:
+    """Return a tuple of a type."""
+    return t(*values) if hasattr(t, "_fields") else tuple(values)
