@@ -188,6 +188,7 @@ BITS = "maths.bits(x)"
         ("return a[:x].size", "an index that is a float"),
         ("return (x > 0.0) << x", "a shift of a float"),
         ("y, z = a", "a number has no parts"),
+        ("return x and maths._less_half_pi(x)[0]", "a tuple of a helper behind `and`"),
         (f"return {BITS} > -1", "a uint64 and a whole number"),
         (f"return {BITS} + np.int64(x)", "a uint64 and a whole number"),
         ("for i in range(0, 4, np.int64(x)): x += i", "the step of a range must be"),

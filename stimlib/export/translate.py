@@ -342,7 +342,10 @@ class Translator(Walk):
 
     def either(self, test: Value, *write: Callable[[], Any]) -> Value:
         """Return what one or the other writes."""
+        lines = len(self.lines)
         one, other = found = [number(f()) for f in write]
+        if len(self.lines) > lines:  # it would run in any case
+            raise Unknown("a tuple of a helper behind `and` or `or`: give it a line above")
         kind = "b1" if one.kind == other.kind == "b1" else common(*found)
         if kind == "b1" and test.v in (one.v, other.v):
             a, sign, b = (test, "||", other) if test.v == one.v else (test, "&&", one)
