@@ -74,8 +74,11 @@ class Following(Sink):
         self.before.pump.write("NEXT", self.pump.context)
         self.before.pump.stop("next", at)
 
-    def _link(self, made: Following) -> None:
-        self.root._link(made)
+    def stop(self, reason: str = "stop") -> None:
+        """Fade out, as ``Sink.stop``; before it has begun, it is not to begin."""
+        if self._started and not self.pump.read("CALLS"):
+            self.pump.write("STATE", words.DONE)
+        super().stop(reason)
 
     def _close(self) -> None:
         self.pump.write("STATE", words.CLOSED)

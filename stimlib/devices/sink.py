@@ -213,7 +213,7 @@ class Sink:
         self.error: StimlibError | None = None
         self._earliest = 0  # sample before which no fade-out begins: a guard's own comes first
         self._opened = self._started = self._stopped = self._closed = False
-        self._lock = threading.RLock()
+        self._lock, self.turn = threading.RLock(), threading.Lock()
 
     def __repr__(self):
         at = ""
@@ -467,12 +467,14 @@ class Sink:
     def stop(self, reason: str = "stop") -> None:
         """Fade out and wait until the last sample has left the device.
 
-        The device stays open, and silent.
+        The device stays open, and silent. A session that follows is stopped as well.
 
         Inside a function that the sink calls, such as a motion, it returns at once.
         """
         if self._inside():
             return self.pump.stop(reason, self._earliest)
+        if self._next is not None:
+            self._next.stop(reason)
         with signals_wait(), self._lock:
             if not self._started or self._stopped:
                 return
@@ -683,19 +685,25 @@ class Sink:
         """
         from .crossfade import follow
 
-        if not isinstance(self.error, FaultError):  # which another scene may not have
-            self.check()
-        if not self._started or self._closed:
-            raise SinkError("crossfade: start the sink first")
-        if self._next is not None:
-            return self._next.crossfade(scene, safety, seconds=seconds, **options)
-        made = follow(self, scene, safety, **options)
-        if isinstance(self._feeder, Receiver):
-            self._feeder.stop()  # no two may receive; this one holds its last position
-            self._feeder.join(1.0)
-        made.start(seconds)
-        self._next = made
-        self._link(made)
+        if self._inside():
+            raise SinkError("crossfade: a function that the sink calls cannot wait for another")
+        root: Sink = getattr(self, "root", self)
+        with root.turn:  # one after another, whoever asks
+            before = root.newest
+            if not isinstance(before.error, FaultError):  # which another scene may not have
+                before.check()
+            if not self._started or root._closed:
+                raise SinkError("crossfade: start the sink first")
+            made = follow(before, scene, safety, **options)
+            if isinstance(before._feeder, Receiver):
+                before._feeder.stop()  # no two may receive; this one holds its last position
+                before._feeder.join(1.0)
+            made.start(seconds)
+            before._next = made
+            root._link(made)
+            if root._closed:
+                made.close()
+                raise SinkError("crossfade: this sink was closed meanwhile")
         return made
 
     @property

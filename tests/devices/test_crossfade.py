@@ -1,5 +1,6 @@
 """``Sink.crossfade``: a scene that follows another on its device, within its limits."""
 
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 
 import numpy as np
@@ -199,3 +200,15 @@ def test_many_follow_and_few_are_kept():
     sessions = followed(sink, 8 * [level])
     assert len(sink.kept) == 3 and sink.newest is sessions[-1]
     assert all(s._closed for s in sessions) and all(not s._worker.is_alive() for s in sessions)
+
+
+def test_whoever_asks_at_once_takes_turns_and_the_first_ends_all():
+    level = Scene({"y": constant(0.5)})
+    sink = NullSink(level, 1.0, realtime=False)
+    with begun(sink, None, block=64), ThreadPoolExecutor(4) as pool:
+        made = [f.result() for f in [pool.submit(sink.crossfade, level) for _ in range(6)]]
+        assert len({*map(id, made)}) == 6 and sink.newest in made
+        sink.newest.crossfade(level)  # not begun yet
+        sink.stop()
+        assert sink.finished and sink.newest.finished
+    refused(SinkError, "start the sink first", sink.crossfade, level)
