@@ -71,8 +71,38 @@ def test_only_another_content_counts_and_a_file_may_be_replaced(watched, tmp_pat
     until(lambda: played)
     assert [s.params["k"].value for s in played] == [300.0] and not told
     (tmp_path / "watch_more.py").write_text("1 / 0\n")
-    until(lambda: told)
-    assert "watch_more.py:1: ZeroDivisionError" in told[0]
+    assert "watch_more.py:1: ZeroDivisionError" in until(told.copy).pop()
+    (tmp_path / "watch_more.py").write_text("")
+    until(lambda: len(played) > 1)
+    file.unlink()
+    file.mkdir()
+    until(lambda: "it is a directory" in told[-1])
+    file.rmdir()
+    played.clear()
+    file.write_text(SCENE)
+    until(lambda: played)
+
+
+def test_what_a_file_imports_from_its_folder_is_watched_too(watched, tmp_path):
+    """Also where it could not be imported, and with files of --import that it uses."""
+    file, played, told = watched
+    (tmp_path / "watch_beside.py").write_text("K = 1.0")
+    (tmp_path / "watch_more.py").write_text("GAIN = 1.0")
+    text = "import watch_beside, watch_more\n" + SCENE
+    file.write_text(text.replace("K, ", "watch_beside.K * watch_more.GAIN, "))
+    until(lambda: [s.params["k"].value for s in played][-1:] == [1.0])
+    for name, text, k in (
+        ("watch_beside.py", "K = 2.0", 2.0),
+        ("watch_more.py", "GAIN = 3.0", 6.0),
+        ("watch_beside.py", "K =", None),
+        ("watch_beside.py", "K = 5.0", 15.0),
+    ):
+        told.clear()
+        (tmp_path / name).write_text(text)
+        if k is None:
+            until(lambda: "SyntaxError: invalid syntax (watch_beside.py, line 1)" in "".join(told))
+        else:
+            until(lambda k=k: [s.params["k"].value for s in played][-1:] == [k])
 
 
 OWN = """
@@ -126,7 +156,7 @@ def test_what_a_version_cannot_do_is_told_and_the_next_one_plays(tmp_path, monke
         file.write_text(SCENE.replace("100.0", "300.0"))
         until(lambda: len(played) == 2)
     assert told == ["it has other outputs"]
-    assert not any(t.name == "stimlib watch" for t in threading.enumerate())
+    until(lambda: not any(t.name == "stimlib watch" for t in threading.enumerate()))
 
 
 def test_play_watches_a_file_and_each_version_has_its_log(tmp_path):
@@ -152,7 +182,10 @@ def test_play_watches_a_file_and_each_version_has_its_log(tmp_path):
         process.send_signal(signal.SIGINT)
         out, more = process.communicate(timeout=60)
     assert process.returncode == 130, said + more
-    assert re.search(r"plays, \d\.\d\d s after it was saved", said) and "a-2.stimlog" in said
+    assert re.search(r"plays, \d\.\d\d s after it was saved", said)
+    assert re.findall("version .: |log: .*", out) == [
+        "version 1: ", "log: a.stimlog", "version 2: ", "log: a-2.stimlog"
+    ]  # fmt: skip
     assert "watch_played.py:4: " in said and "the version before plays on" in said
     logs = [read_log(tmp_path / name) for name in ("a.stimlog", "a-2.stimlog")]
     assert all(replay(log).matches for log in logs)

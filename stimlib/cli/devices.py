@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import nullcontext
 from dataclasses import asdict
 from itertools import count
@@ -15,7 +16,7 @@ from ..devices import available
 from ..errors import BadValue, FaultError, SinkError
 from ..system.progress import compiling, progress
 from . import options as opt
-from .app import Output, command, end, errors, failed, print_json, say
+from .app import Output, command, end, errors, failed, note, print_json, say
 from .motions import given, motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
 from .watching import Watched
@@ -65,7 +66,11 @@ def _play(
     wanted: bool,
     reloaded: Any,
 ) -> None:
-    """Play to the end with a progress bar; the sink fades out even after an error."""
+    """Play to the end with a progress bar; the sink fades out even after an error.
+
+    Where files are watched, an output that fails ends its version alone.
+    """
+    failures: list[Any] = []
     with sink:
         with compiling(wanted):
             sink.open(fs, channels, block)
@@ -73,9 +78,17 @@ def _play(
         frames = None if seconds is None else round(seconds * fs)
         with reloaded, progress("playing; Ctrl-C ends", frames, wanted) as advance:
             done = 0
-            while not sink.newest.finished:
-                sink.newest.wait(0.1)
-                before, done = done, sink.newest.since + sink.newest.pump.index
+            while not (now := sink.newest).finished or now in failures:
+                try:
+                    now.wait(0.1)
+                except FaultError as e:
+                    if isinstance(reloaded, nullcontext):
+                        raise
+                    if now not in failures:
+                        failures.append(now)
+                        failed(f"{e}; save the file again to go on")
+                    time.sleep(0.1)
+                before, done = done, now.since + now.pump.index
                 advance(done - before)
         sink.check()
 
@@ -220,19 +233,26 @@ def play(
         length = seconds if seconds is not None else recorded
         place = (rate if fs is None else fs, opt.channel_map(channels), block)
 
-        def played(scene_: Any) -> None:
+        sessions = [playing]
+
+        def played(scene_: Any) -> str:
             """Let a scene that was saved follow, for the rest of the time."""
             motion, _ = motions(scene_, contact=touching(scene))
             new, old = None if own else safety(scene_), playing.newest
             left = None if length is None else length - (old.since + old.pump.index) / old.rate
-            to = _free(log)
+            if left is not None and left < 0.2:
+                return "is not played, because the time is over"
+            there = [item for item in set_ if item.partition("=")[0].strip() in scene_.params]
+            for item in set_:
+                if item not in there:
+                    note(f"--set {item}: this version has no such parameter")
             how = {"motion": motion, "seed": seed, "markers": marker, "send": senders}
-            playing.crossfade(scene_, new, seconds=left, log=to, **how)
-            if to is not None:
-                say(f"log: {to}")
+            how |= {"params": params_of(there, scene_), "log": _free(log)}
+            sessions.append(playing.crossfade(scene_, new, seconds=left, **how))
+            return "plays"
 
         reloaded = watched.reloaded(played) if watch else nullcontext()
-        _played(playing, place, length, quiet, log, reloaded)
+        _played(sessions, place, length, quiet, reloaded)
 
 
 def _free(log: Any) -> Path | None:
@@ -245,14 +265,14 @@ def _free(log: Any) -> Path | None:
 
 
 def _played(
-    playing: Any,
+    sessions: list[Any],
     place: tuple[float, int | list[str | None] | None, int | None],
     length: float | None,
     quiet: bool,
-    log: Any,
     reloaded: Any,
 ) -> None:
-    """Play to the end, then print the report."""
+    """Play to the end, then print the report of each session, and where its log is."""
+    playing = sessions[0]
     try:
         _play(playing, *place, length, not quiet, reloaded)
     except (SinkError, FaultError) as e:
@@ -267,9 +287,10 @@ def _played(
         raise typer.Exit(130) from None
     finally:
         if playing._started and not quiet:
-            print(playing.newest.report())
-            if log is not None:
-                print(f"log: {log}")
+            for k, session in enumerate(sessions, 1):
+                print(f"version {k}: " * (len(sessions) > 1) + str(session.report()))
+                if session._log_to is not None:
+                    print(f"log: {session._log_to}")
 
 
 @command("devices")

@@ -7,7 +7,8 @@ import importlib.util
 import inspect
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
@@ -109,10 +110,27 @@ def own_of(path: str, name: str, *, kind: type | None = None) -> Any:
 
     An object of the wanted kind may be named as well as a function.
     """
-    folder = str(Path(path).resolve().parent)
-    if folder not in sys.path:
-        sys.path.append(folder)
     return _own(path, name, called=False, kind=kind)
+
+
+def beside(paths: Sequence[str]) -> dict[str, str]:
+    """Return the modules from the folders of users' files, and their files."""
+    folders = {Path(path).resolve().parent for path in paths}
+    files = {n: getattr(m, "__file__", None) for n, m in [*sys.modules.items()]}
+    of_users = {n: f for n, f in files.items() if f and n.partition(".")[0] != "stimlib"}
+    return {n: f for n, f in of_users.items() if Path(f).resolve().parent in folders}
+
+
+def forget(paths: Sequence[str]) -> None:
+    """Let users' files, and the modules beside them, run again when they are used."""
+    for name, file in beside(paths).items():
+        if name != "__main__":
+            del sys.modules[name]
+            _ours.pop(name, None)
+            # of a file edited within a second to equal length, Python keeps the code
+            with suppress(OSError, NotImplementedError):
+                Path(importlib.util.cache_from_source(file)).unlink(missing_ok=True)
+    importlib.invalidate_caches()
 
 
 _ours: dict[str, bytes] = {}  # modules that _own has made, and the text that each has run
@@ -130,6 +148,9 @@ def _own(
 
     module, spec, text = _module(path)
     name = spec.name
+    folder = str(Path(path).resolve().parent)
+    if folder not in sys.path:  # behind all else: a file may import what lies beside it
+        sys.path.append(folder)
     try:
         if not _ours[name]:
             # The text that was read: a loader runs what it compiled before, if a file

@@ -100,7 +100,9 @@ def commands(c, i):
         elif q[0] == STOP:
             # what has risen to sample 0 goes on from it
             first = max(i, q[2], 1 if c[ROSE] > 0 and c[LEAD] == 0 else 0)
-            if first < min(c[FADE_AT], c[END]):
+            # another follows at the natural end, if the fade would not end before it
+            late = q[1] == FOLLOWED and first + c[FADE] > c[END]
+            if first < min(c[FADE_AT], c[END]) and not late:
                 c[FADE_AT] = first
                 c[END] = min(c[END], first + c[FADE])
                 event(c, c[FADE_AT], ENDING, q[1], 0, 0)
@@ -332,7 +334,7 @@ def keep_motion(c, m):
 
 
 ADVANCE = "i8", "i8*", "i8", "i8", "i8"
-PRODUCE = "void", "i8*", "i8", "i8"
+PRODUCE = "void", "i8*", "i8", "i8", "i8"
 
 
 @exported(*ADVANCE)
@@ -401,14 +403,19 @@ def late(c, n, start):
     c[DUE] = start + whole(n * float_of(c[FRAME_NS])) if load(c, WAIT) == 0 else 0
 
 
-@exported(*PRODUCE)
 def produce(c, n, lost):
     """Make one block of n frames, after ``lost`` frames that the device skipped.
 
     Commit or withdraw the block afterwards.
     """
+    produce_at(c, n, lost, now(c))
+
+
+@exported(*PRODUCE)
+def produce_at(c, n, lost, start):
+    """Make the frames of one session, whose first is due at the time ``start``."""
     store(c, CALLS, c[CALLS] + 1)
-    start = now(c)
+    begun = now(c)
     done, program = 0, i8_at(c[CONTEXT])
     begins = 0  # the frame at which a session that follows begins
     if load(c, STATE) == RUNNING:
@@ -436,27 +443,27 @@ def produce(c, n, lost):
         sleep(c, c[STALL])
         c[STALL] = 0
     if load(c, NEXT) != 0:
-        follow(c, i8_at(c[NEXT]), begins, n, lost)
+        follow(c, i8_at(c[NEXT]), begins, n, lost, start)
     if done > 0:
-        count(c[HISTOGRAM], now(c) - start)
+        count(c[HISTOGRAM], now(c) - begun)
 
 
-def follow(c, d, begins, n, lost):
+def follow(c, d, begins, n, lost, start):
     """Add the frames of the session d, which follows this one, to those of the block.
 
-    It begins with its fade-in at the frame at which the other begins its fade-out.
-    Their gains add up to 1 then, so that the sum keeps the limits that both keep.
+    Its gain begins to rise at the frame at which that of the other begins to fall. The
+    gains add up to 1 then, so that the sum keeps the limits that both keep.
     """
-    outs, added = i8_at(c[OUTS]), i8_at(d[OUTS])
-    d[CONNECTED] = c[CONNECTED]
-    store(d, WAIT, load(c, WAIT))
-    if begins < n and d[ROSE] == 0 and d[LEAD] == d[FADE] and d[LEAD] > 0:
-        # the first frame of a fade-in is silence: it is the one before
-        event(d, 0, RISE, d[FADE], 0, 0)
-        d[LEAD], d[ROSE] = d[LEAD] - 1, 1
+    outs, added, ins, own = i8_at(c[OUTS]), i8_at(d[OUTS]), i8_at(c[INS]), i8_at(d[INS])
+    d[CONNECTED], d[IN_STRIDE] = c[CONNECTED], c[IN_STRIDE]
+    if d[CALLS] == 0:
+        store(d, WAIT, load(c, WAIT))
     while begins < n:
         m = min(n - begins, CHUNK)
-        produce(d, m, lost)
+        if d[MOTION] == SIGNALS:
+            for a in range(d[N_IN]):
+                own[a] = ins[a] + 4 * begins * c[IN_STRIDE] if ins[a] != 0 else 0
+        produce_at(d, m, lost, start + whole(begins * float_of(d[FRAME_NS])))
         for j in range(c[CHANNELS]):
             out, more = f4_at(outs[j]), f4_at(added[j])
             for k in range(m):

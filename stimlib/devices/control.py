@@ -166,7 +166,7 @@ class ControlLoop(Sink):
                         x = np.asarray(x)[:, None]
                     pump.put_motion(columns_of("read: ", x, pump.proc.inputs))
             except BaseException as e:
-                self._fail(e, what="read failed")
+                self.newest._fail(e, what="read failed")
                 self._read = None
         at, before = self.pump.index, self.pump.read("LOST")
         self.pump.block(n, lost * n)

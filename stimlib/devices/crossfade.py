@@ -16,7 +16,7 @@ from ..errors import BadValue, SinkError
 from ..run.safety import Safety
 from . import words
 from .sink import Sink
-from .sources import Recorded, Scripted, Source
+from .sources import Live, Receiver, Recorded, Scripted, Signals, Source
 
 AHEAD = 0.05
 """Seconds from the request for a crossfade to its first sample, so that the request and
@@ -27,6 +27,8 @@ the first motion are there in time.
 class Following(Sink):
     """The session that follows ``before`` on the device that ``root`` has opened.
 
+    Its gain rises along its first samples, so that its motion goes on at once.
+
     Parameters
     ----------
     before : Sink
@@ -34,9 +36,14 @@ class Following(Sink):
         See ``Sink``.
     """
 
+    leads = False
+
     def __init__(self, before: Sink, scene: Scene, safety: Safety, **options: Any):
-        self.before, self.root = before, getattr(before, "root", before)
-        for name in ("device", "clock", "leads", "silent_for", "gone"):
+        self.before: Any = before
+        self.root: Sink = getattr(before, "root", before)
+        if "motion" not in options and [*scene.inputs] == [*before.scene.inputs]:
+            options["motion"] = before.given
+        for name in ("device", "clock", "silent_for", "gone"):
             setattr(self, name, getattr(before, name))
         super().__init__(scene, safety, realtime=False, **options)
         self._counted = before._counted
@@ -46,19 +53,30 @@ class Following(Sink):
                 f"{before.device}: a scene with the outputs {ours} cannot follow one with {theirs}:"
                 " end, and play it anew"
             )
-        if self.safety.fade != before.safety.fade:
+        heard = [*before.scene.inputs] if isinstance(before.given, Signals) else []
+        if isinstance(self.given, Signals) and [*scene.inputs] != heard:
             raise BadValue(
-                f"Safety: fade = {self.safety.fade:g} s must be {before.safety.fade:g} s, as in the"
-                " session before: the two are to add up"
+                f"{before.device}: Signals of {', '.join(scene.inputs)} follow a session with those"
+                f" of {', '.join(heard) or 'nothing'}: the device has opened no others"
             )
+        names = tuple(scene.outputs)
+        for what, of in (
+            ("fade", lambda s: s.fade),
+            ("full_scale", lambda s: s.scales(names).tolist()),
+        ):
+            mine, its = of(self.safety), of(before.safety)
+            if mine != its:
+                raise BadValue(
+                    f"Safety: {what} = {mine} must be {its}, as in the session before: the two are"
+                    " added on one device"
+                )
 
     def _aim(self) -> None:
         """Choose the sample at which the session begins, where the motion goes on."""
         # a motion in real time must not wait, or it would lag behind from then on
         timed = isinstance(self.motion, Recorded | Scripted)
         self.at = self.before.pump.index + timed * round(AHEAD * self.rate)
-        # sample 0 comes after the fade-in, in which the motion stands
-        self.since = self.before.since + self.at + self.safety.samples(self.rate) - 1
+        self.since = self.before.since + self.at
         self.motion = later(self.motion, self.since, self.rate)
 
     def _open(self) -> None:
@@ -66,11 +84,18 @@ class Following(Sink):
         self._frames = np.zeros((self.channels, words.CHUNK), np.float32)
         rows = self._frames.ctypes.data + self._frames.strides[0] * np.arange(self.channels)
         self.pump.buffers("OUTS")[:] = rows
-        for word in ("INS", "IN_STRIDE"):
-            self.pump.write(word, self.root.pump.read(word))
+
+    def _take_over(self) -> None:
+        """Stop what receives the motion of the session before, which holds its last."""
+        if isinstance(self.before._feeder, Receiver):
+            self.before._feeder.stop()
+            self.before._feeder.join(1.0)
 
     def link(self, at: int) -> None:
         """Let the session begin where the one before begins to fade out."""
+        if isinstance(self.motion, Live) and self.before.pump.live:  # the gain rises with it
+            rows = dict(zip(self.before.proc.inputs, self.before.pump.held(), strict=True))
+            self.pump.put_motion(np.array([[rows.get(n, 0.0)] for n in self.proc.inputs]))
         self.before.pump.write("NEXT", self.pump.context)
         self.before.pump.stop("next", at)
 
@@ -93,9 +118,12 @@ def follow(before: Sink, scene: Scene, safety: Safety | None, **options: Any) ->
     The session before is the newest of its device, and the sessions before that are let
     go.
     """
-    root = getattr(before, "root", before)
+    if not isinstance(scene, Scene):
+        raise BadValue(f"crossfade takes a Scene, got {type(scene).__name__}")
+    root: Any = getattr(before, "root", before)
     end = time.monotonic() + before.safety.fade + 1.0
-    while (old := getattr(before, "before", None)) is not None and not old.finished:
+    old: Any = getattr(before, "before", None)
+    while old is not None and not old.finished:
         if time.monotonic() > end:
             raise SinkError(f"{before.device}: the session before has not faded out")
         time.sleep(0.002)
@@ -108,7 +136,7 @@ def follow(before: Sink, scene: Scene, safety: Safety | None, **options: Any) ->
     made.open(before.rate, names, before.block)
     if old is not None and old is not root:
         root.pump.write("NEXT", before.pump.context)
-        root._next, old._next = before, None
+        root._next, old._next, made.before.before = before, None, root
         old.close()
     # the callback may be in a session that was let go just now: it stays for one more
     root.kept = [*root.kept[-2:], made]

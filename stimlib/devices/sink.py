@@ -16,7 +16,7 @@ import os
 import threading
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from types import SimpleNamespace
@@ -187,7 +187,7 @@ class Sink:
         self.scene = scene
         self.safety = safety if isinstance(safety, Safety) else Safety(safety)
         self.protected, self.calibration = protect(scene, self.safety), calibration
-        self.motion = source_of(motion, tuple(scene.inputs))
+        self.motion = self.given = source_of(motion, tuple(scene.inputs))
         self.seed, self.params = seed, dict(params or {})
         self.changed: dict[str, float] = {}  # parameters, while it plays
         self.kept: list[Sink] = []  # sessions that follow: the callback may be in one of them
@@ -379,6 +379,7 @@ class Sink:
         self._started = True
         try:
             self._refused += begin_playing(self)
+            self._take_over()
             if self._feeder:
                 begin(self._feeder)
             begin(self._telling.thread)
@@ -422,7 +423,7 @@ class Sink:
         return y
 
     def wait(self, seconds: float | None = None) -> None:
-        """Wait, with an optional time limit, until the session has ended.
+        """Wait, with an optional time limit, until the device has ended its session.
 
         Raises
         ------
@@ -435,13 +436,15 @@ class Sink:
         """
         if not self._started:
             raise SinkError("wait: start the sink first")
+        if self._next is not None:
+            return self._next.wait(seconds)
         if self._inside() or threading.current_thread() is self._worker:
             raise SinkError(
                 "wait: a function that the sink calls cannot wait for its end: wait where it was"
                 " started"
             )
         end = math.inf if seconds is None else time.monotonic() + seconds
-        while not self.finished and time.monotonic() < end:
+        while not self.newest.finished and time.monotonic() < end:
             self.check()
             time.sleep(min(0.01, max(end - time.monotonic(), 0.0)))
         self.check()
@@ -523,6 +526,8 @@ class Sink:
         finally:
             self._last_latency = self._latency()
             self._closed = True
+            if self._next is not None:  # it has come meanwhile
+                self._next.close()
             self.pump.write("STATE", words.CLOSED)
             self.pump.write("WAIT", 0)
             if self._started and self._feeder:
@@ -590,7 +595,8 @@ class Sink:
     def set(self, name: str, value: float, ramp: float = 0.02) -> None:
         """Change a parameter from the next block on; the log records the sample.
 
-        After the session has faded out, the parameter no longer changes.
+        After the session has faded out, the parameter no longer changes. If another
+        session follows, the change is its, as with ``push`` and ``mark``.
 
         Parameters
         ----------
@@ -607,6 +613,8 @@ class Sink:
         SinkError
             The device has failed, or takes no changes.
         """
+        if self._next is not None:
+            return self._next.set(name, value, ramp)
         self.check()
         self._need_open("set")
         self._need_live(name)
@@ -640,9 +648,11 @@ class Sink:
         """Let another scene follow on the device, and return its session.
 
         This session fades out while the other fades in, and their sum keeps the limits
-        that both keep. The parameters go on by name, and so does a motion that is given
-        by its time. Each session has its own log and report. Leaving the ``with`` block
-        of the first sink, or closing it, ends all.
+        that both keep. The parameters go on by name, and so does the motion: one that
+        is given by its time from where it was, one in real time from its next column.
+        Each session has its own log and report. The first sink stays the device's:
+        its ``set``, ``push``, ``mark``, ``wait``, ``stop``, ``close`` and ``crossfade``
+        act on what plays.
 
         Parameters
         ----------
@@ -650,25 +660,24 @@ class Sink:
             With the same outputs, in the same units; its parameters and inputs may be
             others.
         safety : Safety, optional
-            With the same fade; by default that of this session.
+            With the same full scale and fade; by default that of this session.
         seconds : float, optional
             As for ``start``.
         **options
             ``motion``, ``params``, ``log``, ``seed``, ``markers``, ``send`` of the new
-            session; see ``Sink``.
+            session; see ``Sink``. The motion is needed where the inputs are others.
 
         Returns
         -------
         Sink
-            The session that plays now; ``set``, ``push`` and ``crossfade`` of it are
-            for the next.
+            The new session, which ``newest`` of the first sink gives as well.
 
         Raises
         ------
         SinkError
             Not started, or failed; other outputs; the session before has not ended.
         BadValue
-            Another fade.
+            Another full scale or fade; no scene.
 
         Examples
         --------
@@ -685,31 +694,41 @@ class Sink:
         """
         from .crossfade import follow
 
-        if self._inside():
-            raise SinkError("crossfade: a function that the sink calls cannot wait for another")
         root: Sink = getattr(self, "root", self)
+        if any(s._inside() for s in root.onward()):
+            raise SinkError("crossfade: a function that the sink calls cannot wait for another")
+        if not self._started:
+            raise SinkError("crossfade: start the sink first")
         with root.turn:  # one after another, whoever asks
             before = root.newest
             if not isinstance(before.error, FaultError):  # which another scene may not have
                 before.check()
-            if not self._started or root._closed:
-                raise SinkError("crossfade: start the sink first")
+            if root._closed or before._closed or before._stopped:
+                raise SinkError("crossfade: the session was stopped: make a new sink")
             made = follow(before, scene, safety, **options)
-            if isinstance(before._feeder, Receiver):
-                before._feeder.stop()  # no two may receive; this one holds its last position
-                before._feeder.join(1.0)
-            made.start(seconds)
-            before._next = made
-            root._link(made)
-            if root._closed:
+            try:
+                made.start(seconds)
+                made._recorder.see = before._recorder.see if made._log_to is not None else None
+                before._next = made
+                root._link(made)
+                if root._closed:
+                    raise SinkError("crossfade: this sink was closed meanwhile")
+            except BaseException:
+                before._next = None
                 made.close()
-                raise SinkError("crossfade: this sink was closed meanwhile")
+                raise
         return made
 
     @property
     def newest(self) -> Sink:
         """The session that plays on the device now: this one, or one that follows."""
         return self if self._next is None else self._next.newest
+
+    def onward(self) -> Iterator[Sink]:
+        """Yield this session and those that follow."""
+        yield self
+        if self._next is not None:
+            yield from self._next.onward()
 
     def _link(self, made: Following) -> None:
         """Let a session that has started follow this one."""
@@ -738,6 +757,8 @@ class Sink:
         UnknownName
             Other names than those of the inputs.
         """
+        if self._next is not None:
+            return self._next.push(x)
         self.check()
         if type(self.motion) is not Live or not self._opened:
             raise SinkError("push: make the sink with motion=Live() and open it")
@@ -761,6 +782,8 @@ class Sink:
             A name with control characters or more than 256 characters; a value that is
             not finite; a sample below 0.
         """
+        if self._next is not None:
+            return self._next.mark(name, value, sample)
         self.check()
         if not self._started or self._closed:
             raise SinkError("mark: start the sink first")
@@ -916,8 +939,9 @@ class Sink:
             try:
                 loop()
             except BaseException as e:
-                self._device_gone = True
-                self._fail(e, what=f"{getattr(loop, '__name__', 'its loop')} failed")
+                for session in self.onward():
+                    session._device_gone = True
+                    session._fail(e, what=f"{getattr(loop, '__name__', 'its loop')} failed")
 
         name = f"stimlib {self.device} device"
         self._thread = begin(threading.Thread(target=run, name=name, daemon=True))
@@ -998,11 +1022,14 @@ class Sink:
         )
 
     def _work(self) -> None:
-        looked = time.monotonic()
+        looked, ended = time.monotonic(), None
         try:
             while not self._over.wait(0.001 if self.pump.hurried else 0.01):
                 if self._next is not None and self.finished:
-                    break  # its log is whole; the device goes on
+                    # the block of its last frames is committed before the next call
+                    ended = ended or (time.monotonic(), self.pump.read("CALLS"))
+                    if self.pump.read("CALLS") > ended[1] + 1 or time.monotonic() > ended[0] + 1:
+                        break  # its log is whole; the device goes on
                 self._recorder.drain()
                 seen, looked = looked, time.monotonic()
                 # at most: a process that was stopped has heard no call either
@@ -1025,6 +1052,9 @@ class Sink:
     # What a device fills in -----------------------------------------------------------
     def _aim(self) -> None:
         """Look at the motion once more, when everything else is compiled."""
+
+    def _take_over(self) -> None:
+        """Prepare for the motion, when nothing else can fail."""
 
     def _open(self) -> None:
         """Open the device and connect it to ``self.pump``, or raise SinkError.

@@ -53,6 +53,7 @@ IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
 NONE, FROM_TABLE, TIMED, LIVE, SIGNALS = 0, 1, 2, 3, 4  # MOTION
 SET, LOSS, GONE, BACK, ENDING, GAP, RISE, FALL, MARK = range(9)  # events: at, kind, three numbers
 STOP = 1  # commands: SET slot value ramp, or STOP reason earliest
+FOLLOWED = 4  # the reason of a stop because another session follows: see engine.REASONS
 COMMANDS, SPARE, EVENTS, RECORD = 256, 256, 65536, 5  # spare: places for fades only
 CHUNK = 256  # samples of one call of the program
 BINS = 8 * 40  # of the histograms of times: eight to the octave of ns

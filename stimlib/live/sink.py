@@ -95,9 +95,9 @@ class PageSink(Sink):
         self._x = np.zeros((len(scene.inputs) if motion else 0, 1))
         self._now: Sink = self  # the session that plays; the one before holds its motion
         self._coming: tuple[Following, threading.Event] | None = None
-        self.switched: Callable[[int], None] = lambda since: None
-        """Called in the sink's thread where another session follows, with its first
-        sample of the motion; ``feed`` then returns the motion of its inputs.
+        self.switched: Callable[[Sink, int], None] = lambda made, since: None
+        """Called in the sink's thread where another session follows, with it and its
+        first sample of the motion; ``feed`` then returns the motion of its inputs.
         """
         self.late = self.busy = 0.0
         """Seconds behind the clock, and part of a block's time that making it took,
@@ -140,7 +140,7 @@ class PageSink(Sink):
                 x = columns_of("", self._feed(pump.index, lost + n), pump.proc.inputs, lost + n)
             except BaseException as e:
                 self._stands = True
-                self._fail(e, what=f"{self._places[0]}feed failed")
+                self._now._fail(e, what=f"{self._places[0]}feed failed")
         self._x = x[:, -1:].copy()  # `take` may write into what it is given
         if len(x):
             pump.put_motion(x)
@@ -160,7 +160,7 @@ class PageSink(Sink):
         made.link(old.pump.index)
         rows = dict(zip(old.proc.inputs, self._x, strict=True))
         self._x = np.array([rows.get(n, [0.0]) for n in made.proc.inputs]).reshape(-1, 1)
-        self.switched(old.pump.index)
+        self.switched(made, old.pump.index)
         taken.set()
 
     def _block(self, x: NDArray[np.float64], lost: int) -> None:
@@ -175,7 +175,7 @@ class PageSink(Sink):
             try:
                 self._take(first, x[:, lost : lost + made], self.buffer[:, :made])
             except BaseException as e:
-                self._fail(e, what=f"{self._places[1]}take failed")
+                self._now._fail(e, what=f"{self._places[1]}take failed")
 
     def _close(self) -> None:
         self.pump.write("STATE", words.CLOSED)

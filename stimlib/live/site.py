@@ -25,6 +25,7 @@ class Page:
         self.blocks: deque[bytes] = deque(maxlen=WAITING)
         self.wake = asyncio.Event()
         self.skipped = 0
+        self.greeted: Any = None  # what it knows of the scene
         self.silent = self.longest = 0.0  # s since its last message, and the longest so far
         self.ended = asyncio.Event()
         self.end = 1000, ""  # the code and the reason with which it is closed

@@ -20,7 +20,7 @@ from ..core.graph import Param, reach
 from ..core.scene import Scene
 from ..devices.sink import Sink
 from ..devices.sources import Live
-from ..errors import BadValue, StimlibError, UnknownName
+from ..errors import BadValue, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
 from ..run.safety import Safety, protect
 from .describe import Range, description, full_scales, ranges_of
@@ -123,14 +123,16 @@ class Stream:
             "stream": stream is not None,
             "marks": bool(send),
         }
+        self._loop: Any = None  # of the server
+        self.pages: list[Page] = []
         self.params: dict[str, float] = {}
         self._sets: dict[str, float] = {}  # for the next block
-        self._become(self._version(scene, self._made_by[1]))
+        made = self._version(scene, self._made_by[1])
+        self._become(made, {n: p.value for n, p in scene.params.items()})
         for name, value in (params or {}).items():
             self.set(name, value)
         self.title, self.index, self.message = title or repr(scene), "index.html", message
         self.most, self.longest = PAGES, MESSAGE
-        self.pages: list[Page] = []
         self.control: Page | None = None
         self.session, self.phase, self.why, self.recorded = 0, "idle", "", ""
         self.log: Path | None = None
@@ -146,7 +148,6 @@ class Stream:
         self._until: asyncio.TimerHandle | None = None
         self._wake = asyncio.Event()
         self._hands = ThreadPoolExecutor(1, "stimlib live")
-        self._loop: Any = None  # of the server
 
     def _version(self, scene: Scene, ranges: Mapping[str, Range]) -> Version:
         """Return a scene with all that a page needs to know of it."""
@@ -176,20 +177,24 @@ class Stream:
         params = {n: p.value for n, p in made.scene.params.items()}
         for name in params.keys() & self.params.keys():
             low, high = made.ranges[name]
-            if self.params[name] != self.scene.params[name].value and (
-                low <= self.params[name] <= high
-            ):
-                params[name] = self.params[name]
+            if (value := self.params[name]) == self.scene.params[name].value:
+                continue
+            if low <= value <= high:
+                params[name] = value
+            else:
+                now = f"its range is now {low:g} to {high:g}, its value {params[name]:g}"
+                self.say(f"{name} = {value:g} is not kept: {now}; --range {name}=LOW:HIGH sets it")
         return params
 
-    def _become(self, made: Version) -> None:
-        """Let a version be what the next session plays."""
-        self.params = self._values(made)
+    def _become(self, made: Version, params: dict[str, float]) -> None:
+        """Let a version be what the pages show, from the next samples on."""
+        self.params = params
         self.scene, self.ranges, self.safety = made.scene, made.ranges, made.safety
         self.hello = self.hello | made.hello
         self._sets = {}
+        self._soon(self._greet)
 
-    def reload(self, scene: Scene) -> None:
+    def reload(self, scene: Scene) -> str:
         """Let another scene take the place of this one, within a running session too.
 
         The positions and the sources of inputs and the values of parameters go on by
@@ -197,10 +202,16 @@ class Stream:
         others, it fades out and a new one fades in.  A recording goes on in a folder of
         its own.  It may be called from any thread but the server's.
 
+        Returns
+        -------
+        str
+            What has become of it, in words.
+
         Raises
         ------
         StimlibError
-            The scene cannot be compiled or described; the one before plays on.
+            The scene cannot be compiled or described; the one before plays on. The page
+            has ended.
         """
         names = {*scene.inputs, *scene.params}
         made = self._version(scene, {n: r for n, r in self._made_by[1].items() if n in names})
@@ -208,8 +219,12 @@ class Stream:
             if isinstance(b.frequency, Param):
                 b.check_rate(b.frequency.value, self.fs, f"{b.frequency.name}: ")
         compile(protect(scene, made.safety), self.fs)  # so that what follows is quick
-        self._hands.submit(self._exchange, made).result()
+        try:
+            how = self._hands.submit(self._exchange, made).result()
+        except RuntimeError as e:
+            raise SinkError(f"the page has ended: {e}") from None
         self.tell_error("")
+        return how
 
     def tell_error(self, why: str) -> None:
         """Show on the pages why a new scene is not played; the old one goes on."""
@@ -221,47 +236,58 @@ class Stream:
         if self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(f)
 
-    def _exchange(self, made: Version) -> None:
+    def _exchange(self, made: Version) -> str:
         """Let a version follow: crossfaded, after the session, or in the next one."""
-        old, sink, root = self.hello, self._sink, self._root
-        log = self._new_folder() if self.log is not None else None
+        sink, root, how, params = self._sink, self._root, "plays", self._values(made)
+        records = self.log is not None
         inputs = {n: made.ranges[n] for n in made.scene.inputs}
         change = partial(self.inputs.change, made.scene, inputs, made.given, made.smoothing)
         if sink is None or root is None or sink.finished or sink.error is not None:
-            self._become(made)
+            self._become(made, params)
             change()
-        elif made.hello["outputs"] == old["outputs"]:
+            how = "is what the next session plays"
+        elif made.hello["outputs"] == self.hello["outputs"]:
+            known = dict(self.params)
 
-            def begun(since: int) -> None:
+            def begun(session: Sink, since: int) -> None:
+                """Become the new scene in the sink's thread, before its first block."""
+                moved = {n: v for n, v in self.params.items() if n in params and v != known[n]}
                 change(since=since)
-                self.session += 1
+                self._become(made, params | moved)
+                self._sets = moved  # since the parameters were given
+                self._sink, self.session = session, self.session + 1
 
             root.switched = begun
+            log = self._new_folder() if records else None
             options: dict[str, Any] = self._marking | {"seed": self.seed, "log": log}
-            options |= {"params": self._values(made)}
+            options |= {"params": params}
             options |= {"motion": Live(1.0)} if made.scene.inputs else {}
-            self._sink = sink.crossfade(made.scene, made.safety, **options)
-            self._become(made)
+            sink.crossfade(made.scene, made.safety, **options)
             self._recorded(sink)
+            self._records(log)
         else:
-            self._end()
-            self._become(made)
+            try:
+                self._end([])
+            except StimlibError as e:
+                self.say(str(e))
+            self._become(made, params)
             change()
-            self._begin(log)
-        if log is not None:
-            self.log = log
-            self.say(f"recording to {log}")
-        if self.hello != old:
-            self._soon(self._greet)
+            try:
+                self._begin(records)
+            except Exception:
+                self._soon(partial(self._tell_state, "idle"))
+                raise
         self._soon(self._tell_state)
+        return how
 
     def _greet(self) -> None:
+        """Tell the pages of another scene, ahead of its samples."""
         for page in self.pages:
-            page.tell(self._hello())
-
-    def _hello(self) -> dict[str, Any]:
-        values = [p | {"value": self.params[p["name"]]} for p in self.hello["params"]]
-        return {"is": "hello"} | self.hello | {"params": values}
+            if page.greeted != self.hello:
+                page.greeted = self.hello
+                page.blocks.clear()  # they are of the scene before
+                values = [p | {"value": self.params[p["name"]]} for p in self.hello["params"]]
+                page.tell({"is": "hello"} | self.hello | {"params": values})
 
     def warm_up(self) -> None:
         """Compile everything that a session needs, so that the first begins at once."""
@@ -283,7 +309,7 @@ class Stream:
             if old.name == page.name != "":
                 old.close(4410, "this page was opened again")
         self.pages.append(page)
-        page.tell(self._hello())
+        self._greet()
         self._tell_state()
 
     def expect(self) -> None:
@@ -390,30 +416,27 @@ class Stream:
                     await self._change(what, why)
         finally:
             reports.cancel()
-            await self._beside(self._end)
+            await self._beside(self._end, [])
             self._hands.shutdown()
 
     async def _change(self, what: str, why: str) -> None:
-        if (sink := self._sink) is not None:
+        if self._sink is not None:
             self._tell_state(phase="stopping")
-            try:
-                await self._beside(self._end)
-            except Exception as e:
-                why = "; ".join(filter(None, (why, _why(e))))
+        ended: list[Sink] = []  # the session that there is when its turn has come
+        try:
+            await self._beside(self._end, ended)
+        except Exception as e:
+            why = "; ".join(dict.fromkeys(filter(None, (why, _why(e)))))
+            self.say(why)
+        for sink in ended:
             self._send_report(sink)
         if self._left:
             self.inputs.lift()
             self._left = False
-        log, self.log = None, None
         if what != "stop":
             self._tell_state(phase="starting")
             try:
-                if what == "record":
-                    log = self._new_folder()
-                await self._beside(self._begin, log)
-                self.log = log
-                if log is not None:
-                    self.say(f"recording to {log}")
+                await self._beside(self._begin, what == "record")
             except Exception as e:
                 why = _why(e)
         self.why = why
@@ -436,20 +459,36 @@ class Stream:
             **self._marking,
         )
 
-    def _begin(self, log: Path | None) -> None:
+    # of the hands' thread alone, so that no two change the session at once
+    def _begin(self, record: bool) -> None:
         self._sets = {}
+        log = self._new_folder() if record else None
         sink = self._made(log)
         sink.open(self.fs, block=self.block)
         self.session += 1
         self.inputs.count()
-        sink.start()
+        try:
+            sink.start()
+        except BaseException:
+            sink.close()
+            raise
         self._sink = self._root = sink
+        self._records(log)
 
-    def _end(self) -> None:
+    def _records(self, log: Path | None) -> None:
+        self.log = log
+        if log is not None:
+            self.say(f"recording to {log}")
+
+    def _end(self, ended: list[Sink]) -> None:
         sink, self._sink = self._sink, None
         if sink is not None and self._root is not None:
-            self._root.close()
-            self._recorded(sink)
+            ended.append(sink)
+            try:
+                self._root.close()
+                self._recorded(sink)
+            finally:
+                self.log = None
             sink.check()
 
     def _recorded(self, sink: Sink) -> None:

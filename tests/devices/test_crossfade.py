@@ -1,5 +1,6 @@
 """``Sink.crossfade``: a scene that follows another on its device, within its limits."""
 
+import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 
@@ -11,8 +12,10 @@ from refusals import refused
 
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError, blocks, constant
 from stimlib.blocks.oscillators import carrier
-from stimlib.devices import Live, NullSink
+from stimlib.devices import Live, NullSink, Signal, Signals, Stream
+from stimlib.devices.process import open_sinks
 from stimlib.devices.sink import Sink
+from stimlib.errors import StimlibError
 from stimlib.run.safety import Safety
 
 SPRING = Scene({"y": Param("k", 3.0) * Input("x")})
@@ -22,7 +25,7 @@ FAILS = blocks.sqrt(1 - constant(2.0, "1/s") * blocks.elapsed())  # after half a
 class Taken(Sink):
     """A device of its own that keeps what it is given."""
 
-    device = "taken"
+    device, pace = "taken", 8  # times as fast as its rate
 
     def _open(self):
         self.block = self.block or 48
@@ -33,7 +36,7 @@ class Taken(Sink):
         while not self.closing:
             self.pump.block(self.block)
             self.got.append(self._frames.copy())
-            self._let_go.wait(self.block / self.rate / 8)
+            self._let_go.wait(self.block / self.rate / self.pace)
 
 
 @pytest.fixture(params=STANDS)
@@ -77,7 +80,7 @@ def test_the_sum_is_that_of_two_sessions(block):
     sink = Taken(wave, safety, log=logs[0], realtime=False)
     first, second = followed(sink, [other], block, log=logs[1])
     got = np.concatenate(sink.got, axis=1)[0]
-    start = np.flatnonzero(got)[0] - 1  # the fade-in has one frame of silence
+    start = np.flatnonzero(got)[0] - 1  # the first fade-in has one frame of silence
     ends = next(at for at, kind, _ in logs[0].events if kind == "stop")
     a, b = (np.concatenate(log.frames)[:, 0] for log in logs)
     for log, scene, frames in ((logs[0], wave, a), (logs[1], other, b)):
@@ -85,11 +88,10 @@ def test_the_sum_is_that_of_two_sessions(block):
         assert np.array_equal(frames, whole[kept(log.events, len(frames))])
     begin = start + 160  # frame of sample 0
     assert np.array_equal(got[begin : begin + ends], a[:ends]) and len(a) == ends + 160
-    rise = b[0] * np.arange(1, 161) / 160
-    both = (a[ends:].astype(float) + np.float32(rise)).astype(np.float32)
-    assert np.abs(got[begin + ends : begin + ends + 160] - both).max() < 2**-22
-    after = begin + ends + 159
-    assert np.array_equal(got[after : after + len(b)], b) and second.report().rise == 160
+    both = a[ends:].astype(float) + b[:160]
+    assert np.abs(got[begin + ends : begin + ends + 160] - both).max() < 2**-23
+    assert np.array_equal(got[begin + ends + 160 :][: len(b) - 160], b[160:])
+    assert second.report().rise == 0 and second.report().lateness["max"] < 0.5
     assert (ends, "stop", {"reason": "next"}) in logs[0].events
 
 
@@ -120,9 +122,9 @@ def test_parameters_and_a_motion_of_time_go_on():
         until(lambda: new.pump.index > 800)
         assert sink.newest is new and new.params == {"k": 1.0, "more": 2.0}
     x = np.concatenate(log.x, axis=1)[0]
-    t0 = (new.at + 159) / FS
+    t0 = new.at / FS
     assert x[:800] == pytest.approx(0.01 + 0.1 * (t0 + np.arange(800) / FS), abs=1e-12)
-    assert new.since == new.at + 159 and sink.report().produced == new.at + 160
+    assert new.since == new.at and sink.report().produced == new.at + 160
 
 
 def test_a_recorded_motion_goes_on_to_its_end():
@@ -155,12 +157,14 @@ def test_what_cannot_follow_is_refused_and_the_session_goes_on(stand):
     with begun(sink, None, block=64):
         other = Scene({"y": constant(0.5, "N")})
         refused(SinkError, r"outputs y \[N\] .* one with y \[1\]: end", sink.crossfade, other)
-        refused(BadValue, "fade = 0.1 s must be 0.02", sink.crossfade, level, Safety(1.0, fade=0.1))
+        refused(BadValue, "fade = 0.1 must be 0.02", sink.crossfade, level, Safety(1.0, fade=0.1))
+        refused(BadValue, r"full_scale = \[2.0\] must be \[1.0\]", sink.crossfade, level, 2.0)
+        refused(BadValue, "takes a Scene, got function", sink.crossfade, followed)
         refused(BadValue, "needs the motion of x", sink.crossfade, SPRING)
         before = sink.pump.index
         until(lambda: sink.pump.index > before)
         assert sink.newest is sink and not sink.error
-    refused(SinkError, "start the sink first", sink.crossfade, level)
+    refused(SinkError, "session was stopped", sink.crossfade, level)
 
 
 def test_a_scene_that_fails_can_be_followed_by_another():
@@ -211,4 +215,106 @@ def test_whoever_asks_at_once_takes_turns_and_the_first_ends_all():
         sink.newest.crossfade(level)  # not begun yet
         sink.stop()
         assert sink.finished and sink.newest.finished
-    refused(SinkError, "start the sink first", sink.crossfade, level)
+        refused(SinkError, "session was stopped", sink.crossfade, level)
+
+
+@pytest.mark.parametrize("part", [0.25, 0.5, 0.75])
+def test_an_end_within_the_crossfade_adds_nothing(part):
+    """The session before ends by itself: the gains add up to 1, or less, not 1.25."""
+    level = Scene({"y": constant(0.5)})
+    sink = Taken(level, 1.0, realtime=False)
+    with begun(sink, 0.2, block=16):
+        until(lambda: sink.pump.index > 100)
+        made = sink.crossfade(level)
+        sink.pump.write("END", made.at + round(part * 160))
+        until(lambda: made.pump.index > 400)
+    got = np.concatenate(sink.got, axis=1)[0]
+    assert got.max() == 0.5 and np.abs(np.diff(got)).max() <= 0.5 / 160 + 1e-6
+
+
+@pytest.mark.parametrize("block", [64, 1000])
+def test_signals_go_on_in_blocks_of_any_size(block):
+    """Each frame has its own sample of the device's input, and its own time."""
+    wave = (0.5 * np.sin(2 * np.pi * 5 * np.arange(24000) / FS)).astype(np.float32)
+
+    class Wired(Taken):
+        def _loop(self):
+            self.pump.write("CONNECTED", 1)
+            for at in range(0, len(wave) - block, block):
+                if self.closing:
+                    return
+                self.pump.buffers("INS")[:] = wave.ctypes.data + 4 * at
+                self.pump.block(block)
+                self.got.append(self._frames.copy())
+                self._let_go.wait(block / self.rate)
+
+    motion = Signals({"x": Signal(1.0)})
+    twice = Scene({"y": Param("k", 1.0) * Input("x")})
+    sink = Wired(twice, 1.0, motion=motion, realtime=False)
+    with begun(sink, None, block=block):
+        until(lambda: sink.pump.index > 1000)
+        new = sink.crossfade(twice)
+        until(lambda: new.pump.index > 3000)
+        lateness, before = new.report().lateness["max"], sink.pump.timed()
+        assert lateness < 0.09 and before is not None
+        other = Scene({"y": Input("x") + Input("z")})
+        both = Signals({"x": Signal(1.0), "z": Signal(1.0)})
+        refused(BadValue, "has opened no others", sink.crossfade, other, motion=both)
+        played = block * len(sink.got)
+    steady = np.concatenate(sink.got, axis=1)[0][2000:played]
+    assert np.abs(steady - wave[2000:][: len(steady)]).max() < 1e-6
+
+
+def test_a_stream_goes_on_from_its_last_row():
+    """However rarely rows come: the new session begins at the position before."""
+    rows = iter(range(10**9))
+
+    def receive(timeout):
+        time.sleep(0.04)
+        return [[0.5]], [float(next(rows))]
+
+    motion = Stream(receive=receive, columns={"x": 0})
+    sink = Taken(Scene({"y": Input("x")}), 1.0, motion=motion, realtime=False)
+    sink.pace = 1
+    with begun(sink, None, block=64):
+        until(lambda: sink.pump.index > 4000)
+        new = sink.crossfade(Scene({"y": 1.0 * Input("x")}))
+        until(lambda: new.pump.index > 2000)
+    got = np.concatenate(sink.got, axis=1)[0]
+    there = np.flatnonzero(got > 0.4999)
+    assert got[there[0] : there[-1]].min() > 0.4999 and new.report().rows > 0
+
+
+def test_what_cannot_start_leaves_the_session_before_as_it_was(tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "file").write_text("")
+    rows = iter(range(10**9))
+
+    def receive(timeout):
+        time.sleep(0.01)
+        return [[0.5]], [float(next(rows))]
+
+    motion = Stream(receive=receive, columns={"x": 0})
+    sink = NullSink(Scene({"y": Input("x")}), 1.0, motion=motion, realtime=False)
+    with begun(sink, None, block=64):
+        until(lambda: sink.pump.index > 800)
+        for wrong in ({"log": tmp_path / "there"}, {"seconds": -1.0}):
+            with pytest.raises(StimlibError):
+                sink.crossfade(sink.scene, **wrong)
+        at, rows_then = sink.pump.index, sink.report().rows
+        until(lambda: sink.pump.index > at + 800 and sink.report().rows > rows_then)
+        assert sink.newest is sink and sink.report().stale == 0 and open_sinks == {sink}
+
+
+def test_what_a_device_loop_says_reaches_the_newest():
+    class Unplugged(Taken):
+        def _loop(self):
+            while self.newest is self or self.newest.pump.index < 100:
+                self.pump.block(64)
+                self._let_go.wait(0.004)
+            raise OSError("unplugged")
+
+    level = Scene({"y": constant(0.5)})
+    sink = Unplugged(level, 1.0, realtime=False)
+    with pytest.raises(SinkError, match="unplugged"), begun(sink, None, block=64):
+        sink.crossfade(level).wait(60)

@@ -10,7 +10,8 @@ from refusals import refused
 from waiting import until
 
 from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.errors import BadValue
+from stimlib.devices.process import open_sinks
+from stimlib.errors import BadValue, SinkError
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
 
@@ -145,3 +146,49 @@ def test_inputs_of_the_same_name_and_unit_keep_their_source(tmp_path):
         in_newton = Scene({"force": Input("x", "N")})
         server.stream.reload(in_newton)
         assert inputs.sources["x"]["value"] != 0.004 and inputs.columns(0, 20).shape == (1, 20)
+
+
+@pytest.mark.parametrize("scene", [STIFFER, OTHER])
+def test_a_stop_during_a_reload_is_a_stop(running, scene):
+    """Crossfaded or not: nothing plays on, and what is pressed then is one session."""
+    client, stream = running
+    stream._made_by = (None, *stream._made_by[1:])  # full scales of its own
+    for what, phase in (("stop", "idle"), ("start", "running")):
+        thread = threading.Thread(target=stream.reload, args=(scene,))
+        thread.start()
+        client.say(what)
+        client.until(phase=phase)
+        thread.join(60)
+        until(lambda phase=phase: stream.phase == phase)
+        until(lambda what=what: len(playing()) == (what == "start"))
+        assert [stream._sink] == (playing() or [None])
+
+
+def playing():
+    """The page's sessions that have not faded out."""
+    return [s for s in open_sinks if s.device == "page" and not s.finished]
+
+
+def test_a_slider_that_is_moved_during_a_reload_counts(running):
+    client, stream = running
+    for k in range(8):
+        thread = threading.Thread(target=stream.reload, args=((SOFTER, SPRING)[k % 2],))
+        thread.start()
+        client.say("set", name="k", value=100.0 + k)
+        client.settled()
+        thread.join(60)
+        client.hear(15)
+        assert stream.params["k"] == 100.0 + k
+        heard = samples_of(client)[1][1, -1]
+        assert heard == pytest.approx((100.0 + k) * 0.01 / FULL, rel=2e-3)
+
+
+def test_a_motion_that_fails_after_a_reload_ends_the_session(tmp_path):
+    given = {"x": lambda t: np.where(t < 0.5, 0.005, np.nan)}
+    with serving(SPRING, FULL, tmp_path, given=given) as server, greeted(server) as client:
+        client.start()
+        client.hear(5)
+        server.stream.reload(STIFFER)
+        state = client.until(phase="idle")
+        assert "feed failed: motion of x is not finite" in state["why"]
+    refused(SinkError, "the page has ended", server.stream.reload, SPRING)
