@@ -335,8 +335,8 @@ def _seen(
     order, lag = {name: k for k, name in enumerate(proc.outputs)}, lead(run.fs)
     place = {key: order[its[0]] for key, its in names.items()}
     stop = max(lag, run.n if driven else run.spans[-1][1])
-    first, size = run.spans[0], len(proc.outputs)
-    kept = [np.empty((size, z - a)) for a, z in [(first[0], max(first[1], lag)), *run.spans[1:]]]
+    # what runs early is seen in each span from 0 on: several, where a gate opens late
+    kept = [np.empty((len(proc.outputs), z - a if a else max(z, lag))) for a, z in run.spans]
     counts = _Counts(blocks, run)
     for at, y in walk(proc, _motion_of(run, proc.inputs), stop, _changes(run, proc.params)):
         row_of = partial(_row_of, y, place)

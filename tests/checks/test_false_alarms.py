@@ -518,7 +518,7 @@ def test_a_long_rest_and_one_squeeze_pass_and_the_slope_is_recovered():
     """
     x = np.r_[np.zeros(40000), minimum_jerk()(np.arange(2400) / 8000)]
     apart = []
-    for seed in range(20 if STRESS else 4):
+    for seed in range(20) if STRESS else (0, 1, 2, 8):  # 8: a gate opens within a late span
         r = report(squeeze(fingers=1), {"x1": x}, seed=seed)
         assert r.passed, str(r)
         apart += [c.measured / c.limit for c in r.checks if "slope" in c.name]
