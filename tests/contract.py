@@ -1199,6 +1199,15 @@ TABLE += [
         late=1e-15,  # its sums begin anew each 80 samples
     ),
     Entry(
+        "moving_average_short",
+        "MovingAverage",
+        lambda x: b.moving_average(x, 0.002),
+        (normal,),
+        lti=True,
+        rates=(8000.0,),
+        laws=(law.mean_of(16),),
+    ),
+    Entry(
         "envelope_follower", "Follower", lambda x: b.envelope_follower(x, 0.002, 0.03), (normal,)
     ),
 ]

@@ -677,22 +677,22 @@ class MovingAverage(Fir):
                 f"moving_average: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz"
             )
         p, _ = line(np.full(n, 1 / n))
-        words = p.taps.size + (2 if n > TAPPED else 63)
+        words = p.taps.size + (2 if n > TAPPED else -1)
         return p, DelayState(np.zeros(words), NONE)
 
     @staticmethod
     def work(p):
-        return 72
+        return 128  # a short row and what comes to it, or whole groups of eight
 
     @staticmethod
     def tile(p, s, x, y, w):  # type: ignore[override]
         size, start, n = np.int64(p.order) + 1, 0, x.size
         if size <= TAPPED:
             before = p.taps.size - 1
-            copy(x, s.line[before : before + n])
-            fir(p.taps, s.line[: before + n], y)
-            for k in range(before):
-                s.line[k] = s.line[k + n]
+            copy(s.line, w[:before])
+            copy(x, w[before : before + n])
+            fir(p.taps, w[: before + n], y)
+            copy(w[n : n + before], s.line)
             return s
         row, words = s.line[: p.taps.size], s.line[p.taps.size :]
         at, high, low = np.int64(s.at % np.uint64(size)), words[0], words[1]

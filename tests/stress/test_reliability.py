@@ -232,7 +232,8 @@ def test_every_rate(entry):
         saw("rates")
 
 
-ONE_RATE = {"delay_seconds", "moving_average", "grain"}  # whose laws are written in samples
+# whose laws are written in samples
+ONE_RATE = {"delay_seconds", "moving_average", "moving_average_short", "grain"}
 
 
 @pytest.mark.parametrize(
