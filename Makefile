@@ -7,7 +7,7 @@ ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 # Tests start hundreds of interpreters: where this is set, each of them compiles 2600 modules anew, three seconds of it.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test tests test-lowest test-newest stress stress-real-time stress-rest soak randomness lint style types docs docs-measure bench lock clean
+.PHONY: demo test tests test-lowest test-newest stress soak randomness lint style types docs docs-measure bench lock clean
 
 # An environment of exactly the releases in a file, all of them checked by hash, and stimlib itself built in it by one of them.
 define environment
@@ -70,25 +70,15 @@ test-newest: .venv-newest/ready
 	@sh tests/devices/install.sh
 	$(ENV) .venv-newest/bin/python -m pytest -q $(WORKERS)
 
-LONGER = -m 'stress or longer or hypothesis'
-REAL_TIME = $(addprefix tests/devices/test_,jack.py null.py portaudio.py)
-
-# The tests that have more to try when there is time, at length; the others are in `make test`.  On devices, all rates, blocks and
-# channels, in real time: the rest is done meanwhile by what they leave of the processor.
+# The tests that have more to try when there is time, at length; the others are in `make test`.
 stress: .venv/ready .venv/browsers
 	@sh tests/devices/install.sh firefox-esr
-	@$(MAKE) -k -j 2 stress-real-time stress-rest
+	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q $(WORKERS) -m 'stress or longer or hypothesis'
 
 # What drives Chromium and Firefox: 150 MB that only tests/stress/test_browsers.py needs.
 .venv/browsers: .venv/ready requirements-browsers.txt
 	$(BIN)/python -m pip install -q --disable-pip-version-check --require-hashes -r requirements-browsers.txt
 	@touch $@
-
-stress-real-time:
-	STIMLIB_STRESS=1 $(ENV) $(BIN)/python -m pytest -q $(LONGER) $(REAL_TIME)
-
-stress-rest:
-	STIMLIB_STRESS=1 $(ENV) nice -n 19 $(BIN)/python -m pytest -q $(WORKERS) $(LONGER) $(REAL_TIME:%=--ignore=%)
 
 # Statistics of the noise, by dieharder too where it is installed; an hour.
 randomness: .venv/ready

@@ -254,21 +254,27 @@ def motion(rng, n):
     return x[rng.permutation(2)]
 
 
+def words(proc):
+    """The state; the sign of a nan in it is the processor's business, and LLVM's."""
+    state = proc.state
+    return np.where(state == 0xFFF8 << 48, np.uint64(0x7FF8 << 48), state)
+
+
 def check(scene, fs, seed, cuts, sets):
     """Laws 1, 2, 3 and 6 on one scene; the samples."""
     fast, slow = pair(scene, fs, seed)
     sets = [s for s in sets if s.name in fast.params]
     x = rows(fast, motion(np.random.default_rng(seed), LENGTH), ["x1", "x2"])
-    assert_same(slow.state, fast.state, "state before sample 0")
+    assert_same(words(slow), words(fast), "state before sample 0")
     wanted = run(fast, x, (), sets)
-    end = fast.state
+    end = words(fast)
     middle = []
     assert_same(
-        run(slow, x, cuts, sets, lambda p: middle.append((p.index, p.state))),
+        run(slow, x, cuts, sets, lambda p: middle.append((p.index, words(p)))),
         wanted,
         "llvm and python",
     )
-    assert_same(slow.state, end, "last state")
+    assert_same(words(slow), end, "last state")
     assert slow.fault == fast.fault
     assert np.isfinite(wanted).all()
     for size in (1, 7, 64):
@@ -280,7 +286,7 @@ def check(scene, fs, seed, cuts, sets):
                 x,
                 [*range(0, LENGTH, size), *cuts],
                 sets,
-                lambda p, kept=states: kept.append((p.index, p.state)),
+                lambda p, kept=states: kept.append((p.index, words(p))),
             ),
             wanted,
             "cut",

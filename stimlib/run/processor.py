@@ -279,9 +279,9 @@ class Processor:
 
         Word 0 identifies the scene with all its design numbers and fs, word 1 is the
         sample index; then follow all states in canonical order, the same on every
-        target. Assign it to continue from there: ``params`` are then those of the
-        state, and the log is empty. BadValue for a state of another scene or sample
-        rate.
+        target, but for the sign of a NaN. Assign it to continue from there: ``params``
+        are then those of the state, and the log is empty. BadValue for a state of
+        another scene or sample rate.
         """
         with self._lock:
             words = self._engine.words
