@@ -499,6 +499,8 @@ def serve(memory: int | None) -> None:
             if os.getpid() != own:
                 os._exit(0)  # the job has forked, and this is the other one: it was not asked
             _sent(answers, answer)
+    # the watchdog's SIGTERM may come while Python ends, which shows exceptions
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _resource() -> Any:
