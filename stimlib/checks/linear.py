@@ -47,6 +47,16 @@ class Modes(NamedTuple):
         )
         return np.r_[self.direct, ((far * self.r) @ near.T).real.ravel()][:n]
 
+    def lost(self, n: int) -> float:
+        """Return the rounding of the first n samples, summed.
+
+        In the first periods of a narrow band, modes cancel that are far larger than
+        their sum.
+        """
+        last = np.minimum(n, 1 / np.maximum(-self.L.real, LONG(1e-30)))
+        each = np.abs(self.r) * last * (self.r.size + np.abs(self.L) * last)
+        return float(2 * np.finfo(LONG).eps * np.sum(each))
+
 
 def prototype(kind: str, n: int, ripple: float, attenuation: float) -> tuple[Row, Row, Any]:
     """Return the zeros, poles and gain of the low-pass prototype with the edge 1."""
@@ -225,6 +235,7 @@ def _linear(b, fs, x, y):
         loss = rounding(b, 3e-15 if callable(made) and h.size <= SHORT else 1e-13)
         tol[s] = (
             float(np.abs(h).sum()) * (loss * np.abs(way).max() + 2.0**-50 * np.abs(x[0][s]).max())
+            + (made.lost(h.size) * np.abs(way).max() if isinstance(made, Modes) else 0.0)
             + 1e-300
         )
         if not isinstance(made, Modes):

@@ -4,6 +4,7 @@ steady start, delays, differentiators and the tracker.
 
 import re
 
+import mpmath as mp
 import numpy as np
 import pytest
 from laws import assert_same, compiled, lawful, played, refuses, run
@@ -27,22 +28,45 @@ def filtered(band, edges, kind, order, fs=1.0):
     return stimlib.compile(Scene({"y": block}), fs)
 
 
-def error(band, edges, kind, order):
+def error(band, edges, kind, order, answers):
     """Largest error of the impulse and step responses, relative to their peaks."""
     n = 20_000 if edges[0] > 1e-4 else 1_000_000
-    h = exact(band, edges, kind, order, n)
+    at, *wanted = answers(*linear.analogue(band, edges, kind, order, 1.0, 60.0), n)
     proc, worst = filtered(band, edges, kind, order), 0.0
-    for x, wanted in ((np.eye(1, n), h), (np.ones((1, n)), np.cumsum(h))):
+    for x, exact in zip((np.eye(1, n), np.ones((1, n))), wanted, strict=True):
         proc.reset()
         y = proc.process(x)[0]
-        worst = max(worst, float(np.abs(y - wanted).max() / np.abs(y).max()))
+        worst = max(worst, float(np.abs(y[at] - exact).max() / np.abs(y).max()))
     return worst
 
 
-def exact(band, edges, kind, order, n):
-    """The impulse response from its modes."""
-    h = linear.digital(*linear.analogue(band, edges, kind, order, 1.0, 60.0)).response(n)
-    return np.pad(h, (0, n - h.size))
+def everywhere(zeros, poles, gain, n):
+    """Both responses at all samples, from their modes."""
+    h = linear.digital(zeros, poles, gain).response(n)
+    h = np.pad(h, (0, n - h.size))
+    return slice(None), h, np.cumsum(h)
+
+
+def in_60_digits(zeros, poles, gain, n):
+    """Both responses at some samples: in the first periods of a narrow band its modes
+    cancel by up to 26 digits, and extended precision has 19.
+    """
+    at = np.unique(np.r_[:4, np.geomspace(5, n - 1, 20).astype(int)])
+    with mp.workdps(60):
+        s, t = ([mp.mpc(str(v.real), str(v.imag)) for v in row] for row in (poles, zeros))
+        direct = mp.mpf(str(gain.real)) * mp.fprod(1 - v for v in t) / mp.fprod(1 - v for v in s)
+        z, over = [(1 + v) / (1 - v) for v in s], len(s) - len(t)
+        roots = [(1 + v) / (1 - v) for v in t] + [-1] * over
+        r = [
+            direct * mp.fprod(p - v for v in roots) / mp.fprod(p - q for q in z if q is not p)
+            for p in z
+        ]
+        h, sums = (
+            [mp.fsum(a * f(p, int(k)) for a, p in zip(r, z, strict=True)).real for k in at]
+            for f in (lambda p, k: p ** (k - 1) * (k > 0), lambda p, k: (p**k - 1) / (p - 1))
+        )
+    h[0] = direct.real
+    return at, np.array(h, float), np.array([v + direct.real for v in sums], float)
 
 
 FEW = [
@@ -75,7 +99,7 @@ def promised(band, edges, order=0):
 
 @pytest.mark.parametrize(("band", "edges", "kind", "order"), FEW)
 def test_samples_are_those_of_the_modes(band, edges, kind, order):
-    assert error(band, edges, kind, order) <= promised(band, edges, order)
+    assert error(band, edges, kind, order, everywhere) <= promised(band, edges, order)
 
 
 @pytest.mark.stress
@@ -84,7 +108,8 @@ def test_samples_are_those_of_the_modes(band, edges, kind, order):
 def test_samples_are_those_of_the_modes_everywhere(band, kind):
     for edges in EDGES[band]:
         for order in ORDERS:
-            assert error(band, edges, kind, order) <= promised(band, edges), (edges, order)
+            off = error(band, edges, kind, order, in_60_digits)
+            assert off <= promised(band, edges), (edges, order)
 
 
 @pytest.mark.parametrize("kind", KINDS)

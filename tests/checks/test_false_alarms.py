@@ -121,6 +121,12 @@ CORRECT = {
             for by in (1e-18, 1e-9)
         }
     ),
+    "the start of a narrow band": (
+        lambda: Scene({"y": b.bandpass(X, 100.0, 101.0, 12)}),
+        {"x": ANY[:800]},
+        {},
+        "",
+    ),
     "a loop behind a gate": (
         a_loop_behind_a_gate,
         {"x": np.repeat([0.0, 1.0, 0.0], 3000)},
