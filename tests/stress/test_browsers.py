@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from live.asked import TYPED, asked, every
 from live.chromium import where
 from live.drawn import outputs_of, seen
 from live.shared import need_compiler
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import Error, sync_playwright
 
 from stimlib.experiments.designs import ConstantStimuli
 from stimlib.experiments.experiment import Timing
@@ -43,12 +44,19 @@ PLAIN = dict.fromkeys(("color_scheme", "reduced_motion", "forced_colors", "contr
 @pytest.fixture(scope="module", params=["chromium", "firefox"])
 def browser(request):
     firefox = request.param == "firefox"
-    path = shutil.which("firefox-esr") or shutil.which("firefox") if firefox else where()
+    path = shutil.which("firefox") or shutil.which("firefox-esr") if firefox else where()
     if path is None:
         pytest.skip(f"{request.param} is not installed: tests/devices/install.sh installs it")
     more = {"channel": "moz-firefox"} if firefox else {"args": ["--no-sandbox"]}
     with sync_playwright() as playwright:
-        made = getattr(playwright, request.param).launch(executable_path=path, **more)
+        try:
+            made = getattr(playwright, request.param).launch(executable_path=path, **more)
+        except Error as e:
+            if "unknown command" not in str(e):
+                raise
+            own = subprocess.check_output([path, "--version"], text=True).strip()
+            what = f"Playwright {version('playwright')} asks what {own} does not know"
+            pytest.skip(f"{what} ({str(e).splitlines()[0]}): put a later firefox on the PATH")
         yield made
         made.close()
 
