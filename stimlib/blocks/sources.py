@@ -373,7 +373,8 @@ class BandNoise(Cascade):
         p, s = self._filter().design(fs)
         gain = math.sqrt(self.psd * fs / 2)
         first = np.r_[gain, np.ones(p.a.size - 1)]  # in the first section
-        return p._replace(h0=first * p.h0, e1=first * p.e1, e0=first * p.e0), s
+        with np.errstate(invalid="raise"):  # a gain beyond a float, times a 0
+            return p._replace(h0=first * p.h0, e1=first * p.e1, e0=first * p.e0), s
 
     def laws(self, fs):
         return (responses.band_noise(self.low, self.high, self.psd, self.order),)
