@@ -46,6 +46,11 @@ def by_default(x, k=2.0):
 def positive(x):
     return x > 0.0
 
+def often(a, b):
+    for i in range(600):
+        a = a * b + 0.5
+    return a
+
 def summed(a, b):
     for i in range(3):
         a = fma(a, b, i)
@@ -115,6 +120,7 @@ def sampled(block, target, size):
 
 
 LOOPS = [
+    "often(a, b)",
     "where(a < b < 0.5, 1.0, 0.0)",
     "a > b",
     "(a > b) + 1.0",
@@ -269,6 +275,11 @@ def test_stages_have_the_same_bits_whatever_they_return(written):
             TRIPLED,
             "(a[::2],), y[::2]",
             r"written_\w+.py:\d+: Some.tile: it does not compile: a slice .*with a step",
+        ),
+        (
+            "for i in range(2000):\n        x = x * p.k + i\n    return x",
+            IN_PLACE,
+            "helper cannot run in vectors: it has more than 1024 operations",
         ),
         (
             "if x > p.k:\n        return x\n    return 0.0 * x",
