@@ -103,7 +103,7 @@ class Printer:
         """Return the place of an element."""
         return Pointer(f"{p.v}.p[{text(i)}]" if p.kind == "f8" else f"{p.v}, {text(i)}", p.kind)
 
-    def loaded(self, p: Pointer) -> Value:
+    def loaded(self, p: Pointer, fixed: bool = False) -> Value:
         """Return the number at a place."""
         return Value(p.v if p.kind == "f8" else f"st_word({p.v})", p.kind)
 

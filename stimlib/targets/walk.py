@@ -181,7 +181,7 @@ class Walk:
         i = self.value(node.slice)
         if several(of):
             return of[i]
-        return self.b.loaded(self.place(of, i))
+        return self.b.loaded(self.place(of, i), fixed=plain(i))
 
     def place(self, of: Any, i: Any) -> Pointer:
         """Return the address of an element; in arrays, -1 is the last."""

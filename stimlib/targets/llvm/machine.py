@@ -20,6 +20,7 @@ vector do without.
 
 CHOICES = {
     "disable-select-optimize": ("false", "true"),
+    "enable-if-conversion": ("false", "true"),
     "mispredict-default-rate": (20, 25),
     "unswitch-threshold": (400, 50),
 }
@@ -27,7 +28,9 @@ CHOICES = {
 
 A condition that a recursion waits for becomes a branch: processors predict it, because
 it mostly holds as it did a sample before.  A condition on parameters alone is decided
-before the loop, even if the loop is long.
+before the loop, even if the loop is long.  Loops with branches stay without vectors:
+of a number that stays the same in a loop, LLVM walks along each way that leads to it,
+of which there are twice as many after each sum of a number with itself.
 """
 
 

@@ -139,7 +139,9 @@ def made(form: Form) -> walk.Intermediate:
     if noise_behind(form):
         of["other"] = form.beside[0].cls.tile
     space = {"_sl": known, "_sl_np": np} | {f"_sl_{name}": v for name, v in of.items()}
-    return walk.of_source(body(form), space, {"_sl_segment": ("void", *known.SEGMENT)}, known.TWINS)
+    made = walk.of_source(body(form), space, {"_sl_segment": ("void", *known.SEGMENT)}, known.TWINS)
+    # nothing writes parameters while a segment runs: LLVM may read them before its loop
+    return made._replace(llvm=made.llvm.replace("(double* ", "(double* noalias ", 1))
 
 
 def _one(form: Form) -> Any:

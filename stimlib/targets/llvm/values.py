@@ -279,8 +279,10 @@ class Builder(ir.IRBuilder):
         """Return the address of an element."""
         return Pointer(self.gep(p.v, [i.v]), p.kind)
 
-    def loaded(self, p: Pointer) -> Value:
-        """Return the number at an address."""
+    def loaded(self, p: Pointer, fixed: bool = False) -> Value:
+        """Return the number at an address; fixed: the same in all turns of a loop."""
+        if fixed:  # in a loop over vectors, LLVM looks for ever at what follows from one number
+            return Value(self.load_atomic(p.v, "unordered", int(p.kind[1])), p.kind)
         return Value(self.load(p.v), p.kind)
 
     def from_end(self, i: Value, n: Value) -> ir.Value:
