@@ -458,6 +458,13 @@ def test_fir(size):
         alike("fir", taps, w, np.empty(n))
 
 
+def test_long_sums_take_no_other_numbers_than_multiples_of_8():
+    a, b = np.zeros(12), np.zeros(200)
+    refused(ValueError, "12 is no multiple of 8", maths.fir, a, b, b)
+    refused(ValueError, "12 is no multiple of 8", maths.modes, a, a, a, 0.0, b, b, b)
+    refused(ValueError, "no multiple of 8", maths.memory, b, b, b, a[:4], b, b, b)
+
+
 @pytest.mark.parametrize("size", range(8, 137, 8))
 def test_modes(size):
     rng = np.random.default_rng(size)

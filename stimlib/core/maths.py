@@ -197,12 +197,19 @@ def tree(s):
     return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
 
 
+def _eights(a):
+    """Return the numbers of an array; ValueError where vectors read beyond its end."""
+    if a.size % 8:
+        raise ValueError(f"{a.size} is no multiple of 8: fill up with zeros")
+    return a.tolist()
+
+
 def fir(taps, w, y):
     """Compute an FIR filter, y[i] = sum_j taps[j] w[i + j], in eight partial sums.
 
     taps.size must be a multiple of 8; w has y.size + taps.size - 1 elements.
     """
-    taps, w = taps.tolist(), w.tolist()  # Python's floats: the same bits, in half the time
+    taps, w = _eights(taps), w.tolist()  # Python's floats: the same bits, in half the time
     for i in range(y.size):
         s = [0.0] * 8
         for j, tap in enumerate(taps):
@@ -216,7 +223,7 @@ def modes(p, r, q, d, x, y, w):
     The sum is in eight partial sums and flushed. p.size must be a multiple of 8; w has
     8 y.size elements.
     """
-    p, r, state = p.tolist(), r.tolist(), q.tolist()
+    p, r, state = _eights(p), r.tolist(), q.tolist()
     for i in range(y.size):
         s = [0.0] * 8
         v = float(x[i]) + TINY
@@ -235,7 +242,7 @@ def memory(e, r, q, low, x, y, w):
     and low.size must be multiples of 8; w has 8 y.size elements. r has e.size weights,
     or so many for each sample.
     """
-    leak, weights, state, second = e.tolist(), r.tolist(), q.tolist(), low.tolist()
+    leak, weights, state, second = _eights(e), r.tolist(), q.tolist(), _eights(low)
     for i in range(y.size):
         s, r = [0.0] * 8, weights[i * e.size :] if len(weights) > e.size else weights
         v = float(x[i]) + TINY
