@@ -10,12 +10,13 @@ from laws import STRESS
 from refusals import refused
 from walked import compiled, in_c
 
-from stimlib.core.maths import where  # noqa: F401
+from stimlib.core.maths import settle, where  # noqa: F401
 from stimlib.targets.llvm import walk
 
 needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
 ODD = [0.0, -0.0, 1.0, -1.0, 0.5, np.inf, -np.inf, np.nan, 5e-324, -3.0, 1e308]
 ONE, COUNTS, HERE, gain = np.uint64(1), (3, 1, 2), globals(), 5.0
+NAN, TOP = np.nan, 2**63 - 1
 FLOATS = """x + y;x - y;x * y;x / y;x % y;-x;x % 1.0;i * x;x - 3;2 / y;-7.0 % y;x % -2.5;y % i
 ;1e3 % -2.5;2.0**3;(x > y) * 0.5;abs(x);min(x, y);max(x, y);max(x, 1.0, y);min(i, y);abs(x < y)
 ;of_name(x);of_name(x, gain=y)"""
@@ -135,22 +136,42 @@ def slices(x, y, i, j, u, v, a, o, w):
     w[-2] += ONE
 
 
-FORMS = {f.__name__: f for f in (whiles, ranges, returns, slices)} | {
+def edges(x, y, i, j, u, v, a, o, w):
+    s, k = 0, j % 5
+    for m in range(TOP - 9, TOP, 7):
+        s = 3 * s + (m & 255)
+    for m in range(TOP - 13 + k, TOP - 4 + k, 7):
+        s = 3 * s + (m & 255)
+    for m in range(-TOP + 13 - k, -TOP + 3 - k, -7):
+        s = 3 * s + (m & 255)
+    for m in range(-TOP - 1, TOP, TOP):
+        s = 3 * s + (m & 255)
+    o[0], o[1], o[2] = s, np.int64(2**62) * 4 + 6 >> 1, x * (2**62 * 8 >> 3)
+    o[3], o[4] = i ^ -(2**63), i ^ np.int64(2**62) << 1
+    o[5] = 1.0 if NAN in (NAN,) and i in (i, 5) and x not in (1.0, NAN) else 0.0
+
+
+FORMS = {f.__name__: f for f in (whiles, ranges, returns, slices, edges)} | {
     t.replace("\n", "")[:9]: each_of("w" if t is WORDS else "o", t)
     for t in (FLOATS, WHOLE, WORDS, TRUTHS)
 }
 
 
 IN_C = "f8", "f8", "i8", "i8", "u8", "u8", "f8*", "f8*", "u8*"
+on_targets = pytest.mark.parametrize("target", ["llvm", pytest.param("c", marks=needs_gcc)])
 
 
-@pytest.mark.parametrize("target", ["llvm", pytest.param("c", marks=needs_gcc)])
+def made_for(target, f, folder):
+    return compiled(f) if target == "llvm" else in_c(f, IN_C, folder)
+
+
+@on_targets
 @pytest.mark.parametrize("name", FORMS)
 def test_a_form_is_what_python_makes_of_it(name, target, tmp_path):
     if (name, target) == ("returns", "c"):
         pytest.skip("in C, a tuple keeps the kinds of its parts")
     f, rng = FORMS[name], np.random.default_rng(0)
-    walked = compiled(f) if target == "llvm" else in_c(f, IN_C, tmp_path)
+    walked = made_for(target, f, tmp_path)
     for _ in range(3000 if STRESS else 400):
         x, y = np.where(rng.random(2) < 0.5, rng.choice(ODD, 2), rng.standard_normal(2) * 9.0)
         i, j = (rng.standard_normal(2) * 10.0 ** rng.integers(0, 7)).astype(int).tolist()
@@ -186,6 +207,9 @@ def given():
         "o[0] = x ** y": "Pow of floats",
         "for k in range(x): pass": "range are whole",
         "for k in range(0, 9, n): pass": "step of a range",
+        "for k in range(0, i, 0): pass": "step of a range .* not 0",
+        "o[0] = 1.0 if x in (2.0, x) else 0.0": "`in` with numbers .* ==",
+        "o[0] = i + 2**64": "more than 64 bits",
         "for k in a: o[0] = k": "loop with for",
         "o[:8] = w[:8]": "another kind",
         "o[0] = a": "whole array.* loop",
@@ -241,3 +265,46 @@ def test_what_is_not_refused_is_what_python_makes_of_it(text):
     except walk.Unknown:
         return
     np.testing.assert_array_equal(made[-2], wanted[-2])
+
+
+@pytest.mark.parametrize("first", ["x", "a[-1]"])
+@pytest.mark.parametrize(
+    "turn", ["z += z", "z = settle(z + z)", "z = z * (1.0 - z) if z > 0.5 else z * z"]
+)
+def test_a_number_that_stays_the_same_in_a_loop_compiles_however_often_it_is_used(first, turn):
+    wanted, made = given(), given()
+    turns = "\n    ".join([f"z = {first}", *[turn] * 30, "o[k] = z * a[k]"])
+    f = of(f"for k in range(o.size):\n    {turns}")
+    with np.errstate(all="ignore"):
+        f(*wanted)
+    compiled(f)(*made)
+    np.testing.assert_array_equal(made[-2], wanted[-2])
+
+
+@on_targets
+def test_whole_numbers_of_64_bits_wrap_as_those_of_numpy(target, tmp_path):
+    texts = "i + j;i - j;i * j;3 * i;(i * j) * j + i >> 5;1.0 if i + j > i else 0.0;abs(i - j) & 9"
+    f, rng = each_of("o", texts + ";-i + (i * 2 // 2 == i)"), np.random.default_rng(0)
+    walked = made_for(target, f, tmp_path)
+    edges = [1, -1, 3, 2**31, -(2**32), 2**62, TOP, -TOP, -TOP - 1]
+    for _ in range(300):
+        i, j = rng.choice(edges, 2) if rng.random() < 0.5 else rng.integers(-TOP, TOP, 2)
+        wanted, made = given(), given()
+        for run, to in ((f, wanted), (walked, made)):
+            with np.errstate(all="ignore"):
+                run(*to[:2], i, j, *to[4:])
+        np.testing.assert_array_equal(made[-2], wanted[-2], f"{i}, {j}")
+
+
+@on_targets
+def test_a_float_beyond_64_bits_is_the_word_that_numpy_makes_of_it(target, tmp_path):
+    f = of("w[0] = np.uint64(x)")
+    walked, rng = made_for(target, f, tmp_path), np.random.default_rng(0)
+    edges = [np.nextafter(s * 2.0**k, t) for s in (1, -1) for k in (62, 63, 64) for t in (0, 1e99)]
+    scattered = rng.standard_normal(300) * 2.0 ** rng.integers(0, 80, 300)
+    for x in [*ODD, *edges, *(s * 2.0**k for s in (1, -1) for k in (62, 63, 64, 65)), *scattered]:
+        wanted, made = given(), given()
+        for run, to in ((f, wanted), (walked, made)):
+            with np.errstate(all="ignore"):
+                run(np.float64(x), *to[1:])
+        assert made[-1][0] == wanted[-1][0], x

@@ -712,7 +712,7 @@ class MovingAverage(Fir):
                 if k + 8 <= at + n:
                     high, low = grown(high, low, group)
             for k in range(n):
-                made[k] = (w[first + k] + made[k]) * p.taps[p.taps.size - 1]
+                made[k] = (w[np.uint64(first + k)] + made[k]) * p.taps[p.taps.size - 1]
             start, at = start + n, at + n
             if at == size:
                 suffix_sums(row)

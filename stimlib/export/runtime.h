@@ -108,9 +108,19 @@ ST_INLINE void st_words_fill_from(st_words a, st_words b)
     else memmove(a.p, b.p, (size_t)(a.n < b.n ? a.n : b.n) * 8);
 }
 
-ST_INLINE int64_t st_abs(int64_t i) { return i < 0 ? -i : i; }
+ST_INLINE int64_t st_abs(int64_t i) { return i < 0 ? (int64_t)(0 - (uint64_t)i) : i; }
 
 ST_INLINE st_words st_as_words(st_floats a) { return st_words_of(a.p, a.n); }
+
+/* A float as a word: of one that is beyond, what numpy makes of it on x86. */
+ST_INLINE uint64_t st_to_word(double x)
+{
+    const double most = 9223372036854775808.0;
+    const int high = x >= most;
+    if (high)
+        x -= most;
+    return (uint64_t)(fabs(x) < most ? (int64_t)x : INT64_MIN) ^ (uint64_t)high << 63;
+}
 
 ST_INLINE double st_flush(double x) { return fabs(x) <= 1e-190 ? 0.0 : x; }
 
@@ -126,6 +136,13 @@ ST_INLINE int64_t st_left(int64_t i, int64_t by)
 }
 
 ST_INLINE int64_t st_right(int64_t i, int64_t by) { return i >> (by < 0 || by > 63 ? 63 : by); }
+
+/* The number after i in a range; its end where that may lie beyond 64 bits. */
+ST_INLINE int64_t st_next(int64_t i, int64_t by, int64_t end)
+{
+    const uint64_t left = (uint64_t)end - (uint64_t)i;
+    return (by > 0 ? left > (uint64_t)by : left < (uint64_t)by) ? i + by : end;
+}
 
 ST_INLINE int64_t st_rest(int64_t a, int64_t b)
 {

@@ -73,6 +73,10 @@ class Printer:
         made = f"({text(x)} != 0)" if kind == "b1" else f"(({C_TYPES[kind]}){text(x)})"
         return Value(made, kind, x.kind == "b1")
 
+    def word(self, x: Value) -> str:
+        """Return a float as a uint64."""
+        return f"st_to_word({text(x)})"
+
     def computed(self, op: type, x: Value, y: Value, kind: str) -> str:
         """Return x op y, which are of one kind."""
         a, b = text(x), text(y)
@@ -89,7 +93,7 @@ class Printer:
 
     def negative(self, x: Value) -> str:
         """Return -x."""
-        return f"(-{text(x)})"
+        return f"((int64_t)(0 - (uint64_t){text(x)}))" if x.kind == "i8" else f"(-{text(x)})"
 
     def size(self, x: Value) -> str:
         """Return the absolute value."""
@@ -393,7 +397,8 @@ class Translator(Walk):
         self.fresh += 1
         i, n = f"st_i{self.fresh}", f"st_n{self.fresh}"
         ends = f"int64_t {i} = {text(start)}, {n} = {text(stop)}"
-        with self.block(f"for ({ends}; {i} {'<' if by > 0 else '>'} {n}; {i} += {by})"):
+        after = f"{i} += {by}" if abs(by) == 1 else f"{i} = st_next({i}, {literal(by)}, {n})"
+        with self.block(f"for ({ends}; {i} {'<' if by > 0 else '>'} {n}; {after})"):
             yield Value(i, "i8", start.low and by > 0)
 
     def choose(self, test: Value, node: ast.If) -> None:

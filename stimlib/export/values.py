@@ -42,7 +42,7 @@ def literal(v: Any, kind: str = "") -> str:
     if kind == "u8" or isinstance(v, np.uint64):
         return f"UINT64_C({int(v)})"
     if isinstance(v, int):
-        text = f"INT64_C({v})" if abs(v) >= 2**31 else f"{v}"
+        text = "INT64_MIN" if v == -(2**63) else f"INT64_C({v})" if abs(v) >= 2**31 else f"{v}"
         return text if v >= 0 else f"({text})"
     v = float(v)
     if math.isnan(v):

@@ -246,7 +246,9 @@ class Walk:
         if op in (ast.In, ast.NotIn) and several(y):
             found: Any = False
             for v in y:
-                found = binary(self.b, ast.BitOr, found, binary(self.b, ast.Eq, x, v))
+                if not (plain(x) or plain(v)) and number(x).kind == number(v).kind == "f8":
+                    raise Unknown("`in` with numbers of the signal, which may be nan: use ==")
+                found = binary(self.b, ast.BitOr, found, x is v or binary(self.b, ast.Eq, x, v))
             return found if op is ast.In else binary(self.b, ast.Eq, found, False)
         if op not in SIGNS:
             raise Unknown("`is` and `in` with a number of the signal: compare with ==")
@@ -399,8 +401,8 @@ class Walk:
         start, stop, by = (
             [number(0), *ends, number(1)] if len(ends) == 1 else [*ends, number(1)][:3]
         )
-        if not isinstance(by.v, ir.Constant):
-            raise Unknown("the step of a range must be a number")
+        if not isinstance(by.v, ir.Constant) or by.v.constant == 0:
+            raise Unknown("the step of a range must be a number, and not 0")
         first, last = (cast(self.b, v, "i8") for v in (start, stop))
         with self.turns(first, last, by.v.constant) as i:
             self.set(node.target.id, i)
@@ -442,6 +444,13 @@ def _to(kind: str, of: Callable[[Any], Any]) -> Known:
     return Known(lambda w, x: of(x) if plain(x) else cast(w.b, x, kind))
 
 
+def _word(w: Walk, x: Any) -> Any:
+    """Return a uint64: of an author's float beyond, what numpy on x86 makes."""
+    if plain(x) or number(x).kind not in FLOATS or steps.ours(w.frame.f):
+        return np.uint64(x) if plain(x) else cast(w.b, x, "u8")
+    return Value(w.b.word(cast(w.b, x, "f8")), "u8")
+
+
 WITH_TWINS = types.FunctionType | types.BuiltinFunctionType | type
 BUILTINS = {
     "float": _to("f8", float),
@@ -449,6 +458,6 @@ BUILTINS = {
     "True": True, "False": False,
 }  # fmt: skip
 TYPES: dict[Any, Known] = {
-    abs: Known(_abs), np.float64: _to("f8", float), np.int64: _to("i8", int),
-    np.uint64: _to("u8", lambda x: np.uint64(int(x) % 2**64)),
+    abs: Known(_abs), np.float64: _to("f8", float), np.int64: _to("i8", np.int64),
+    np.uint64: Known(_word),
 }  # fmt: skip

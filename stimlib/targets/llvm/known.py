@@ -149,16 +149,19 @@ def copy(w, a, b):
     kernels.copy(w.b, b.p.v, a.p.v, a.n.v)
 
 
+counted = Known(lambda w, i: i._replace(low=True))
+
+
 def search(knots, x):
     """Return the index of the piece that contains a position."""
     low, high = 0, knots.size - 2
     while low < high:
         k = (low + high + 1) >> 1
-        if x >= knots[k]:
+        if x >= knots[counted(k)]:
             low = k
         else:
             high = k - 1
-    return low
+    return counted(low)
 
 
 # Long sums: kernels of the runtime ----------------------------------------------------

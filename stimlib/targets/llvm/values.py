@@ -223,6 +223,15 @@ class Builder(ir.IRBuilder):
         low = x.low and (own != "u8" or isinstance(v, ir.Constant) and v.constant < 2**63)
         return Value(v if v.type == t else self.trunc(v, t), kind, low)
 
+    def word(self, x: Value) -> ir.Value:
+        """Return a float as a uint64: of one beyond, what numpy on x86 makes."""
+        most, least = ir.Constant(DOUBLE, 2.0**63), I64(-(2**63))
+        high = self.fcmp_ordered(">=", x.v, most)
+        v = self.select(high, self.fsub(x.v, most), x.v)
+        fits = self.fcmp_ordered("<", known(self, "fabs", v), most)
+        whole = self.select(fits, self.fptosi(v, I64), least)
+        return self.xor(whole, self.select(high, least, I64(0)))
+
     def computed(self, op: type, one: Value, other: Value, kind: str) -> ir.Value:
         """Return one op other, which are of one kind."""
         x, y = one.v, other.v
@@ -235,9 +244,9 @@ class Builder(ir.IRBuilder):
         if kind in FLOATS:
             return _modulo(self, x, y) if op is ast.Mod else getattr(self, ON_FLOATS[op])(x, y)
         if op in ON_WHOLE:
-            # places do not wrap, or searches take a quarter longer; randomness may
-            large = any(isinstance(v, ir.Constant) and abs(v.constant) >= 2**31 for v in (x, y))
-            flags = ("nsw",) if kind == "i8" and not large else ()
+            # they wrap; not so next to a place, or searches would take a tenth longer
+            small = any(isinstance(v, ir.Constant) and abs(v.constant) < 2**31 for v in (x, y))
+            flags = ("nsw",) if kind == "i8" and small and op is not ast.Mult else ()
             return getattr(self, ON_WHOLE[op])(x, y, flags=flags)
         if op in ON_BITS:
             return getattr(self, ON_BITS[op])(x, y)

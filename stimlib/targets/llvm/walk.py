@@ -285,7 +285,11 @@ class Writer(Walk):
         b.position_at_end(again)
         i.add_incoming(start.v, before)
         i.add_incoming(b.add(i, I64(by), flags=("nsw",)), again)
-        b.branch(head)
+        if abs(by) == 1:
+            b.branch(head)
+        else:  # the next may lie beyond 64 bits
+            left = b.sub(stop.v, i) if by > 0 else b.sub(i, stop.v)
+            b.cbranch(b.icmp_unsigned(">", left, I64(abs(by))), head, end)
         b.position_at_end(end)
 
 
