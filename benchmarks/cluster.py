@@ -21,13 +21,12 @@ from bench import Row, main, row
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid
-from stimlib.sweep.engines import BESIDE, Cluster
 from stimlib.sweep.plan import row_keys
 from stimlib.sweep.rows import table_of
-from stimlib.sweep.scheduler import job_rows, joined
+from stimlib.sweep.scheduler import QUEUED, Scheduler, job_rows, joined
 from stimlib.sweep.store import Store
 from stimlib.sweep.study import planned
-from stimlib.sweep.worker import as_bytes, from_bytes
+from stimlib.sweep.worker import from_bytes
 
 ROWS, WORKERS = 1_000_000, 1000
 FEW, MANY = 1, 41  # rows of a job
@@ -71,7 +70,7 @@ def simulated(
     flying: list[float] = []  # ends of jobs
     clock, at, jobs = 0.0, 0, 0
     while at < rows or flying:
-        if at < rows and len(flying) < BESIDE * workers:
+        if at < rows and len(flying) < QUEUED * workers:
             n = job_rows(rows - at, workers, row_seconds)
             clock += central / 2
             end = max(heappop(free), clock) + beside + n * row_seconds
@@ -105,15 +104,16 @@ class Costs:
         return sum(self._client.run(time.process_time).values())
 
 
-def parts(engine: Cluster, store: Store, todo: Any, size: int, jobs: int) -> int:
+def parts(scheduler: Scheduler, store: Store, todo: Any, size: int, jobs: int) -> int:
     """Jobs of so many rows, as a sweep sends and keeps them."""
     sent = done = 0
     while done < jobs:
-        while sent < jobs and engine.room():
-            engine.submit(rows := todo.slice(sent * size, size), as_bytes(rows), False, 1e9)
+        while sent < jobs and scheduler.room > 0:
+            scheduler.submit(todo.slice(sent * size, size), 0, False, 1e9)
             sent += 1
-        rows, result = engine.take()
-        store.add(joined(engine._plan, rows, from_bytes(result[0])))
+        rows, _, result = scheduler.take()
+        assert isinstance(result, tuple)
+        store.add(joined(scheduler.plan, rows, from_bytes(result[0])))
         done += 1
     return jobs
 
@@ -145,10 +145,13 @@ def measured(client: Any) -> dict[str, float]:
     found["no-op, client and scheduler"], found["no-op, worker"] = np.min(
         [costs.of(no_ops) for _ in range(3)], axis=0
     )
-    with Store(None, {}, {}) as store, Cluster(client, plan, motions) as engine:
-        parts(engine, store, todo, MANY, 4)  # compiles
+    with (
+        Store(None, {}, {}) as store,
+        Scheduler(plan, motions, client.get_executor(), workers=2) as scheduler,
+    ):
+        parts(scheduler, store, todo, MANY, 4)  # compiles
         rounds = [
-            [costs.of(lambda n=n: parts(engine, store, todo, n, 100)) for n in (FEW, MANY)]
+            [costs.of(lambda n=n: parts(scheduler, store, todo, n, 100)) for n in (FEW, MANY)]
             for _ in range(3)
         ]
     (few, alone), (many, together) = np.min(rounds, axis=0)

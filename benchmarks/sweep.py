@@ -22,10 +22,9 @@ from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 from stimlib.speed.timing import interleaved, medians, ratio
 from stimlib.sweep import grid, sweep
-from stimlib.sweep.engines import Local
 from stimlib.sweep.plan import row_keys
 from stimlib.sweep.rows import table_of
-from stimlib.sweep.scheduler import drive, joined
+from stimlib.sweep.scheduler import Scheduler, joined
 from stimlib.sweep.store import LARGEST, Store
 from stimlib.sweep.study import planned
 from stimlib.sweep.worker import Runner, figures_table
@@ -51,13 +50,11 @@ def rendered(scene: stimlib.Scene) -> list[tuple[float, float]]:
 def processes(plan: Any, motions: Any, todo: Any, workers: int, row_seconds: float) -> float:
     """Rows a second of so many processes, once they have begun."""
     kept: list[Any] = []
-    with Local(plan, motions) as engine:
-        engine.widen(workers)
-        drive(
-            plan, todo.slice(0, 100 * workers), engine, kept.append, row_seconds, lambda done: None
-        )
+    with Scheduler(plan, motions, workers=workers) as scheduler:
+        scheduler.workers = workers
+        scheduler.drive(todo.slice(0, 100 * workers), kept.append, row_seconds, lambda done: None)
         began = time.perf_counter()
-        drive(plan, todo, engine, kept.append, row_seconds, lambda done: None)
+        scheduler.drive(todo, kept.append, row_seconds, lambda done: None)
         return todo.num_rows / (time.perf_counter() - began)
 
 

@@ -67,7 +67,7 @@ except SystemExit: assert gc.get_threshold()[0] >= 50_000"""
 
 
 def test_the_packages_of_sweeps_are_loaded_where_they_are_used():
-    assert loaded("import stimlib.sweep.engines", (*SWEEP, "scipy.signal")) == set(), (
+    assert loaded("import stimlib.sweep.scheduler", (*SWEEP, "scipy.signal")) == set(), (
         "nor does each worker load what proofs use"
     )
 

@@ -7,16 +7,16 @@ import pickle
 import signal
 import subprocess
 import sys
-import threading
 import time
-from types import SimpleNamespace
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from laws import STRESS, mostly
 from refusals import refused
 from waiting import until
 
-from stimlib.system.pool import JobFailed, Pool, TimedOut, WorkerDied, _end_of, spread
+from stimlib.system import pool as module
+from stimlib.system.pool import JobFailed, Pool, TimedOut, WorkerDied, spread
 
 WORK = """
 import os, time
@@ -90,16 +90,16 @@ def test_what_stops_the_parent_stops_its_workers(tmp_path, to, signals, code):
 
 @pytest.fixture(scope="module")
 def workers():
-    with Pool(1) as pool:
+    with Pool() as pool:
         yield pool
 
 
 def outcome(pool, function, *args, **limits):
-    """What a job gives, and its error."""
-    pool.submit("question", function, *args, **limits)
-    what, result, error = pool.take()
-    assert what == "question" and (error is None or result is None)
-    return result if error is None else error
+    """What a job gives, or its error."""
+    try:
+        return pool.run(function, *args, **limits)
+    except Exception as e:
+        return e
 
 
 # What a worker may be in the middle of while its driver ends.  Each writes a file "NAME
@@ -209,14 +209,15 @@ NAMES = [f.__name__ for f in (
 """
 DRIVER = """
 import ctypes, os, signal, sys, time
+from concurrent.futures import ThreadPoolExecutor
 from stimlib.system.pool import Pool
 from stuck import NAMES, stuck
 
 folder, end = sys.argv[1:]
 end_of_hang = time.monotonic() + 120
-with Pool(len(NAMES)) as pool:
+with ThreadPoolExecutor(len(NAMES)) as threads, Pool() as pool:
     for name in NAMES:
-        pool.submit(name, stuck, folder, name)
+        threads.submit(pool.run, stuck, folder, name)
     while left := set(NAMES) - {name.split()[0] for name in os.listdir(folder)}:
         assert time.monotonic() < end_of_hang, left
         time.sleep(0.02)
@@ -367,11 +368,11 @@ def test_the_seconds_of_a_job_begin_anew_with_each_note(workers):
     assert outcome(workers, exec, text, seconds=5.0) is None
 
 
-def test_what_a_worker_begins_with_and_waits_for_takes_no_seconds_of_a_job():
-    with Pool(1, time.sleep, 3.2) as pool:
-        assert outcome(pool, pow, 2, 3, seconds=3.0) == 8
-        time.sleep(3.2)
-        assert outcome(pool, pow, 2, 3, seconds=3.0) == 8
+def test_neither_the_start_of_a_worker_nor_its_wait_takes_seconds_of_a_job():
+    with Pool() as pool:
+        for _ in range(2):
+            assert outcome(pool, pow, 2, 3, seconds=0.1) == 8
+            time.sleep(0.2)
 
 
 def starts(path, end):
@@ -407,7 +408,7 @@ def test_a_worker_that_ends_is_seen_while_a_child_of_it_has_its_connection(worke
 
 
 def test_a_job_has_its_memory():
-    with Pool(1, memory=400_000_000) as pool:
+    with Pool(memory=400_000_000) as pool:
         pid = outcome(pool, os.getpid)
         for job in (bytearray, 2_000_000_000), (exec, "[bytes(10**6) for _ in range(10**6)]"):
             error = outcome(pool, *job)
@@ -438,36 +439,34 @@ def test_what_failed_was_not_made():
         raise KeyboardInterrupt
 
 
-def test_what_cannot_begin_says_so(capfd):
-    with Pool(1, divmod, 1, 0) as pool:
-        assert isinstance(outcome(pool, pow, 2, 3), ZeroDivisionError)
-    with Pool(1, os._exit, 4) as pool:
-        refused(WorkerDied, "exit status 4 as it began", outcome, pool, pow, 2, 3)
+def test_what_cannot_begin_says_so(capfd, monkeypatch):
+    monkeypatch.setattr(sys, "path", [])
+    with Pool() as pool:
+        refused(JobFailed, "exit status 1 as it began", pool.run, pow, 2, 3)
 
 
-def test_a_process_that_begins_leaves_its_jobs_to_those_that_have_begun(tmp_path):
-    (go := tmp_path / "go").touch()
-    with Pool(1, until, go.exists) as pool:
+def test_a_worker_is_started_where_no_other_is_idle_and_ends_where_it_stays_so(monkeypatch):
+    with Pool() as pool, ThreadPoolExecutor() as threads:
         first = outcome(pool, os.getpid)
-        go.unlink()
-        pool.widen(2)
-        assert (pool.room, pool.workers) == (1, 2)
-        for _ in range(2):
-            assert outcome(pool, os.getpid) == first
-        time.sleep(0.3)
-        go.touch()
-        until(lambda: outcome(pool, pow, 2, 3) and pool.room == 2)
-        assert pool.start_seconds > 0.3
-        for k in range(2):
-            pool.submit(k, os.getpid)
-        assert len({pool.take()[1], pool.take()[1]}) == 2
+        with pool.worker() as worker:
+            assert worker.ask(os.getpid) == first
+            second = threads.submit(pool.run, os.getpid).result()
+        assert second != first == outcome(pool, os.getpid), "the one that was used last"
+        monkeypatch.setattr(module, "IDLE", 0.1)
+        with pool.worker(), pool.worker(), pool.worker() as short:
+            assert short.ask(pow, 2, 3) == 8
+            until(lambda: not short.alive())
+        assert outcome(pool, os.getpid) in (first, second)
+    refused(JobFailed, "the pool is closed", pool.run, pow, 2, 3)
 
 
-def test_a_worker_that_does_not_end_is_killed_in_time():
-    process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], stdin=-1)
-    worker = SimpleNamespace(process=process, signal=process.send_signal, thread=threading.Thread())
-    worker.thread.start()
-    ending = threading.Thread(target=_end_of, args=(worker, time.monotonic() + 0.1), daemon=True)
-    ending.start()
-    ending.join(60)
-    assert process.poll() == -signal.SIGKILL
+@IN_PROC
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_worker_ends_without_its_watchdog_too(number):
+    with Pool() as pool:
+        pid = outcome(pool, os.getpid)
+        with pool.worker() as worker:
+            os.kill(worker._process.pid, number)
+            refused(WorkerDied, None, worker.ask, time.sleep, 600, seconds=0.3)
+        until(lambda: not alive(pid))
+        assert outcome(pool, pow, 2, 3) == 8

@@ -8,6 +8,7 @@ import importlib
 import json
 import re
 from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from math import pi
 
 import numpy as np
@@ -37,9 +38,8 @@ from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid, measure, measured, rendering, sweep
-from stimlib.sweep.engines import Local
 from stimlib.sweep.rows import table_of
-from stimlib.sweep.scheduler import job_rows
+from stimlib.sweep.scheduler import Scheduler, job_rows
 from stimlib.sweep.study import _rows_to_try
 
 HAND = minimum_jerk(depth=0.02)
@@ -278,7 +278,8 @@ def test_bad_rows_are_told_before_the_first_run(rows, error, says):
         ({"live": ["A"]}, UnknownName, "A is no parameter"),
         ({"workers": -1}, BadValue, "workers = -1"),
         ({"fs": -1}, BadValue, "fs"),
-        ({"on": 7}, BadValue, "on = 7"),
+        ({"executor": 7, "workers": 1}, BadValue, "executor = 7 must be"),
+        ({"executor": ThreadPoolExecutor()}, BadValue, "workers = 0 how many jobs"),
     ],
 )
 def test_bad_words_are_told_before_the_first_run(words, error, says):
@@ -594,9 +595,9 @@ def test_what_workers_import_otherwise_is_said_or_refused(tmp_path, monkeypatch)
 
     def edited(*words):
         (tmp_path / "of_a_study.py").write_text(OF_A_STUDY.replace("1.0", "5.0"))
-        return Local(*words)
+        return Scheduler(*words)
 
-    monkeypatch.setattr("stimlib.sweep.study.Local", edited)
+    monkeypatch.setattr("stimlib.sweep.study.Scheduler", edited)
     unswept(BadValue, "has changed since .* again", row, study.make, workers=1)
 
 

@@ -6,6 +6,8 @@ import dataclasses
 import os
 import pickle
 import types
+from concurrent.futures import Executor, Future
+from queue import LifoQueue
 
 import numpy as np
 import pyarrow as pa
@@ -13,20 +15,30 @@ import pytest
 from refusals import refused, warned
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, UnknownName
+from stimlib import BadValue, Input, Param, Scene, SinkError, UnknownName
 from stimlib.analysis.physical_cues import Cues, cues
 from stimlib.blocks import springpot
 from stimlib.core.units import unit
 from stimlib.motion.generators import minimum_jerk
-from stimlib.sweep import engines, measure, rendering, sweep
-from stimlib.sweep.engines import Here, Local, end_beside, run_beside
+from stimlib.sweep import measure, rendering, sweep
 from stimlib.sweep.measures import CUE_UNITS, measures_of
 from stimlib.sweep.plan import row_keys
 from stimlib.sweep.rows import table_of
-from stimlib.sweep.scheduler import DEATHS, Death, drive, widen
+from stimlib.sweep.scheduler import DEATHS, Scheduler
 from stimlib.sweep.store import Store
 from stimlib.sweep.study import planned
-from stimlib.sweep.worker import NO_SCENE, Runner, as_bytes, begin, error_text, from_bytes
+from stimlib.sweep.worker import (
+    NO_SCENE,
+    Runner,
+    as_bytes,
+    error_text,
+    from_bytes,
+    packed,
+    pool_of,
+    run_beside,
+    take,
+)
+from stimlib.system.pool import JobFailed, TimedOut, WorkerDied
 
 SPRING = Scene({"force": Param("k", 2000.0, "N/m") * Input("x", "m")})
 STEADY = {
@@ -50,54 +62,47 @@ def prepared(rows, **words):
     )
 
 
-class Fragile(Here):
-    """An engine that takes three jobs, does the last one first, and whose process dies
-    of k = 7.
+class Fragile(Scheduler):
+    """A scheduler that sends three jobs, takes the last one first, and whose process
+    dies of k = 7.
     """
 
-    final = False
+    died_of = WorkerDied
 
     def __init__(self, plan, motions):
-        super().__init__(plan, motions)
-        self.plan, self.died, self.flying = plan, [], 0
-
-    def room(self):
-        return 3 - self.flying
-
-    def submit(self, what, data, look, seconds):
-        self.flying += 1
-        super().submit(what, data, look, seconds)
+        super().__init__(plan, motions, workers=0)
+        self.died, self.workers, self._done = [], 3, LifoQueue()
 
     def take(self):
-        self.flying -= 1
-        job, result = super().take()
-        if 7.0 in (ks := job.rows["k"].to_pylist()):
+        rows, deaths, result = super().take()
+        if 7.0 in (ks := rows["k"].to_pylist()):
             self.died.append(len(ks))
-            return job, Death("it ended", ks.index(7.0), bytes(range(16)), self.final)
-        return job, result
+            result = self.died_of("it ended")
+            result.at, result.data = ks.index(7.0), bytes(range(16))
+        return rows, deaths, result
 
 
-def driven(table, engine, row_seconds=1.0):
-    """The rows that an engine gives, sorted, and how many were told as done."""
+def driven(table, scheduler, row_seconds=1.0):
+    """The rows that a scheduler gives, sorted, and how many were told as done."""
     kept, told = [], []
-    drive(engine.plan, table, engine, kept.append, row_seconds, told.append)
+    scheduler.drive(table, kept.append, row_seconds, told.append)
     assert sum(told) == table.num_rows
     return pa.concat_tables(kept).sort_by("k")
 
 
 def test_a_job_that_dies_runs_again_without_the_row_that_ended_it():
     table, plan, motions = prepared({"k": np.arange(1.0, 11.0)})
-    engine = Fragile(plan, motions)
-    made = driven(table, engine, 1e-9)
+    fragile = Fragile(plan, motions)
+    made = driven(table, fragile, 1e-9)
     assert made["k"].to_pylist() == table["k"].to_pylist()
     assert made["peak_force"].to_pylist() == [None if k == 7 else k / 2 for k in range(1, 11)]
     assert made["error"].drop_null().to_pylist() == [f"{DEATHS} times: it ended"]
     before, died, after = made["content"].to_pylist()[5:8]
     assert died == bytes(range(16)) != before == after
-    assert engine.died[0] > 1 and engine.died[1:] == [1] * (DEATHS - 1)
-    engine = Fragile(plan, motions)
-    engine.final = True
-    assert driven(table.slice(6, 1), engine)["error"].to_pylist() == ["it ended"], "past its limit"
+    assert fragile.died[0] > 1 and fragile.died[1:] == [1] * (DEATHS - 1)
+    fragile = Fragile(plan, motions)
+    fragile.died_of = TimedOut
+    assert driven(table.slice(6, 1), fragile)["error"].to_pylist() == ["it ended"], "past its limit"
 
 
 def test_a_worker_notes_which_row_it_is_at_before_its_scene_is_made(monkeypatch):
@@ -113,8 +118,8 @@ def test_a_worker_notes_which_row_it_is_at_before_its_scene_is_made(monkeypatch)
 def test_a_worker_has_the_limits_of_the_sweep(monkeypatch):
     _, plan, motions = prepared({"k": [1.0]})
     monkeypatch.setattr(stimlib.limits, "table_knots", stimlib.limits.table_knots)  # to be put back
-    monkeypatch.setattr("stimlib.sweep.worker._runner", None, raising=False)
-    begin(
+    monkeypatch.setattr("stimlib.sweep.worker._runner", None)
+    take(
         pickle.dumps((dataclasses.replace(plan, limits=plan.limits | {"table_knots": 77}), motions))
     )
     assert stimlib.limits.table_knots == 77
@@ -130,26 +135,26 @@ def test_jobs_grow_where_rows_are_quicker_than_was_thought():
     """
     sizes = []
 
-    class Timed(Here):
+    class Timed(Scheduler):
         def take(self):
-            job, (data, _) = super().take()
-            sizes.append(job.rows.num_rows)
-            return job, (data, 0.15 * job.rows.num_rows)
+            rows, deaths, (data, _) = super().take()
+            sizes.append(rows.num_rows)
+            return rows, deaths, (data, 0.15 * rows.num_rows)
 
     rows, plan, motions = prepared({"k": np.arange(1.0, 41.0)})
-    drive(plan, rows, Timed(plan, motions), lambda made: None, 0.3, lambda done: None)
+    timed = Timed(plan, motions, workers=0)
+    timed.drive(rows, lambda made: None, 0.3, lambda done: None)
     assert sizes[:2] == [3, 4] and sum(sizes) == 40
 
 
 def test_a_job_hands_back_what_it_has_done_in_its_time():
     rows, plan, motions = prepared({"k": np.arange(1.0, 6.0)})
-    engine = Here(plan, motions)
-    engine.submit("job", as_bytes(rows), False, 0.0)
-    what, (data, _) = engine.take()
-    assert (what, from_bytes(data)["peak_force"].to_pylist()) == ("job", [0.5])
-    never = Here(plan, motions)
-    never.plan, submit = plan, never.submit
-    never.submit = lambda what, data, look, seconds: submit(what, data, look, 0.0)
+    never = Scheduler(plan, motions, workers=0)
+    never.submit(rows, 2, False, 0.0)
+    _, deaths, (data, _) = never.take()
+    assert (deaths, from_bytes(data)["peak_force"].to_pylist()) == (2, [0.5])
+    submit = never.submit
+    never.submit = lambda rows, deaths, look, seconds: submit(rows, deaths, look, 0.0)
     assert driven(rows, never, 1e-9)["peak_force"].to_pylist() == [0.5, 1.0, 1.5, 2.0, 2.5]
 
 
@@ -162,12 +167,24 @@ def test_a_part_is_written_as_soon_as_it_is_large(tmp_path, monkeypatch):
             assert len(list(tmp_path.glob("*.parquet"))) == parts
 
 
-def test_what_is_no_death_of_a_process_is_raised(monkeypatch):
-    _, plan, motions = prepared({"k": [1.0]})
-    lost = types.SimpleNamespace(take=lambda: ("job", None, ModuleNotFoundError("own_study")))
-    monkeypatch.setattr(engines, "Pool", lambda *words, memory: lost)
-    refused(ModuleNotFoundError, "own_study", Local(plan, motions).take)
-    monkeypatch.undo()
+class Failing(Executor):
+    """An executor with one result for all jobs, or one error."""
+
+    def __init__(self, result=None, error=None):
+        self.future = Future()
+        self.future.set_exception(error) if error else self.future.set_result(result)
+
+    def submit(self, *job):
+        return self.future
+
+
+def test_what_is_no_death_of_a_process_is_raised():
+    lost, words = ModuleNotFoundError("own_study"), RUN | {"workers": 1}
+    for executor, error, says in (
+        (Failing(lost), ModuleNotFoundError, "own_study"),
+        (Failing(error=lost), SinkError, "executor failed .ModuleNotFoundError: own_study"),
+    ):
+        refused(error, says, sweep, SPRING, {"k": [1.0, 2.0]}, executor=executor, **words)
 
     class Stays:
         def __reduce__(self):
@@ -178,46 +195,50 @@ def test_what_is_no_death_of_a_process_is_raised(monkeypatch):
     refused(BadValue, "cannot be sent .* process", sweep, SPRING, {"k": [1.0, 2.0]}, **kept)
 
 
-def test_a_process_beside_a_worker_of_dask_takes_the_plan_that_comes(monkeypatch):
-    def peaks(k=2.0, name="a", sweep="one", **words):
-        given = {"motion": {name: words.pop("motion")}}
-        table, plan, motions = prepared({"k": [k], "motion": [name]}, **words, **given)
-        keys = [(n, digest) for n, (digest, _) in motions.items()]
-        found = run_beside(
-            sweep, plan, keys, [m for _, m in motions.values()], as_bytes(table), False, 1.0
-        )
-        data = None if isinstance(found, Death) else found[0]
-        return data and from_bytes(data).to_pylist()[0]["peak_force"]
+def test_a_process_beside_a_thread_takes_the_plan_that_comes():
+    def beside(sweep="one", name="a", k=2.0, known=True, **words):
+        """The peak of a row, or the error; where that is not known, with the plan."""
+        given = {"motion": {name: np.full(400, words.pop("x", 0.5))}}
+        table, plan, motions = prepared({"k": [k], "motion": [name]}, **given, **words)
+        told, limits = plan.versions, plan.limits
+        data = b"" if known else packed((plan, motions))
+        found = run_beside(0, sweep, told, limits, {name}, data, as_bytes(table), False, 1.0)
+        if not isinstance(found, tuple):
+            return found
+        return from_bytes(found[0]).to_pylist()[0]["peak_force"]
 
-    ramp, higher = minimum_jerk(depth=1.0), minimum_jerk(depth=2.0)
+    dies = measure("N", version="1")(lambda run: os.abort() if run.params["k"] == 7.0 else 0.0)
     try:
-        first = peaks(motion=ramp, seconds=0.05)
-        (process,) = engines._beside.values()
-        assert first < peaks(motion=higher, seconds=0.05, name="b"), "for the same process"
-        assert first == peaks(motion=ramp, seconds=0.05, name="c"), "one motion by two names"
-        assert (process,) == tuple(engines._beside.values())
-        dies = measure("N", version="1")(lambda run: os.abort() if run.params["k"] == 7.0 else 0.0)
-        for name, k, peak in (("a", 1.0, 1.0), ("b", 1.0, 2.0), ("a", 7.0, None), ("b", 1.0, 2.0)):
-            motion = np.full(400, 1.0 if name == "a" else 2.0)
-            assert peaks(k, name, "dies", motion=motion, measures=["peak", dies]) == peak
-        end_beside("dies")
-        assert first < peaks(motion=ramp, seconds=0.1, sweep="two")
-        assert first == peaks(motion=ramp, seconds=0.05), "two sweeps in turns"
-        assert process in engines._beside.values()
-        monkeypatch.setattr(engines, "SWEEPS", 2)
-        assert first == peaks(motion=ramp, seconds=0.05, sweep="three")
-        left = [sweep for _, sweep in engines._beside]
-        assert left == ["two", "three"], "nothing of the sweep that began first"
-        end_beside("three")
-        assert [sweep for _, sweep in engines._beside] == ["two"]
-        table, plan, motions = prepared({"k": [3.0]}, fs=4000)
-        other = dataclasses.replace(plan, versions=plan.versions | {"numpy": "1.0"})
-        says = "other versions: numpy .* not 1.0"
-        refused(BadValue, says, run_beside, "two", other, [], [], as_bytes(table), False, 1.0)
+        assert beside() is None and beside(known=False) == 1.0 == beside()
+        assert beside(name="b") is None, "of a motion that it does not know"
+        assert beside(name="b", x=1.5, known=False) == 3.0 == beside(name="b") == 3 * beside()
+        assert beside("two") is None and beside("two", fs=4000, known=False) == 1.0
+        words = {"measures": ["peak", dies]}
+        assert beside("three", known=False, **words) == 1.0
+        died = beside("three", k=7.0, **words)
+        assert isinstance(died, WorkerDied) and died.data != NO_SCENE
+        assert beside("three", **words) is None, "a process that died knows nothing"
+        assert beside() == 1.0, "the others are what they were"
     finally:
-        for sweep in ("one", "two", "three"):
-            end_beside(sweep)
-    assert not engines._beside
+        for sweep_ in ("one", "two", "three"):
+            pool_of(sweep_).__exit__()
+
+
+def test_a_process_that_cannot_take_a_plan_is_no_row_that_fails():
+    def died(*job, **words):
+        raise WorkerDied("it ended")
+
+    _, plan, _ = prepared({"k": [1.0]})
+    words = plan.limits, {""}, b"no pickle", b"", False, 1.0
+    try:
+        assert type(run_beside(0, "bad", plan.versions, *words)) is pickle.UnpicklingError
+        other = str(run_beside(0, "bad", {"numpy": "1.0"}, *words))
+        assert "a worker has numpy" in other and ", and not 1.0 as here" in other
+        with pool_of("bad").worker() as worker:
+            worker.ask = died
+        assert type(run_beside(0, "bad", plan.versions, *words)) is JobFailed
+    finally:
+        pool_of("bad").__exit__()
 
 
 # Figures ------------------------------------------------------------------------------
@@ -283,18 +304,16 @@ def test_a_forecast_counts_what_is_there_and_an_error_of_the_rest_is_theirs(tmp_
 
 
 @pytest.mark.parametrize(
-    ("start", "rows", "first", "wanted"),
+    ("rows", "first", "most", "workers"),
     [
-        (3.0, 100, 0.1, []),  # 5 s of work: two processes save 2.5 s
-        (3.0, 130, 0.1, [2]),
-        (3.0, 130, 4.0, []),  # of which a scene took long
-        (0.0, 70, 0.1, []),  # nothing has begun
-        (0.0, 90, 0.1, [2]),
-        (0.1, 1, 0.1, []),
+        (35, 0.1, 2, 1),  # 1.75 s of work: two processes save 0.9 s
+        (45, 0.1, 2, 2),
+        (130, 4.0, 2, 1),  # of which a scene took long
+        (90, 0.1, 1, 1),
+        (1, 0.1, 2, 1),
     ],
 )
-def test_processes_begin_where_they_save_more_than_their_start(start, rows, first, wanted):
-    asked = []
-    engine = types.SimpleNamespace(start_seconds=lambda: start, widen=asked.append)
-    widen(engine, 2, rows, 0.05, first)
-    assert asked == wanted
+def test_processes_begin_where_they_save_more_than_their_start(rows, first, most, workers):
+    fragile = types.SimpleNamespace(most=most, workers=1)
+    Scheduler.widen(fragile, rows, 0.05, first)
+    assert fragile.workers == workers

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from ..errors import BadValue, shown
+from ..errors import BadValue, SinkError, shown
+from ..system.packages import package
 from . import options as opt
 from .app import command, note, print_json, print_wide
 from .motions import motions_of
@@ -16,6 +17,9 @@ from .scene import SceneText, maker_of, number, own_of, run_files, touching
 
 OF_EACH = {"least": "min", "median": "median", "largest": "max"}
 """What is reported of each figure, and numpy's function that gives it."""
+
+PATIENCE = 20.0  # s, for a scheduler to answer
+FEWEST = 8  # workers of a cluster that has none yet
 
 
 @command("sweep", motions=motions_of)
@@ -78,7 +82,12 @@ def sweep_(
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(help="Number of processes on this machine; by default one for each core."),
+        typer.Option(
+            help=(
+                "Number of processes on this machine, or of jobs at once on the cluster; by "
+                "default one for each core, or each thread of the cluster."
+            )
+        ),
     ] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Run failed rows once more.")] = False,
     dry: Annotated[
@@ -121,8 +130,7 @@ def sweep_(
         seconds=opt.length(seconds, recorded),
         live=live or None,
         out=out,
-        on=None if scheduler is None else _cluster(scheduler, files),
-        workers=workers,
+        **_where(scheduler, workers, files),
         retry=retry,
         dry=dry,
         progress=not quiet,
@@ -176,14 +184,18 @@ def _axis(text: str) -> tuple[str, list[Any]]:
         return name, words
 
 
-def _cluster(address: str, files: list[str]) -> Any:
-    """Return a client of a cluster whose workers have the user's files."""
-    from ..sweep.engines import connected
-
-    client = connected(address)
+def _where(address: str | None, workers: int | None, files: list[str]) -> dict[str, Any]:
+    """Return where a sweep runs; workers of a cluster get the user's files."""
+    if address is None:
+        return {"workers": workers}
+    try:
+        client = package("distributed", "a sweep on a cluster").Client(address, timeout=PATIENCE)
+    except (OSError, ValueError) as e:
+        raise SinkError(f"there is no Dask scheduler at {address}: {e}") from e
     for path in dict.fromkeys(f for f in files if f.endswith(".py")):
         client.upload_file(path)
-    return client
+    workers = workers or max(FEWEST, sum(client.nthreads().values()))
+    return {"executor": client.get_executor(), "workers": workers}
 
 
 def _facts(table: Any) -> dict[str, Any]:

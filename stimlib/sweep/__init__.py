@@ -1,6 +1,6 @@
 """Sweeps: render a scene for many rows of numbers, and keep a few figures of each.
 
-A sweep runs on this machine or on a Dask cluster.
+A sweep runs on this machine, or on any executor.
 """
 
 from .measures import measure, measured

@@ -10,7 +10,7 @@ from ..errors import BadValue
 from ..system.progress import progress as bar
 from .plan import Plan
 from .rows import arrow
-from .scheduler import drive, widen
+from .scheduler import Scheduler
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -50,7 +50,7 @@ def missing(keyed: pa.Table, done: pa.Table, retry: bool) -> pa.Table:
 
 
 def confirmed(
-    plan: Plan, keyed: pa.Table, done: pa.Table, engine: Any, workers: int | None, progress: bool
+    plan: Plan, keyed: pa.Table, done: pa.Table, scheduler: Scheduler, progress: bool
 ) -> pa.Table:
     """Return the finished rows that are still valid.
 
@@ -70,10 +70,10 @@ def confirmed(
         return done
     first, which = _combinations(there, [*plan.roles.arguments, "motion"])
     rows = there.take(pa.array(first)).append_column("at", pa.array(np.arange(first.size)))
-    widen(engine, workers, first.size, LOOK_SECONDS)
+    scheduler.widen(first.size, LOOK_SECONDS)
     looked: list[Any] = []
     with bar("checking what is kept", first.size, progress) as advance:
-        drive(plan, rows, engine, looked.append, LOOK_SECONDS, advance, look=True)
+        scheduler.drive(rows, looked.append, LOOK_SECONDS, advance, look=True)
     made = pa.concat_tables(looked).sort_by("at")
     now = made["content"].combine_chunks().take(pa.array(which))
     stored = done.take(at.drop_null())

@@ -9,6 +9,7 @@ import pickle
 import time
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
+from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,6 @@ from ..run.rendering import Rendering
 from ..system.limits import limits
 from ..system.pool import Pool, WorkerDied, ended, note, terminable
 from ..system.progress import progress as bar
-from .engines import Cluster, Here, Local, packed
 from .measures import NAMED, Measure, measures_of
 from .plan import (
     Plan,
@@ -38,9 +38,9 @@ from .plan import (
 )
 from .resume import confirmed, missing, places
 from .rows import MADE, OWN, arguments_of, arrow, checked, name_of, roles_of, table_of
-from .scheduler import drive, joined, widen
+from .scheduler import Scheduler, joined
 from .store import Store
-from .worker import Motions, Runner, as_bytes, error_text, from_bytes
+from .worker import Motions, Runner, as_bytes, error_text, from_bytes, packed
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -90,7 +90,7 @@ def sweep(
     seconds: float | None = None,
     live: Collection[str] | None = None,
     out: str | os.PathLike[str] | None = None,
-    on: Any = None,
+    executor: Executor | None = None,
     workers: int | None = None,
     retry: bool = False,
     dry: bool = False,
@@ -101,7 +101,7 @@ def sweep(
     A row that fails keeps its error, and the others continue.  With ``out``, finished
     rows are stored: calling a stopped or killed sweep again resumes it, and a sweep
     with additional rows runs only those.  The figures of a row have the same bits for
-    any other rows, order, number of workers or engine; a different type of processor
+    any other rows, order, number of workers or executor; a different type of processor
     may round differently.
 
     All rows run in separate processes.  A row that takes longer than
@@ -134,13 +134,14 @@ def sweep(
         if a name is both.
     out : path, optional
         Folder for the figures, as Parquet.
-    on : distributed.Client or str, optional
-        A Dask cluster, or its address such as ``"tcp://head:8786"``; by default this
-        machine.
+    executor : concurrent.futures.Executor, optional
+        Where to run, such as ``client.get_executor()`` of a Dask cluster; by default on
+        this machine.
     workers : int, optional
         Number of processes on this machine; by default one per core, or a single one if
         the work takes only seconds.  With 0, the rows run in this process, where a
         debugger can follow, without limits and without protection from crashes.
+        Required with ``executor``: how many jobs that runs at once.
     retry : bool
         Run rows that failed before again.
     dry : bool
@@ -159,16 +160,14 @@ def sweep(
     ------
     UnknownName, BadValue, UnitError, SceneError
         Rows, motion, measures or scene are invalid, which is found before the first
-        run; the first, the middle and the last row have the same error; versions on a
-        cluster differ from those here; the folder has figures of another scene, motion
+        run; the first, the middle and the last row have the same error; versions of a
+        worker differ from those here; the folder has figures of another scene, motion
         or version; or, with ``out``, a measure uses something whose content cannot be
         inspected.
     SinkError
-        The folder cannot be written or contains something else, or the cluster
-        disappeared.
+        The folder cannot be written or contains something else, or the executor failed.
     MissingPackage
-        pyarrow, or for a cluster distributed, is not installed: ``pip install
-        'stimlib[sweep]'``.
+        pyarrow is not installed: ``pip install 'stimlib[sweep]'``.
     KeyboardInterrupt
         On Ctrl-C; the message has the number of finished rows.
 
@@ -200,6 +199,11 @@ def sweep(
             f"sweep: workers = {workers!r} must be a whole number: processes, or 0 for this process"
             " itself"
         )
+    if executor is not None and not (isinstance(executor, Executor) and workers):
+        raise BadValue(
+            f"executor = {executor!r:.80} must be a concurrent.futures.Executor, and workers ="
+            f" {workers} how many jobs it runs at once: 1 or more"
+        )
     apart = workers != 0 and not isinstance(make, Scene)  # a function may end its process
     table, plan, motions, facts, about, samples = (_planned_apart if apart else planned)(
         make, table_of(rows), words
@@ -212,17 +216,15 @@ def sweep(
     keyed = table.append_column("key", row_keys(plan, table, digests))
     folder = None if dry and not _is_folder(out) else out
     with Store(folder, facts, about, dry) as store, terminable():
-        engine: Any = Here if workers == 0 else Local
-        engine = engine(plan, motions) if on is None else Cluster(on, plan, motions)
-        with engine:
+        with Scheduler(plan, motions, executor, workers) as scheduler:
             names = [*plan.units, "fault", "error"]
             done = store.done(names)
-            done = confirmed(plan, keyed, done, engine, workers, progress)
+            done = confirmed(plan, keyed, done, scheduler, progress)
             todo = missing(keyed, done, retry)
             began, row_seconds = store.rows, 0.0
             try:
                 if todo.num_rows:
-                    row_seconds = _run(plan, todo, store, engine, workers, dry, progress)
+                    row_seconds = _run(plan, todo, store, scheduler, dry, progress)
             except KeyboardInterrupt:
                 what = f"{store.rows - began} of {todo.num_rows} rows were done"
                 if store.folder is None:
@@ -354,16 +356,19 @@ def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Plan
     """
     data = packed((make, as_bytes(table), {**words, "limits": dc.asdict(limits)}))
     memory = int(min(limits.row_bytes, 2**62))
-    first, error = 0, None
-    while first < len(_rows_to_try(table.num_rows)):
-        with Pool(1, take_given, data, memory=memory) as pool:
-            pool.submit(None, seen_apart, first, seconds=limits.row_seconds)
-            _, found, error = pool.take()
-        if not isinstance(error, WorkerDied):
-            break
-        first = error.at + 1
-    if error is not None:
-        raise error
+    first = 0
+    with Pool(memory) as pool:
+        while True:
+            try:
+                with pool.worker() as worker:
+                    assert worker
+                    worker.ask(take_given, data)
+                    found = worker.ask(seen_apart, first, seconds=limits.row_seconds)
+                    break
+            except WorkerDied as e:
+                first = e.at + 1
+                if first >= len(_rows_to_try(table.num_rows)):
+                    raise
     given = words["motion"] if "motion" in table.column_names else {"": words["motion"]}
     here, there = code_keys(make, given), found.plan["code_keys"]
     other = [name for name, key in there.items() if key != here.get(name, key)]
@@ -512,8 +517,7 @@ def _run(
     plan: Plan,
     todo: pa.Table,
     store: Store,
-    engine: Any,
-    workers: int | None,
+    scheduler: Scheduler,
     dry: bool,
     progress: bool,
 ) -> float:
@@ -529,7 +533,7 @@ def _run(
     with bar("sweeping", n, progress) as advance:
         for at in probes:
             began = time.perf_counter()
-            drive(plan, todo.slice(at, 1), engine, store.add, 1.0, advance)
+            scheduler.drive(todo.slice(at, 1), store.add, 1.0, advance)
             times.append(time.perf_counter() - began)
         row_seconds = float(np.median(times[1:] or times))  # the first time is that of its scene
         errors_of = [t["error"][0].as_py() or "" for t in store.tables[-len(probes) :]]
@@ -540,6 +544,6 @@ def _run(
             )
         if not dry:
             rest = todo.take(arrow().array(np.setdiff1d(np.arange(n), probes)))
-            widen(engine, workers, rest.num_rows, row_seconds, times[0])
-            drive(plan, rest, engine, store.add, row_seconds, advance)
+            scheduler.widen(rest.num_rows, row_seconds, times[0])
+            scheduler.drive(rest, store.add, row_seconds, advance)
     return row_seconds

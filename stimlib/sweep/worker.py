@@ -24,8 +24,9 @@ from ..run.processor import Processor
 from ..run.rendering import Rendering
 from ..system import pool
 from ..system.limits import limits
+from ..system.packages import package
 from .measures import Measure, figures_of, measures_of, prepared, unwritable
-from .plan import KEY, Plan, code_keys, frames, measure_keys, motion_of, scene_digest
+from .plan import KEY, Plan, code_keys, frames, measure_keys, motion_of, scene_digest, versions
 from .rows import arrow
 
 T = TypeVar("T")
@@ -243,10 +244,11 @@ def error_text(e: BaseException) -> str:
 
 
 # As a job -----------------------------------------------------------------------------
-def begin(data: bytes) -> None:
-    """Store plan and motions, in a process of the pool."""
+def take(data: bytes) -> None:
+    """Take the plan of a sweep, and motions; later more motions of the same sweep."""
     global _runner
     plan, motions = pickle.loads(data)
+    given = {name: motion for name, (_, motion) in motions.items()}
     for name, value in plan.limits.items():
         setattr(limits, name, value)
     if plan.measure_keys and plan.measure_keys != measure_keys(plan.measures):
@@ -255,28 +257,30 @@ def begin(data: bytes) -> None:
             " has another state here (a cache, an attribute that was set); start it again, or state"
             ' @measure(.., version="1")'
         )
-    given = {name: motion for name, (_, motion) in motions.items()}
     for name, key in code_keys(plan.make, given).items():
         if key != plan.code_keys.get(name, key):
             raise BadValue(
                 f"{name}: a file of yours has changed since the sweep began; start it again"
             )
-    _runner = Runner(plan, motions)
+    if _runner is None:
+        _runner = Runner(plan, motions)
+    _runner.motions.update(motions)
 
 
-_runner: Runner
+_runner: Runner | None = None
 
 
-def run_kept(data: bytes, look: bool, seconds: float, motions: bytes) -> tuple[bytes, float]:
-    """Run rows, and return their figures as Arrow bytes with the seconds it took.
+def run_job(
+    rows: bytes, look: bool, seconds: float, runner: Runner | None = None
+) -> tuple[bytes, float]:
+    """Run rows as Arrow bytes; return their figures likewise, and the seconds it took.
 
-    The rows are Arrow bytes as well. Plan and motions are those of `begin`; more
-    motions may come with a job.
+    They are rows of the sweep that `take` has taken, if no other runner is given.
     """
     began = time.perf_counter()
-    if motions:
-        _runner.motions.update(pickle.loads(motions))
-    table = _runner.run(from_bytes(data).to_pylist(), look, seconds)
+    runner = runner or _runner
+    assert runner
+    table = runner.run(from_bytes(rows).to_pylist(), look, seconds)
     return as_bytes(table), time.perf_counter() - began
 
 
@@ -308,3 +312,72 @@ def as_bytes(table: Any) -> bytes:
 def from_bytes(data: bytes) -> Any:
     """Return the table that `as_bytes` wrote."""
     return arrow("pyarrow.ipc").open_stream(data).read_all()
+
+
+def packed(what: Any) -> bytes:
+    """Return a pickle that can include functions of a script or a notebook."""
+    try:
+        return package("cloudpickle", "a sweep in several processes").dumps(what)
+    except Exception as e:  # of objects of the user's, too
+        raise BadValue(
+            f"sweep: scene, motion or measures cannot be sent to another process: {e}"
+        ) from e
+
+
+# Where the executor runs a job --------------------------------------------------------
+_pools: dict[str, pool.Pool] = {}
+"""The processes next to this one, by sweep."""
+
+
+def pool_of(sweep: str, memory: float = 0.0) -> pool.Pool:
+    """Return the processes of a sweep next to this one."""
+    return _pools.setdefault(sweep, pool.Pool(int(min(memory, 2**62))))
+
+
+def run_beside(
+    number: int,
+    sweep: str,
+    told: dict[str, str],
+    limits: dict[str, float],
+    names: set[str],
+    given: bytes,
+    *job: Any,
+) -> tuple[bytes, float] | Exception | None:
+    """Run a job in a process next to this one, and return its result or its error.
+
+    If a row crashes that process, only the row fails, and this process continues.
+
+    Parameters
+    ----------
+    number : int
+        Number of the job.
+    sweep : str
+        Name of the sweep: each has processes of its own.
+    told, limits : dict
+        Versions that this process must have, too, and limits of a row.
+    names : set of str
+        Motions of the rows.
+    given : bytes
+        Plan and motions. If empty, they are known from another job, or None is
+        returned.
+    *job
+        As for `run_job`.
+    """
+    with pool_of(sweep, limits["row_bytes"]).worker(start=bool(given)) as worker:
+        if worker is None or not (given or names <= worker.known):
+            return None
+        try:
+            if given:
+                if (here := versions()) != told:
+                    raise BadValue(
+                        f"a worker has {differing(here, told)} as here: the figures would differ;"
+                        " install the same there"
+                    )
+                worker.ask(take, given)
+                worker.known |= names
+            return worker.ask(run_job, *job, seconds=limits["row_seconds"])
+        except Exception as e:
+            # of a process that had no plan yet, the rows are not the reason
+            return (
+                pool.JobFailed(str(e)) if isinstance(e, pool.WorkerDied) and not worker.known else e
+            )
