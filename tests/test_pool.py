@@ -401,9 +401,11 @@ def leaves_a_child(path):
     os._exit(4)
 
 
+@IN_PROC
 def test_a_worker_that_ends_is_seen_while_a_child_of_it_has_its_connection(workers, tmp_path):
     error = outcome(workers, leaves_a_child, tmp_path / "pid")
-    os.kill(int((tmp_path / "pid").read_text()), signal.SIGKILL)  # it was there
+    assert alive(pid := int((tmp_path / "pid").read_text()))
+    os.kill(pid, signal.SIGKILL)
     assert "exit status 4" in str(error)
 
 
@@ -457,7 +459,10 @@ def test_a_worker_is_started_where_no_other_is_idle_and_ends_where_it_stays_so(m
             assert short.ask(pow, 2, 3) == 8
             until(lambda: not short.alive())
         assert outcome(pool, os.getpid) in (first, second)
-    refused(JobFailed, "the pool is closed", pool.run, pow, 2, 3)
+        with pool.worker() as worker:
+            pool.__exit__()
+        until(lambda: not worker.alive())
+        refused(JobFailed, "the pool is closed", pool.run, pow, 2, 3)
 
 
 @IN_PROC

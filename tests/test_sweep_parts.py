@@ -178,6 +178,21 @@ class Failing(Executor):
         return self.future
 
 
+class Waiting(Executor):
+    """An executor that runs nothing."""
+
+    def submit(self, *job):
+        return Future()
+
+
+def test_an_executor_has_two_jobs_for_each_worker_which_are_cancelled_at_the_end():
+    table, plan, motions = prepared({"k": [1.0]})
+    with Scheduler(plan, motions, Waiting(), 2) as scheduler:
+        while scheduler.room > 0:
+            scheduler.submit(table, 0, False, 1.0)
+    assert [future.cancelled() for future in scheduler.flying] == [True] * 4
+
+
 def test_what_is_no_death_of_a_process_is_raised():
     lost, words = ModuleNotFoundError("own_study"), RUN | {"workers": 1}
     for executor, error, says in (

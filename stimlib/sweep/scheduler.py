@@ -62,7 +62,7 @@ class Scheduler(AbstractContextManager["Scheduler"]):
         executor: Executor | None = None,
         workers: int | None = None,
     ):
-        self.most = workers or (os.cpu_count() or 1 if workers is None else 1)
+        self.most = (os.cpu_count() or 1) if workers is None else max(1, workers)
         self.workers = self.most if executor else 1
         """Number of jobs that run at once."""
         self.plan, self._motions = plan, motions

@@ -326,7 +326,7 @@ def packed(what: Any) -> bytes:
 
 # Where the executor runs a job --------------------------------------------------------
 _pools: dict[str, pool.Pool] = {}
-"""The processes next to this one, by sweep."""
+"""The processes next to this one, by sweep; closed where that has ended here."""
 
 
 def pool_of(sweep: str, memory: float = 0.0) -> pool.Pool:
