@@ -24,6 +24,7 @@ PLACES.update(
         "blocks": "stimlib:blocks",
         "SHIPPED": "stimlib.scenes:SHIPPED",
         "Scene.live": "stimlib.live.notebook:show",
+        "Sink.follow": "stimlib.devices.crossfade:follow",
         "Scene._repr_html_": "stimlib.analysis.draw:html_of",
         "Rendering._repr_html_": "stimlib.analysis.overview:html_of",
         "Rendering.felt": "stimlib.analysis.thresholds:felt",

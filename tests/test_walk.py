@@ -10,6 +10,7 @@ from laws import STRESS
 from refusals import refused
 from walked import compiled, in_c
 
+from stimlib.core import steps
 from stimlib.core.maths import settle, where  # noqa: F401
 from stimlib.targets.llvm import walk
 
@@ -42,6 +43,7 @@ def of(text, *lines):
     source += textwrap.indent("\n".join([text, *lines]), "    ") + "\n"
     linecache.cache[text] = len(source), None, source.splitlines(True), text
     exec(compile(source, text, "exec"), HERE)
+    steps.source(HERE["f"])  # read now: anybody may empty linecache
     return HERE["f"]
 
 

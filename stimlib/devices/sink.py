@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..above import above
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, MotionError, SinkError, StimlibError, UnknownName
 from ..run.processor import compile
@@ -50,7 +51,6 @@ from .sources import (
 
 if TYPE_CHECKING:
     from .calibration import Calibration
-    from .crossfade import Following
 
 logger = logging.getLogger(__name__)
 CLOSE_WITHIN = 2.0
@@ -157,7 +157,7 @@ class Sink:
     _last_latency = 0.0
     _recorder: Any = SimpleNamespace(stales=0)  # until it is started
     _telling: Any = SimpleNamespace(count=0, lost=0, unsent=0)
-    _next: Following | None = None  # the session that follows on this device
+    _next: Sink | None = None  # the session that follows on this device
     since = 0  # sample of the motion at which the session begins
 
     def __init__(
@@ -644,7 +644,7 @@ class Sink:
 
     def crossfade(
         self, scene: Scene, safety: Safety | None = None, *, seconds: float | None = None, **options
-    ) -> Following:
+    ) -> Sink:
         """Let another scene follow on the device, and return its session.
 
         This session fades out while the other fades in, and their sum keeps the limits
@@ -692,8 +692,6 @@ class Sink:
         >>> higher.report().produced
         800
         """
-        from .crossfade import follow
-
         root: Sink = getattr(self, "root", self)
         if any(s._inside() for s in root.onward()):
             raise SinkError("crossfade: a function that the sink calls cannot wait for another")
@@ -705,7 +703,7 @@ class Sink:
                 before.check()
             if root._closed or before._closed or before._stopped:
                 raise SinkError("crossfade: the session was stopped: make a new sink")
-            made = follow(before, scene, safety, **options)
+            made: Any = above("Sink.follow")(before, scene, safety, **options)
             try:
                 made.start(seconds)
                 made._recorder.see = before._recorder.see if made._log_to is not None else None
@@ -730,7 +728,7 @@ class Sink:
         if self._next is not None:
             yield from self._next.onward()
 
-    def _link(self, made: Following) -> None:
+    def _link(self, made: Any) -> None:
         """Let a session that has started follow this one."""
         made.link(made.at)
 
