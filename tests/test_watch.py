@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -13,7 +14,12 @@ from commands import ran
 from waiting import until
 
 import stimlib
+from stimlib import Input, Param, Scene, constant
+from stimlib.blocks import elapsed, sqrt
+from stimlib.cli import watching
 from stimlib.cli.watching import Watched
+from stimlib.devices.process import open_sinks
+from stimlib.devices.sink import Sink
 from stimlib.errors import StimlibError
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
@@ -83,10 +89,28 @@ def test_only_another_content_counts_and_a_file_may_be_replaced(watched, tmp_pat
     until(lambda: played)
 
 
-def test_what_a_file_imports_from_its_folder_is_watched_too(watched, tmp_path):
+def test_a_file_that_takes_long_is_told_once(watched, tmp_path, monkeypatch):
+    file, played, _ = watched
+    said = []
+    monkeypatch.setattr(watching, "say", said.append)
+    monkeypatch.setattr(watching, "SLOW", 0.0)
+    wait = "import os, time\nwhile not os.path.exists('go'):\n    time.sleep(0.01)\n"
+    file.write_text(wait + SCENE)
+    assert "has not returned" in until(said.copy)[0]
+    monkeypatch.setattr(watching, "SLOW", 1e6)
+    (tmp_path / "go").touch()
+    until(lambda: played)
+    file.write_text(SCENE)
+    until(lambda: len(played) > 1)
+    until(lambda: not any(isinstance(t, threading.Timer) for t in threading.enumerate()))
+
+
+def test_what_a_file_imports_from_its_folder_is_watched_too(watched, tmp_path, monkeypatch):
     """Also where it could not be imported, and with files of --import that it uses."""
     file, played, told = watched
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
     (tmp_path / "watch_beside.py").write_text("K = 1.0")
+    os.utime(tmp_path / "watch_beside.py", (1.0, 1.0))
     (tmp_path / "watch_more.py").write_text("GAIN = 1.0")
     text = "import watch_beside, watch_more\n" + SCENE
     file.write_text(text.replace("K, ", "watch_beside.K * watch_more.GAIN, "))
@@ -98,7 +122,9 @@ def test_what_a_file_imports_from_its_folder_is_watched_too(watched, tmp_path):
         ("watch_beside.py", "K = 5.0", 15.0),
     ):
         told.clear()
-        (tmp_path / name).write_text(text)
+        (tmp_path / "new").write_text(text)
+        os.utime(tmp_path / "new", (1.5, 1.0 + (k or 0.0) / 32))  # within a second
+        (tmp_path / "new").replace(tmp_path / name)
         if k is None:
             until(lambda: "SyntaxError: invalid syntax (watch_beside.py, line 1)" in "".join(told))
         else:
@@ -191,6 +217,45 @@ def test_play_watches_a_file_and_each_version_has_its_log(tmp_path):
     assert all(replay(log).matches for log in logs)
     assert [e.data["reason"] for e in logs[0].events if e.kind == "stop"] == ["next"]
     assert logs[1].scene.params["k"].value == 200.0
+
+
+def test_each_version_plays_as_the_command_says(tmp_path, monkeypatch):
+    """Its seed, markers and --set, for the time left; one that fails ends alone."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "watch_given.py").write_text(SCENE)
+    x = Param("more", 100.0, "N/m") * Input("x", "m")
+    failures, left, turns = [], [], []
+
+    def wait(sink, seconds, wait=Sink.wait):
+        turns.append(sink.finished)
+        wait(sink, seconds)
+
+    monkeypatch.setattr(Sink, "wait", wait)
+    monkeypatch.setattr("stimlib.cli.devices.failed", failures.append)
+
+    def corrected(played):
+        until(lambda: any(turns))  # what has failed has faded out, and it goes on
+        played(Scene({"force": x}))
+        newest = max(open_sinks, key=lambda s: s.since)
+        left.append(newest.pump.read("END"))
+        until(lambda: newest.pump.index > 400)
+        newest.stop()
+
+    @contextmanager
+    def saved(watched, played):
+        played(Scene({"force": x * sqrt(1 - constant(1e3, "1/s") * elapsed())}))
+        threading.Thread(target=corrected, args=(played,)).start()
+        yield
+
+    monkeypatch.setattr(Watched, "reloaded", saved)
+    words = "play watch_given.py:scene --watch --sink null --full-scale 5 --seconds 600"
+    words += " --log a.stimlog --seed 7 --marker force --set k=80 --motion sinusoid(0.01,1,0.02)"
+    ran(words, 1, "--set k=80: this version has no such parameter")
+    assert re.search("not finite .*; save the file again to go on", failures[0])
+    assert len(failures) == 2 and left[0] < 600 * 8000  # told at the end, too
+    logs = [read_log(tmp_path / f"a{more}.stimlog") for more in ("", "-2", "-3")]
+    assert {log.seed for log in logs} == {7}
+    assert all("mark" in {e.kind for e in log.events} for log in logs[::2])
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,6 @@ def _play(
                     time.sleep(0.1)
                 before, done = done, now.since + now.pump.index
                 advance(done - before)
-        sink.check()
 
 
 def _sound(file: str, motions: Any, fs: float | None) -> tuple[Any, Any, float]:

@@ -218,11 +218,7 @@ class Inputs:
         source that they had. While ``columns`` is called, its thread must call this.
         """
         units = {n: str(b.dim) for n, b in scene.inputs.items()}
-        old = {
-            n: s
-            for n, s in self.sources.items()
-            if units.get(n) == self._units[n] and (s["from"] != "given" or n in given)
-        }
+        old = {n: s for n, s in self.sources.items() if units.get(n) == self._units[n]}
         if list(units) != self.names:
             self._follow = follow
             self._row = {name: k for k, name in enumerate(follow.inputs)} if follow else {}

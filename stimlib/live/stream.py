@@ -191,7 +191,6 @@ class Stream:
         self.params = params
         self.scene, self.ranges, self.safety = made.scene, made.ranges, made.safety
         self.hello = self.hello | made.hello
-        self._sets = {}
         self._soon(self._greet)
 
     def reload(self, scene: Scene) -> str:

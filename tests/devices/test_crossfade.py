@@ -12,7 +12,16 @@ from refusals import refused
 
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError, blocks, constant
 from stimlib.blocks.oscillators import carrier
-from stimlib.devices import Live, NullSink, Signal, Signals, Stream
+from stimlib.devices import (
+    Calibration,
+    Live,
+    NullSink,
+    Recorded,
+    Signal,
+    Signals,
+    Stream,
+    crossfade,
+)
 from stimlib.devices.process import open_sinks
 from stimlib.devices.sink import Sink
 from stimlib.errors import StimlibError
@@ -109,8 +118,9 @@ def test_limits_hold_between_any_two():
     assert 0.9 < max(tops) <= 1.0
 
 
-def test_parameters_and_a_motion_of_time_go_on():
+def test_parameters_and_a_motion_of_time_go_on(monkeypatch):
     """From y = 3 t to y = 3 t: what is heard stays within a fade of it."""
+    monkeypatch.setattr(crossfade, "AHEAD", 0.5)  # in time on a busy machine, too
     motion = {"x": lambda t: 0.01 + 0.1 * t}
     sink = NullSink(SPRING, 1.0, motion=motion, params={"k": 2.0}, realtime=False)
     with begun(sink, None, block=64):
@@ -121,6 +131,8 @@ def test_parameters_and_a_motion_of_time_go_on():
         new = sink.crossfade(other, motion=motion, log=log, params={"more": 2.0})
         until(lambda: new.pump.index > 800)
         assert sink.newest is new and new.params == {"k": 1.0, "more": 2.0}
+        third = new.crossfade(other, motion=motion)
+        assert third.since == new.since + third.at
     x = np.concatenate(log.x, axis=1)[0]
     t0 = new.at / FS
     assert x[:800] == pytest.approx(0.01 + 0.1 * (t0 + np.arange(800) / FS), abs=1e-12)
@@ -137,6 +149,25 @@ def test_a_recorded_motion_goes_on_to_its_end():
         new.wait(60)
     assert np.array_equal(np.concatenate(log.x, axis=1)[0], x[new.since :])
     assert new.report().produced == 4000 - new.since
+    assert crossfade.later(Recorded(x[None]), 4400, FS).x.tolist() == [[0.5]]  # after its end
+
+
+def test_what_a_device_and_its_user_have_set_goes_on():
+    """Channels, latency, calibration, marks, what watches; the log before ends."""
+    logs, see = [Seen(), Seen()], lambda at, x, y: None
+    level = Scene({"y": constant(0.5, "m/s^2")})
+    device = Calibration([80.0, 400.0], [2.0, 2.0], [0.0, 0.0], "m/s^2")
+    sink = NullSink(level, Safety(2.0), calibration=device, log=logs[0], realtime=False)
+    with begun(sink, channels=[None, "y"], block=64):
+        sink.watch(see)
+        new = sink.crossfade(level, Safety(2.0), log=logs[1])
+        sink.mark("here")
+        until(lambda: logs[0].end)
+        assert new._recorder.see is see
+        assert new.map == sink.map == (-1, 0)
+        assert new.safety.inverse is sink.safety.inverse is not None
+        assert new.report().latency == sink.report().latency > 0
+    assert ["mark" in {kind for _, kind, _ in log.events} for log in logs] == [False, True]
 
 
 def test_live_motion_is_pushed_into_the_newest():
@@ -232,18 +263,50 @@ def test_an_end_within_the_crossfade_adds_nothing(part):
     assert got.max() == 0.5 and np.abs(np.diff(got)).max() <= 0.5 / 160 + 1e-6
 
 
+class Stepped(Taken):
+    """A device whose blocks the test asks for."""
+
+    clock = False
+
+    def start_loop(self, loop):
+        pass
+
+    def step(self, n, lost=0):
+        self.pump.block(n, lost)
+        return self._frames[0, :n].copy()
+
+
+def test_at_a_natural_end_the_other_begins_there_and_a_loss_counts_once():
+    """The fade would not end before it; blocks are longer than what is made at once."""
+    level = Scene({"y": constant(0.5)})
+    sink = Stepped(level, 1.0, realtime=False)
+    with begun(sink, 0.1, block=850):
+        sink.step(850)  # up to sample 690 of 800
+        made = sink.crossfade(level)
+        refused(SinkError, "the session before has not faded out", made.crossfade, level)
+        assert np.abs(sink.step(700) - 0.5).max() <= 0.5 / 160 + 1e-7
+        assert made.pump.index == 700 - 110 and sink.report().produced == 800
+        sink.step(700, lost=10)
+        assert made.report().lost == 10 and made.pump.index == 1300
+        last = sink.crossfade(level)
+        last.stop()
+        assert last.finished  # it has not begun
+
+
 @pytest.mark.parametrize("block", [64, 1000])
 def test_signals_go_on_in_blocks_of_any_size(block):
     """Each frame has its own sample of the device's input, and its own time."""
     wave = (0.5 * np.sin(2 * np.pi * 5 * np.arange(24000) / FS)).astype(np.float32)
+    both_ears = np.stack([wave, -wave], axis=1)  # interleaved, as of PortAudio
 
     class Wired(Taken):
         def _loop(self):
             self.pump.write("CONNECTED", 1)
+            self.pump.write("IN_STRIDE", 2)
             for at in range(0, len(wave) - block, block):
                 if self.closing:
                     return
-                self.pump.buffers("INS")[:] = wave.ctypes.data + 4 * at
+                self.pump.buffers("INS")[:] = both_ears.ctypes.data + 8 * at
                 self.pump.block(block)
                 self.got.append(self._frames.copy())
                 self._let_go.wait(block / self.rate)
@@ -280,6 +343,9 @@ def test_a_stream_goes_on_from_its_last_row():
         until(lambda: sink.pump.index > 4000)
         new = sink.crossfade(Scene({"y": 1.0 * Input("x")}))
         until(lambda: new.pump.index > 2000)
+        before, now = sink.report().rows, new.report().rows
+        until(lambda: new.report().rows > now + 5)
+        assert sink.report().rows == before  # all are the new one's
     got = np.concatenate(sink.got, axis=1)[0]
     there = np.flatnonzero(got > 0.4999)
     assert got[there[0] : there[-1]].min() > 0.4999 and new.report().rows > 0
@@ -303,7 +369,7 @@ def test_what_cannot_start_leaves_the_session_before_as_it_was(tmp_path):
                 sink.crossfade(sink.scene, **wrong)
         at, rows_then = sink.pump.index, sink.report().rows
         until(lambda: sink.pump.index > at + 800 and sink.report().rows > rows_then)
-        assert sink.newest is sink and sink.report().stale == 0 and open_sinks == {sink}
+        assert sink.newest is sink and open_sinks == {sink}
 
 
 def test_what_a_device_loop_says_reaches_the_newest():

@@ -197,6 +197,14 @@ def test_pressure_a_held_value_and_a_motion_of_the_callers():
     assert inputs.columns(1200, 500)[0, -1] == pytest.approx(2.5)
 
 
+def test_a_motion_of_time_goes_on_in_each_session_that_follows():
+    given, ranges = {"x": lambda t: t}, {"x": (0.0, 1.0)}
+    inputs = Inputs(SPRING, FS, ranges, given)
+    for k in range(3):
+        assert inputs.columns(0, 200)[0, -1] == pytest.approx(0.2 * k + 0.199)
+        inputs.change(SPRING, ranges, given, None, since=200)
+
+
 @pytest.mark.parametrize(
     ("kind", "unit", "lifted"),
     [
@@ -408,6 +416,7 @@ def test_a_scene_that_is_shown_again_is_on_the_same_page():
     stiffer = Scene({"force": Param("k", 3.0, "N/m") * Input("x", "m")})
     assert stiffer.live(FS, 50.0, title=title) is first and first.runs
     assert first.stream.scene is stiffer and first.stream.params == {"k": 3.0}
+    assert first.stream._expects  # its new frame has control
     with stiffer.live(FS, 60.0, title=title) as second, SPRING.live(FS, 50.0) as third:
         assert not first.runs and second.runs and third.runs and second is not third
     assert not second.runs

@@ -18,12 +18,15 @@ from stimlib.files.log_replay import replay
 STIFFER = Scene({"force": Param("k", 3000.0, "N/m") * Input("x", "m")})
 SOFTER = Scene({"force": Param("k", 1000.0, "N/m") * Input("x", "m") * Param("more", 1.0)})
 OTHER = Scene({"force": SPRING.outputs["force"], "on": constant(0.5)})
+MARKED = []
 
 
 @pytest.fixture
 def running(tmp_path):
     """A page of a spring on which a finger rests at 10 mm, and its stream."""
-    with serving(SPRING, FULL, tmp_path, ranges={"x": (0, 0.01)}) as server:
+    with serving(
+        SPRING, FULL, tmp_path, ranges={"x": (0, 0.01)}, seed=7, send=[MARKED.append]
+    ) as server:
         with greeted(server) as client:
             client.state = client.start("record")
             client.ws.send(MOVE)
@@ -61,6 +64,7 @@ def test_an_edit_is_crossfaded_and_the_hand_stays(running):
     logs = sorted(stream.folder.glob("*.stimlog"), key=lambda p: p.stat().st_mtime)
     logs = [read_log(p) for p in logs]
     assert len(logs) == 4 and all(replay(log).matches for log in logs)
+    assert {log.seed for log in logs} == {7}
     reasons = [e.data["reason"] for log in logs for e in log.events if e.kind == "stop"]
     assert sorted(reasons) == ["close", "next", "next", "next"]
 
@@ -78,6 +82,9 @@ def test_sliders_stay_and_new_ones_appear(running):
     client.say("set", name="more", value=0.5)
     client.hear(20)
     assert samples_of(client)[1][1, -1] == pytest.approx(250 * 0.01 / FULL, rel=5e-3)
+    MARKED.clear()
+    client.say("mark")
+    until(lambda: MARKED)
     # its own value is beyond the range of the new scene's: the new one counts
     client.say("set", name="k", value=2000.0)
     client.settled()
@@ -95,6 +102,7 @@ def test_other_outputs_begin_a_new_session(running):
     thread.join(60)
     client.data.clear()
     client.hear(40)
+    assert client.state["log"] == str(stream.log) and stream.log.exists()
     hello = [t for t in client.texts if t["is"] == "hello"][-1]
     assert [o["name"] for o in hello["outputs"]] == ["force", "on"]
     assert hello["outputs"][0]["full"] == FULL  # not less than it was
@@ -146,6 +154,8 @@ def test_inputs_of_the_same_name_and_unit_keep_their_source(tmp_path):
         in_newton = Scene({"force": Input("x", "N")})
         server.stream.reload(in_newton)
         assert inputs.sources["x"]["value"] != 0.004 and inputs.columns(0, 20).shape == (1, 20)
+        server.stream.reload(Scene({"force": Input("y", "N")}))
+        assert inputs.names == ["y"]
 
 
 @pytest.mark.parametrize("scene", [STIFFER, OTHER])
@@ -184,11 +194,12 @@ def test_a_slider_that_is_moved_during_a_reload_counts(running):
 
 
 def test_a_motion_that_fails_after_a_reload_ends_the_session(tmp_path):
-    given = {"x": lambda t: np.where(t < 0.5, 0.005, np.nan)}
+    given = {"x": lambda t: np.where(t < 0.5, 0.01 * t, np.nan)}
     with serving(SPRING, FULL, tmp_path, given=given) as server, greeted(server) as client:
         client.start()
         client.hear(5)
         server.stream.reload(STIFFER)
         state = client.until(phase="idle")
         assert "feed failed: motion of x is not finite" in state["why"]
+        assert np.diff(samples_of(client)[1][0]).min() >= 0  # it has gone on
     refused(SinkError, "the page has ended", server.stream.reload, SPRING)
