@@ -219,9 +219,10 @@ class Stream:
                 b.check_rate(b.frequency.value, self.fs, f"{b.frequency.name}: ")
         compile(protect(scene, made.safety), self.fs)  # so that what follows is quick
         try:
-            how = self._hands.submit(self._exchange, made).result()
+            exchanged = self._hands.submit(self._exchange, made)
         except RuntimeError as e:
             raise SinkError(f"the page has ended: {e}") from None
+        how = exchanged.result()
         self.tell_error("")
         return how
 
