@@ -454,6 +454,8 @@ def test_every_block_we_ship_keeps_what_it_asks_of_others():
             )
             for block, numbers in blocks if q.kind == "block" else ():
                 steps.rehearse(block, *numbers)
+                if block.definition is (cls := type(block)):
+                    steps.check_block(cls, None, *map(type, numbers))
 
 
 # Contact ------------------------------------------------------------------------------

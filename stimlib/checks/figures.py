@@ -125,7 +125,7 @@ def _of_noise(tap: Tap) -> Against:
     centre = np.array([np.sqrt(b.f_low * b.f_high) for b in s.bands])
     bins, level = np.array([b.bins for b in s.bands]), model(centre)
     p = 1e-6 / (len(s.bands) + 1) / 2
-    low, high = scipy.stats.gamma.ppf(p, bins) / bins, scipy.stats.gamma.isf(p, bins) / bins
+    low, high = (f(bins, p) / bins for f in (scipy.special.gammaincinv, scipy.special.gammainccinv))
     title = f"noise in {tap.output} before gate and rate"
     return Against(
         title,

@@ -170,10 +170,12 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
     tests: list[tuple[Any, np.ndarray, float]] = []
     for w in weights:
         tests += [(slice(None), a, critical(a, p)) for a in (w, -w)]
-    gamma = scipy.stats.gamma
     for part in bands:  # their sums are Gamma distributed
         m, one = part.size, np.ones(part.size)
-        tests += [(part, one, gamma.isf(p, m) - m), (part, -one, m - gamma.ppf(p, m))]
+        tests += [
+            (part, one, scipy.special.gammainccinv(m, p) - m),
+            (part, -one, m - scipy.special.gammaincinv(m, p)),
+        ]
 
     def power(ratio: np.ndarray) -> float:
         seen = [(a * ratio[part], s - a @ (ratio[part] - 1)) for part, a, s in tests]
@@ -236,7 +238,7 @@ def smallest_share(bins: int, alarm: float) -> float:
     """
     z, size = (
         -scipy.special.ndtri(alarm / 2),
-        np.sqrt(2 * scipy.stats.gamma.isf((np.arange(400) + 0.5) / 400, bins)),
+        np.sqrt(2 * scipy.special.gammainccinv(bins, (np.arange(400) + 0.5) / 400)),
     )
 
     def lacks(rho: float) -> float:
@@ -250,7 +252,7 @@ def smallest_share(bins: int, alarm: float) -> float:
 
 def smallest_shift(c: Check) -> float:
     """Return the error at which a normal measurement exceeds its limit."""
-    return float(c.limit + scipy.stats.norm.isf(1 - CHANCE) * c.deviation)
+    return float(c.limit - scipy.special.ndtri(1 - CHANCE) * c.deviation)
 
 
 # The law of a scene -------------------------------------------------------------------
