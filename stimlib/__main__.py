@@ -22,6 +22,8 @@ def main() -> None:
     """
     try:
         _open_streams()
+        # its threads wait at full speed between the small matrices of a command
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         gc.set_threshold(100_000)  # what a start makes stays; searching it takes 6 %
         try:
             from .cli import app  # most of the time of a start

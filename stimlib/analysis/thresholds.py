@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from ..core.scene import Scene
@@ -20,6 +19,7 @@ from ..motion.source import unmasked
 from ..run.rendering import Rendering
 from ..scenes import ROWS
 from .listening import vibration
+from .recursion import all_pole
 
 
 class Channel(NamedTuple):
@@ -264,7 +264,7 @@ def sensation_level(
         p, n = (
             np.abs(np.fft.ifft(2 * lines / _law(c, f, area), fast.size)) for c in CHANNELS.values()
         )
-        summed = scipy.signal.lfilter([leak], [1, leak - 1], p**2)
+        summed, _ = all_pole(leak, [leak - 1], p**2)
         levels = 10 * np.log10([summed.max(), (n**2).max()])
         if levels.max() > MASKER:
             levels[levels.argmin()] = np.nan

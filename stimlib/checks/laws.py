@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from ..analysis.recursion import all_pole
 from ..errors import BadValue
 
 # Noise: the published generator once more, over any whole numbers ---------------------
@@ -218,11 +219,9 @@ def squeeze_finger(
     starts = np.flatnonzero(touching & ~np.r_[False, touching[:-1]])
     stops = np.flatnonzero(touching & ~np.r_[touching[1:], False]) + 1
     for a, b in zip(starts, stops, strict=True):  # at rest at the first sample of every contact
-        last, state = kept.get("contact", (x[a], np.zeros(2))) if a == 0 else (x[a], np.zeros(2))
+        last, state = kept.get("contact", (x[a], None)) if a == 0 else (x[a], None)
         rate = np.diff(x[a:b], prepend=last) * fs
-        v[a:b], state = scipy.signal.lfilter(
-            [(1 - pole) ** 2], [1, -2 * pole, pole * pole], rate, zi=state
-        )
+        v[a:b], state = all_pole((1 - pole) ** 2, [-2 * pole, pole * pole], rate, state)
         kept["contact"] = x[b - 1], state
     n = np.arange(x.size, dtype=np.int32)
     before = -1 if kept.get("gate") else -2
@@ -249,7 +248,7 @@ def gate_thresholds(resolution: float, cutoff: float, fs: float) -> tuple[float,
     """
     pole = math.exp(-2 * math.pi * cutoff / fs)
     n = math.ceil(8 / (1 - pole)) + 8
-    h = scipy.signal.lfilter([(1 - pole) ** 2], [1, -2 * pole, pole * pole], np.r_[fs, np.zeros(n)])
+    h, _ = all_pole((1 - pole) ** 2, [-2 * pole, pole * pole], np.r_[fs, np.zeros(n)])
     off = 2 * resolution * float(np.max(np.abs(h)))
     return 2 * off, off
 

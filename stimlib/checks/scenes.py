@@ -18,8 +18,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-import scipy
 
+from ..analysis.recursion import all_pole
 from ..core.graph import Const
 from ..core.parts import OWN, Part, known
 from ..errors import BadValue
@@ -292,7 +292,7 @@ def motor_limits(e: Evidence) -> list[Check]:
             tops[name] = np.fmax(tops[name], np.abs(y).max(initial=0.0))
             if isinstance(b, StaticLimit):
                 a = -np.expm1(-1 / (b.tau * e.fs))
-                mean, states[name] = scipy.signal.lfilter([a], [1, a - 1], y**2, zi=states[name])
+                mean, states[name] = all_pole(a, [a - 1], y**2, states[name])
                 means[name] = max(means[name], float(mean.max(initial=0.0)))
     checks = []
     for name, b in e.scene.outputs.items():

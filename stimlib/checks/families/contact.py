@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from ...analysis.recursion import all_pole
 from .. import laws
 from ..evidence import Asked, Check, law_of
 from ..laws import ways
@@ -386,7 +387,7 @@ def impact_law(a: Asked) -> list[Check]:
 @law("StaticLimit", since=lambda b, fs, x: FADED * b.tau * fs)
 def _static_limit(b, fs, x, y):
     a, most = -np.expm1(-1 / (b.tau * fs)), b.limit**2
-    mean = np.r_[0.0, scipy.signal.lfilter([a], [1, a - 1], y**2)[:-1]]
+    mean = np.r_[0.0, all_pole(a, [a - 1], y**2)[0][:-1]]
     cap = math.sqrt(most * (0.81 + 0.19 / a))
     want = np.minimum(1.0, (most - mean) / (0.19 * most)) * np.clip(x[0], -cap, cap)
     return want, (1e-12 + 2.0**-50 * b.tau * fs) * max(float(np.abs(x[0]).max()), 1e-300)

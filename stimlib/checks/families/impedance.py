@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from ...analysis.recursion import all_pole
 from ...core.scene import Scene
 from ...errors import SceneError
 from ...files.formats import BITS
@@ -200,11 +201,9 @@ def _held(
     force, kept = np.clip(force, -PEAK, PEAK), {} if kept is None else kept
     r, most = -np.expm1(-1 / (TAU * fs)), STATIC**2
     square = np.where(np.isnan(y), force, y) ** 2
-    mean, kept["squares"] = scipy.signal.lfilter(
-        [r], [1, r - 1], square, zi=kept.get("squares", np.zeros(1))
-    )
-    before, kept["mean"] = kept.get("mean", 0.0), mean[-1] if mean.size else 0.0
-    return np.minimum(1.0, (most - np.r_[before, mean[:-1]]) / (0.19 * most)) * force
+    before = kept.get("mean", np.zeros(1))
+    mean, kept["mean"] = all_pole(r, [r - 1], square, before)
+    return np.minimum(1.0, (most - np.r_[before, mean][:-1]) / (0.19 * most)) * force
 
 
 def _slope(
