@@ -6,6 +6,7 @@ functions that no mutant and no line needs.
     kills.py draw 600 7 [ROOM ..] 600 mutants by seed 7, of every room or of these
     kills.py run [ID ..]          what kills each; goes on where it stopped
     kills.py choose               rooms' scores; who lives; who may go
+    kills.py tests FILE           which test functions run lines of stimlib/.../FILE
 
 A map of some tests is enough for the rooms that they test: ``map tests/plate -n 1``.
 Everything is kept in the folder KILLS (default: /tmp/kills), one for each draw.
@@ -530,10 +531,26 @@ def choose() -> None:
     free = sorted(cost.keys() - needed, key=lambda name: -cost[name])
     seconds_free, all_seconds = sum(cost[n] for n in free), sum(cost.values())
     print(
-        f"{len(free)} of {len(cost)} functions may go, {seconds_free:.0f} of {all_seconds:.0f} s:"
+        f"By these {len(results)} mutants {len(free)} of {len(cost)} functions may go, unless they"
+        f" make a claim of their own, {seconds_free:.0f} of {all_seconds:.0f} s; less than some"
+        " hundred mutants say little:"
     )
     for name in free:
         print(f"{cost[name]:7.2f} {name}")
+
+
+def tests_of(file: str) -> None:
+    """Prints the test functions that run lines of a file, those of most lines first."""
+    lines, names, seconds = mapped()
+    found: dict[str, set[int]] = defaultdict(set)
+    cost: Counter[str] = Counter()
+    for line, tests in lines.get(file, {}).items():
+        for k in tests:
+            found[function_of(names[k])].add(line)
+    for name, s in zip(names, seconds, strict=True):
+        cost[function_of(name)] += s
+    for name in sorted(found, key=lambda name: (-len(found[name]), cost[name])):
+        print(f"{len(found[name]):4d} lines {cost[name]:7.2f} s  {name}")
 
 
 def read(path: Path) -> list[Row]:
@@ -543,7 +560,8 @@ def read(path: Path) -> list[Row]:
 
 def main(what: str = "", *words: str) -> None:
     """One step; see above."""
-    if what not in ("map", "draw", "run", "choose") or what == "draw" and len(words) < 2:
+    least = {"map": 0, "draw": 2, "run": 0, "choose": 0, "tests": 1}
+    if len(words) < least.get(what, len(words) + 1):
         sys.exit(__doc__)
     if not find_spec("coverage"):
         sys.exit("kills.py needs coverage: pip install coverage")
@@ -569,6 +587,8 @@ def main(what: str = "", *words: str) -> None:
         run(list(words))
     elif what == "choose":
         choose()
+    elif what == "tests":
+        tests_of(words[0])
 
 
 if __name__ == "__main__":

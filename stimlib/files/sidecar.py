@@ -124,7 +124,8 @@ def load(path: Path, sidecar: Path) -> dict[str, Any]:
     """Read and check a sidecar."""
     if not os.path.lexists(sidecar):
         raise SinkError(
-            f"{path} has no sidecar {sidecar.name}; without it units and full scale are not known"
+            f"{path} has no sidecar {sidecar.name}, which has its units and full scale: put it back"
+            " beside the file, or read the bare numbers with soundfile"
         )
     try:
         info = fields.parse(safe_files.read(sidecar, "sidecar_bytes"))

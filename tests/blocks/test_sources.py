@@ -68,9 +68,10 @@ HAND = {
 }
 
 
-def test_samples_are_those_worked_out_by_hand():
-    for name, (block, n, wanted) in HAND.items():
-        np.testing.assert_allclose(played(block, n), wanted, rtol=1e-15, err_msg=name)
+@pytest.mark.parametrize("name", HAND)
+def test_samples_are_those_worked_out_by_hand(name):
+    block, n, wanted = HAND[name]
+    np.testing.assert_allclose(played(block, n), wanted, rtol=1e-15)
 
 
 @pytest.mark.parametrize(("kind", "tol"), [("linear", 1e-14), ("exponential", 1e-8)])

@@ -636,7 +636,7 @@ ONE_CHANNEL = {"channels": [{"name": "a", "unit": "N", "full_scale": 1.0, "clips
         ({"file_sha256": None}, "not a sidecar.*file_sha256"),
         ({"file_sha256": "0" * 64}, "file_sha256 differs"),
         *((text, "not a sidecar") for text in ("", "[]", "3", "{", "\xff")),
-        (None, "has no sidecar a.wav.json"),
+        (None, "has no sidecar a.wav.json.*put it back"),
     ],
 )
 def test_sidecars_that_are_missing_or_wrong(tmp_path, change, says):
