@@ -549,6 +549,11 @@ def tests_of(file: str) -> None:
             found[function_of(names[k])].add(line)
     for name, s in zip(names, seconds, strict=True):
         cost[function_of(name)] += s
+    if not found:
+        sys.exit(
+            f"no test of the map in {KEPT} runs a line of {file} (a path such as"
+            " stimlib/plate/model.py): map its tests"
+        )
     for name in sorted(found, key=lambda name: (-len(found[name]), cost[name])):
         print(f"{len(found[name]):4d} lines {cost[name]:7.2f} s  {name}")
 
