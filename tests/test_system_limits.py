@@ -89,12 +89,6 @@ def test_new_files_have_the_permissions_that_the_user_asks_for(tmp_path, umask):
 def test_publishing_follows_no_link_and_waits_for_no_pipe(tmp_path):
     victim = tmp_path / "victim"
     victim.write_text("precious")
-    (tmp_path / "a.json.part").symlink_to(victim)
-    os.mkfifo(tmp_path / "b.json.part")
-    for name in ("a.json", "b.json"):
-        refused(SinkError, "remove it", safe_files.publish, tmp_path / name, "new")
-        assert not (tmp_path / name).exists()
-    assert victim.read_text() == "precious"
     os.mkfifo(tmp_path / "d.json")
     with pytest.raises(SinkError, match="not a regular file; remove it"):
         safe_files.publish(tmp_path / "d.json", "new")  # as root, a device would be gone
@@ -120,9 +114,8 @@ def test_only_windows_removes_an_open_file_when_it_is_closed(tmp_path, monkeypat
 
 def test_publishing_leaves_what_was_there_where_it_fails(tmp_path):
     (tmp_path / "a").write_text("old")
-    (tmp_path / "a.part").write_text("of a run that was killed")
     refused(AttributeError, None, safe_files.publish, tmp_path / "a", 3)
-    assert (tmp_path / "a").read_text() == "old" and not (tmp_path / "a.part").exists()
+    assert (tmp_path / "a").read_text() == "old" and len(os.listdir(tmp_path)) == 1
     safe_files.publish(tmp_path / "a", "new")
     assert (tmp_path / "a").read_text() == "new" and os.listdir(tmp_path) == ["a"]
 

@@ -138,10 +138,8 @@ def write(
     UnitError
         One full scale for outputs with different units.
     SinkError
-        The path cannot be written, or another run is writing it; the disk is full; the
-        format cannot hold the signal; another program changed the file during writing;
-        a link or a pipe has one of the names NAME.part, NAME.part.json, NAME.new.part
-        and NAME.json.part.
+        The path cannot be written; the disk is full; the format cannot hold the signal;
+        another program changed the file during writing.
     FaultError
         The processor reports a fault; no file is written.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -50,9 +49,8 @@ def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> File
     A run that is killed leaves a file whose name ends in .part, which nothing reads;
     the same rendering makes the same file again.
     """
-    stem = f"{path.name}.{os.getpid()}-{secrets.token_hex(4)}"
-    part, ready = (path.with_name(f"{stem}{end}.part") for end in ("", ".json"))
     channels, sidecar = info["channels"], sidecar_of(path)
+    part, ready = map(safe_files.part_of, (path, sidecar))
     for p in (part, ready):
         safe_files.check(p)
     try:

@@ -24,8 +24,6 @@ BYTES = {"FLOAT": 4, "DOUBLE": 8} | {name: bits // 8 for name, bits in BITS.item
 # bytes of samples; the sizes in a WAV header have 32 bits, and 4096 is ample for the
 # rest
 MAX_WAV = 2**32 - 4096
-# NAME.part of a format whose header cannot be kept up to date: FLAC is coded when all
-# is there
 # libsndfile stops at 1024; a CAF file with 400 channels is damaged by libsndfile 1.2.2
 MAX_CHANNELS = {"WAV": 1024, "RF64": 1024, "W64": 1024, "CAF": 256, "FLAC": 8}
 

@@ -117,7 +117,7 @@ class Store:
                 os.replace(path, aside)
                 text = f"{path.name} is damaged: it is {aside.name} now, and its rows run again"
                 warnings.warn(text, RuntimeWarning, stacklevel=outside())
-        for left in folder.glob("part-*.parquet.part"):  # of a run that was killed
+        for left in folder.glob("part-*.part"):  # of a run that was killed
             left.unlink(missing_ok=True)
         self._merge(parts)
 

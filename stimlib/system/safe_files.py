@@ -7,6 +7,7 @@ be overwritten.  Everything that reads or writes a whole file goes through here.
 from __future__ import annotations
 
 import os
+import secrets
 import stat
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
@@ -126,30 +127,15 @@ def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) 
         raise error(f"cannot write {path}: {_reason(e)}") from e
 
 
-def alone(
-    stack: ExitStack,
-    at: str | os.PathLike[str],
-    path: str | os.PathLike[str],
-    error: type[StimlibError] = SinkError,
-) -> FileIO:
-    """Open a file for this run alone, until the stack or the process ends.
-
-    ``at`` is the file to open, and ``path`` the one to be written finally, for errors.
-
-    ``at`` must be a name that belongs to stimlib, such as NAME.part; its bytes stay.
-    The stack owns the file before it is locked, so that an interrupt at any moment
-    releases it.
-    """
-    f = taken(stack, at, error)
-    if f is None:
-        raise error(f"{path} is being written by another run")
-    return f
-
-
 def taken(
     stack: ExitStack, at: str | os.PathLike[str], error: type[StimlibError] = SinkError
 ) -> FileIO | None:
-    """Open a file as ``alone`` does, or return None if another run has it."""
+    """Open a file for this run alone, or return None if another run has it.
+
+    It stays open until the stack or the process ends.  The name must be one that
+    belongs to stimlib; its bytes stay.  The stack owns the file before it is locked, so
+    that an interrupt at any moment releases it.
+    """
     while True:
         check(at, error)
         stack.callback(sweep, at)  # after it is closed
@@ -240,7 +226,7 @@ def publish(
     ----------
     path : path
         A link there is replaced, not followed; a folder, a pipe or a device is not.
-        NAME.part beside it is used.
+        A temporary file beside it ends in ".part"; a run that is killed leaves it.
     data : bytes or str
         Text is written as UTF-8.
     error : type
@@ -269,40 +255,30 @@ def publish_all(files: Mapping[Any, bytes | str], error: type[StimlibError] = Si
     All are on the disk before the first is moved into place, so that a full disk or a
     name that is taken leaves what was there before.
     """
-    parts: list[tuple[FileIO, Path, Path]] = []
-    with ExitStack() as stack:
-        path = Path()
-        try:
-            for path, data in ((Path(name), data) for name, data in files.items()):
-                if not os.path.islink(path):  # which takes any name
-                    check(path, error)
-                part = path.with_name(path.name + ".part")
-                left = os.path.lexists(part)
-                raw = alone(stack, part, path, error)  # to the end: another would take its name
-                if left:  # by a killed run: the new file shall not have its mode
-                    let_go(raw)
-                    with suppress(OSError):
-                        os.unlink(part)
-                    raw = alone(stack, part, path, error)
-                parts.append((raw, part, path))
-                with open(raw.fileno(), "wb", closefd=False) as f:
-                    f.truncate()
-                    f.write(data if isinstance(data, bytes) else data.encode())
-                os.fsync(raw.fileno())
-            for raw, part, path in parts:
-                let_go(raw)
-                os.replace(part, path)
-                settle(path.parent)
-        except BaseException as e:
-            for raw, part, _ in parts:
-                with suppress(OSError, ValueError):
-                    # moved, the name is free for another run
-                    if os.path.samestat(os.fstat(raw.fileno()), os.lstat(part)):
-                        let_go(raw)
-                        os.unlink(part)
-            if isinstance(e, (OSError, ValueError)) and not isinstance(e, StimlibError):
-                raise error(f"cannot write {path}: {_reason(e)}") from e
-            raise
+    parts: list[tuple[Path, Path]] = []
+    path = Path()
+    try:
+        for path, data in ((Path(name), data) for name, data in files.items()):
+            if not os.path.islink(path):  # which takes any name
+                check(path, error)
+            parts.append((part_of(path), path))
+            with open(create(parts[-1][0], error), "wb") as f:
+                f.write(data if isinstance(data, bytes) else data.encode())
+                f.flush()
+                os.fsync(f.fileno())
+        for part, path in parts:
+            os.replace(part, path)
+            settle(path.parent)
+    except BaseException as e:
+        remove(*(part for part, _ in parts))
+        if isinstance(e, (OSError, ValueError)) and not isinstance(e, StimlibError):
+            raise error(f"cannot write {path}: {_reason(e)}") from e
+        raise
+
+
+def part_of(path: Path) -> Path:
+    """Return a temporary name beside a file, which no other run has."""
+    return path.with_name(f"{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
 
 
 def settle(folder: Path) -> None:

@@ -9,7 +9,6 @@ import os
 import re
 import shutil
 import time
-from contextlib import ExitStack
 from functools import cache, partial
 from itertools import product
 
@@ -191,12 +190,8 @@ WRITERS = {  # what writes a file, and the file that is planted before it
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_reports_pictures_and_tables_follow_no_link(tmp_path, name):
-    victim, path, part = (tmp_path / n for n in ("victim", name, f"{name}.part"))
+    victim, path = tmp_path / "victim", tmp_path / name
     victim.write_text("precious")
-    if ".wav" not in name:  # whose parts have names that nobody knows
-        part.symlink_to(victim)
-        refused(SinkError, "is a link", WRITERS[name], path)
-        part.unlink()
     path.symlink_to(victim)
     WRITERS[name](path)
     assert not path.is_symlink() and path.stat().st_size > 100
@@ -220,30 +215,17 @@ def test_names_that_no_file_can_have(tmp_path, name):
         assert len(str(error)) < 30_000 and "\0" not in str(error) and "\ud800" not in str(error)
 
 
-def test_what_a_killed_run_left_gives_a_small_file_neither_mode_nor_bytes(tmp_path):
-    """And what another run is writing is left to it."""
-    path, part = tmp_path / "a.html", tmp_path / "a.html.part"
-    with ExitStack() as stack:
-        safe_files.alone(stack, part, path).write(b"secret" * 100)
-        part.chmod(0o777)
-        refused(SinkError, "another run", safe_files.publish, path, "all")
-        assert not path.exists() and part.read_bytes() == b"secret" * 100
-    safe_files.publish(tmp_path / "usual", "x")
-    safe_files.publish(path, "all")
-    assert path.read_text() == "all" and path.stat().st_mode == (tmp_path / "usual").stat().st_mode
-    assert not part.exists()
-
-
-def test_an_interrupt_behind_the_move_leaves_the_part_of_another_run(tmp_path, monkeypatch):
-    path, part = tmp_path / "a.html", tmp_path / "a.html.part"
+def test_runs_that_publish_at_once_and_one_that_is_interrupted(tmp_path, monkeypatch):
+    path = tmp_path / "a.html"
 
     def settle(folder):
-        part.write_text("another run's")
+        monkeypatch.undo()
+        safe_files.publish(path, "of another run")
         raise KeyboardInterrupt
 
     monkeypatch.setattr(safe_files, "settle", settle)
     refused(KeyboardInterrupt, None, safe_files.publish, path, "whole")
-    assert path.read_text() == "whole" and part.read_text() == "another run's"
+    assert path.read_text() == "of another run" and os.listdir(tmp_path) == ["a.html"]
 
 
 # -- files that say too much
