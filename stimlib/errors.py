@@ -128,7 +128,8 @@ def need(where: str, names: Iterable[str], given: Iterable[Any], what: str = "co
     for name in names:
         if name not in there:
             raise UnknownName(
-                f"{where}: there is no {what} {name!r}; there are {', '.join(map(str, there))}"
+                f"{where}: there is no {what} {name!r};"
+                f" there are {', '.join(map(str, there)) or 'none'}"
             )
 
 

@@ -149,4 +149,4 @@ def test_audio_is_one_output_scaled(monkeypatch, r):
     np.testing.assert_allclose(data * np.abs(r["place"]).max(), r["place"], rtol=1e-15)
     silent, _ = stimlib.render(Scene({"y": 0 * x}), MOTION, 1000, 0.1).audio()
     assert not silent.any()
-    refused(UnknownName, "no output 'strength'; there is force", r.audio, "strength")
+    refused(UnknownName, "no output 'strength'; there are force", r.audio, "strength")

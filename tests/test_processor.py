@@ -223,7 +223,7 @@ def test_settings_that_make_no_sense(target, args, error, words):
     proc = make({"y": Param("a", 0.0) * Param("k", 1.0)}, target=target)
     e = refused(error, None, proc.set, *args)
     assert all(w in str(e) for w in words) and isinstance(e, StimlibError)
-    refused(KeyError, "this scene has none", make().set, *args)
+    refused(KeyError, "there are none", make().set, *args)
     assert proc.log == [] and proc.params == {"a": 0.0, "k": 1.0}
 
 

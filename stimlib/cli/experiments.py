@@ -15,7 +15,7 @@ import typer
 
 from .. import experiments
 from ..devices.available import SINKS, option
-from ..errors import BadValue, FaultError, SinkError, StimlibError, shown
+from ..errors import BadValue, FaultError, SinkError, StimlibError, one_of, shown
 from ..system import safe_files
 from ..system.pool import terminable
 from ..system.progress import progress
@@ -154,8 +154,7 @@ def played(
         if name in ("participant", "session", "data", "sink", "device", "calibration")
     }
     made = experiment_of(defined)
-    if sink not in (known := (*presentation.SINKS, "page")):
-        raise BadValue(f"--sink {sink}: choose one of {', '.join(known)}")
+    one_of("--sink", sink, (*presentation.SINKS, "page"))
     page = page or sink == "page"
     options = {} if device is None else option(sink, "device", device)
     options |= opt.calibration(calibration)

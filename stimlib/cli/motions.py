@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from ..errors import BadValue, UnknownName
+from ..errors import BadValue, UnknownName, need
 from .scene import number
 
 if TYPE_CHECKING:  # --help needs no numpy
@@ -271,9 +271,6 @@ def _max_speed(
         if "=" in text
         else dict.fromkeys(in_metres, text)
     )
-    if wrong := [name for name in limits if name not in columns]:
-        raise UnknownName(
-            f"--max-speed {wrong[0]}: there is no --map {wrong[0]}; there is {', '.join(columns)}"
-        )
+    need("--max-speed", limits, columns, "--map")
     speeds = {name: number(limits[name], f"--max-speed {text}") for name in used if name in limits}
     return speeds[used[0]] if "=" not in text and len(speeds) == len(used) else speeds

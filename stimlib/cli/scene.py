@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import BadValue, SceneError, StimlibError, UnknownName
+from ..errors import BadValue, SceneError, StimlibError, UnknownName, need
 from ..system import safe_files
 
 if TYPE_CHECKING:  # --help and --version need no numpy
@@ -250,11 +250,7 @@ def _shipped(name: str, words: str) -> Scene:
     # as deep as the parser goes
     except (SyntaxError, ValueError, TypeError, AssertionError, RecursionError, MemoryError):
         raise BadValue(f"scene {name}{words}: write {name}(name=number, ..)") from None
-    known = inspect.signature(make).parameters
-    if wrong := set(chosen) - set(known):
-        raise UnknownName(
-            f"scene {name} has no {', '.join(sorted(wrong))}; it has {', '.join(known)}"
-        )
+    need(name, chosen, inspect.signature(make).parameters, "argument")
     return make(**chosen)
 
 

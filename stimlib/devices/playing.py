@@ -7,7 +7,7 @@ from typing import Any
 
 from ..core.graph import Input
 from ..core.scene import Scene
-from ..errors import BadValue, public
+from ..errors import one_of, public
 from ..run.rendering import Rendering
 from ..run.safety import Safety, quiet_scale
 from .available import SINKS, first_ready, make
@@ -60,8 +60,7 @@ def play(
     800
     """
     name = first_ready().sink if sink is None else sink
-    if name not in SINKS:
-        raise BadValue(f"play: sink = {sink!r:.40}: choose one of {', '.join(SINKS)}")
+    one_of("play: sink", name, SINKS)
     scene = Scene({n: Input(n, unit) for n, unit in result.units.items()})
     safety = None if full_scale is None else Safety(full_scale)
     if safety is None and options.get("calibration") is None:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ..above import above
 from ..core.scene import Scene
-from ..errors import BadValue, FaultError, MotionError, SinkError, StimlibError, UnknownName
+from ..errors import BadValue, FaultError, MotionError, SinkError, StimlibError, need
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
 from . import words
@@ -197,11 +197,7 @@ class Sink:
             raise BadValue(
                 f"markers = {markers!r:.60} must be a list of outputs, such as markers=['onset']"
             )
-        for name in markers:
-            if name not in scene.outputs:
-                raise UnknownName(
-                    f"markers: no output {name!r}; the outputs are {', '.join(scene.outputs)}"
-                )
+        need("markers", markers, scene.outputs, "output")
         self.markers = tuple(markers)
         several: Any = send if isinstance(send, Sequence) and not isinstance(send, str) else [send]
         self._send: tuple[Send, ...] = () if send is None else tuple(several)
@@ -270,8 +266,8 @@ class Sink:
         self.proc = compile(self.protected, rate, seed=self.seed)
         self.rate, self.block = self.proc.fs, block
         self._warm_up()
+        need("params", self.params, self.scene.params, "parameter")
         for name, value in self.params.items():
-            self._need_live(name)
             self.proc.set(name, value, ramp=0.0)
         # they are there from the first sample on
         self.proc.process(np.zeros((len(self.proc.inputs), 0)))
@@ -617,7 +613,7 @@ class Sink:
             return self._next.set(name, value, ramp)
         self.check()
         self._need_open("set")
-        self._need_live(name)
+        need("set", [name], self.scene.params, "parameter")  # the fade is not theirs to set
         value = _number(f"set: {name}", value)
         samples = max(1, _samples(f"set: {name}: ramp", ramp, self.rate))
         self.proc.setting(name, value, ramp)
@@ -635,12 +631,6 @@ class Sink:
             raise SinkError(f"{what}: open the sink first")
         if self._closed:
             raise SinkError(f"{what}: this sink is closed")
-
-    def _need_live(self, name: str) -> None:
-        if name not in self.scene.params:  # the fade is not theirs to set
-            raise UnknownName(
-                f"no parameter {name!r}; this scene has {', '.join(self.scene.params) or 'none'}"
-            )
 
     def crossfade(
         self, scene: Scene, safety: Safety | None = None, *, seconds: float | None = None, **options
@@ -1117,7 +1107,5 @@ def _channel_map(channels: Any, outputs: tuple[str, ...]) -> tuple[int, ...]:
             f"channels = {channels!r} must be a number or a list with the output of each channel,"
             " None for silence"
         )
-    for name in channels:
-        if name is not None and name not in outputs:
-            raise UnknownName(f"channels: no output {name!r}; the outputs are {', '.join(outputs)}")
+    need("channels", [name for name in channels if name is not None], outputs, "output")
     return tuple(-1 if name is None else outputs.index(name) for name in channels)

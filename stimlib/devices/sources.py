@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, MotionError, public, shortened
+from ..errors import BadValue, MotionError, one_of, public, shortened
 from ..motion.source import check_names, positions, sources_of
 from . import words
 from .rows import REMEDIES
@@ -141,10 +141,7 @@ class Stream(Live):
         super().__post_init__()
         if not callable(self.receive):
             raise BadValue("Stream: receive must be a function, such as lsl_motion('hand')")
-        if self.silence not in SILENCES:
-            raise BadValue(
-                f"Stream: silence = {self.silence!r}: choose one of {', '.join(SILENCES)}"
-            )
+        one_of("Stream: silence", self.silence, SILENCES)
         for name, k in self.columns.items():
             if not isinstance(k, str) and k < 0:
                 raise BadValue(

@@ -14,7 +14,7 @@ from ..blocks.tables import CubicGrid
 from ..core.graph import reach
 from ..core.program import rate
 from ..core.scene import Scene
-from ..errors import BadValue, UnknownName
+from ..errors import BadValue, need
 from ..motion.generators import sinusoid
 from ..run.rendering import render
 from ..scenes import ROWS
@@ -52,12 +52,8 @@ def ranges_of(scene: Scene, given: Mapping[str, Range] | None = None) -> dict[st
     {'x': (0.0, 0.1), 'A': (0.0, 7.5), 'duty': (0.05, 1.0), 'freq': (0.0, 395.0)}
     """
     given = dict(given or {})
-    names = [*scene.inputs, *scene.params]
+    need("range", given, [*scene.inputs, *scene.params], "input or parameter")
     for name, (low, high) in given.items():
-        if name not in names:
-            raise UnknownName(
-                f"range of {name}: the scene has {', '.join(names) or 'no input and no parameter'}"
-            )
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise BadValue(f"range of {name}: {low:g} to {high:g} must be finite and rise")
     known: dict[str, Range] = {}

@@ -17,7 +17,7 @@ from ..blocks.filters import track
 from ..core.graph import Block, Input
 from ..core.scene import Scene
 from ..devices.sources import NONE, none_of, positions_of
-from ..errors import BadValue, UnknownName, shortened
+from ..errors import BadValue, need, shortened
 from ..motion.generators import sinusoid
 from ..motion.recorded import LIFTED
 from ..motion.source import positions
@@ -169,12 +169,8 @@ class Inputs:
         delay: float = DELAY,
         stream: Callable[[float], tuple[Any, ...]] | None = None,
     ):
+        need("motion", given or (), scene.inputs, "input")
         for name, motion in (given or {}).items():
-            if name not in scene.inputs:
-                raise UnknownName(
-                    f"motion of {name}: the scene has no such input; it has"
-                    f" {', '.join(scene.inputs) or 'none'}"
-                )
             if not callable(motion):
                 raise BadValue(
                     f"motion of {name}: a live scene has no end, so give a function of time, not"
@@ -317,10 +313,7 @@ class Inputs:
             A range that does not rise; source ``given`` without a given motion, or
             ``stream`` without a stream.
         """
-        if name not in self.sources:
-            raise UnknownName(
-                f"source: no input {name!r}; the inputs are {', '.join(self.names) or 'none'}"
-            )
+        need("source", [name], self.names, "input")
         made = self.sources[name] | source
         if made["from"] == "given" and name not in self.given:
             raise BadValue(f"source: nothing was given for {name}: start with --motion '{name}=..'")

@@ -20,7 +20,7 @@ from ..core.graph import Param, reach
 from ..core.scene import Scene
 from ..devices.sink import Sink
 from ..devices.sources import Live
-from ..errors import BadValue, SinkError, StimlibError, UnknownName
+from ..errors import BadValue, SinkError, StimlibError, need
 from ..run.processor import compile
 from ..run.safety import Safety, protect
 from .describe import Range, description, full_scales, ranges_of
@@ -381,10 +381,7 @@ class Stream:
         BadValue
             The value is outside the parameter's range, or a frequency of fs/2 or above.
         """
-        if name not in self.params:
-            raise UnknownName(
-                f"no parameter {name!r}; this scene has {', '.join(self.params) or 'none'}"
-            )
+        need("set", [name], self.params, "parameter")
         low, high = self.ranges[name]
         if not low <= value <= high:
             raise BadValue(

@@ -26,7 +26,7 @@ from ..core.program import (
     rate,
 )
 from ..core.steps import ours
-from ..errors import BadValue, SceneError, StimlibError, UnknownName, one_of, public
+from ..errors import BadValue, SceneError, StimlibError, need, one_of, public
 from ..system.cache_folder import lock
 from ..system.packages import package
 from .arguments import columns, explain, key
@@ -390,10 +390,7 @@ class Processor:
         UnknownName, BadValue
             As `set`.
         """
-        if not isinstance(name, str) or name not in self.program.params:
-            raise UnknownName(
-                f"no parameter {name!r}; this scene has {', '.join(self.program.params) or 'none'}"
-            )
+        need("set", [name], self.program.params, "parameter")
         value, ramp = number(value, f"set({name!r}): value"), number(ramp, f"set({name!r}): ramp")
         if not math.isfinite(value):
             raise BadValue(f"set({name!r}, {value}): the value must be finite")

@@ -15,7 +15,7 @@ import numpy as np
 from ..above import above
 from ..core.program import Program, program_of, rate, warn_beyond
 from ..core.scene import Scene
-from ..errors import BadValue, FaultError, UnknownName, one_of, outside, public
+from ..errors import BadValue, FaultError, need, one_of, outside, public
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from ..system.limits import limits
 from ..system.packages import package
@@ -207,8 +207,7 @@ class Rendering:
     motion: dict[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        if name not in self.outputs:
-            raise UnknownName(f"no output {name!r}; there is {', '.join(self.outputs)}")
+        need("rendering", [name], self.outputs, "output")
         return self.y[self.outputs.index(name)]
 
     @property

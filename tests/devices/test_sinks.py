@@ -209,13 +209,13 @@ def test_what_no_device_takes_is_refused_before_it_opens(stand):
     ):
         refused(error, says, sink.open, **{"rate": FS} | told)
     wrong = stand.make(STEADY, params={"sink_gain": 1.0})
-    refused(UnknownName, "this scene has level", wrong.open, FS)
+    refused(UnknownName, "there are level", wrong.open, FS)
 
 
 def test_what_cannot_be_set_or_started(stand):
     with stand.make(STEADY) as sink:
         sink.open(FS)
-        refused(UnknownName, "this scene has level", sink.set, "sink_gain", 0.5)
+        refused(UnknownName, "there are level", sink.set, "sink_gain", 0.5)
         for value in (np.nan, "loud"):
             refused(BadValue, "level = .*finite|must be a number", sink.set, "level", value)
         for ramp in (-1, np.inf, 1e18, None):

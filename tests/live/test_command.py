@@ -77,7 +77,7 @@ def test_an_open_host_warns(served):
     [
         ("--range x", "--range x: write NAME=LOW:HIGH"),
         ("--range x=0:a", "'a' is not a number"),
-        ("--range z=0:1", "range of z: the scene has x, contact, k"),
+        ("--range z=0:1", "--range: there is no input or parameter 'z'; there are x, contact, k"),
         ("--set k=1e9", "outside its range, 0 to 5000; --range k=LOW:HIGH"),
         ("--folder nowhere", "--folder nowhere: there is no such folder"),
         ("--host 192.0.2.1 --full-scale 50", "cannot listen at 192.0.2.1"),

@@ -316,10 +316,10 @@ UNIT = {"x": (0.0, 1.0)}
 @pytest.mark.parametrize(
     ("error", "says", "call", "given"),
     [
-        (UnknownName, "has x, k", ranges_of, (SPRING, {"z": (0, 1)})),
+        (UnknownName, "there are x, k", ranges_of, (SPRING, {"z": (0, 1)})),
         (BadValue, "must be finite and rise", ranges_of, (SPRING, {"x": (1, 0)})),
         (BadValue, "does not hold", ranges_of, (SPRING, {"k": (0, 1)})),
-        (UnknownName, "motion of z", Inputs, (SPRING, FS, UNIT, {"z": np.sin})),
+        (UnknownName, "motion: there is no input 'z'", Inputs, (SPRING, FS, UNIT, {"z": np.sin})),
         (BadValue, "a live scene has no end", Inputs, (SPRING, FS, UNIT, {"x": np.zeros(5)})),
     ],
 )

@@ -315,7 +315,7 @@ REFUSED = [
     (json.loads(HELLO), "said once"),
     ({"do": "set", "name": "__class__", "value": 1}, "no parameter '__class__'"),
     ({"do": "set", "name": "k", "value": -1}, "k = -1 is outside its range, 0 to 5000"),
-    ({"do": "source", "input": "y", "from": "u"}, "no input 'y'; the inputs are x"),
+    ({"do": "source", "input": "y", "from": "u"}, "no input 'y'; there are x"),
     ({"do": "source", "input": "x", "from": "given"}, "nothing was given for x"),
     ({"do": "source", "input": "x", "from": "stream"}, "no stream: start with --stream"),
     (SINE | {"high": 0}, "low = 1 must be below high = 0"),
