@@ -13,6 +13,7 @@ import os
 import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -549,52 +550,49 @@ class Stored:
         if not os.path.isfile(path):
             raise SinkError(f"there is no file {path}")
         self.sidecar = info = load(path, sidecar)
-        self.shape = len(info["channels"]), info["frames"]
-        frames, channels = info["frames"], len(info["channels"])
-        try:
-            with open(safe_files.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
-                if (f.samplerate, f.channels) != (info["fs"], channels):
+        self.shape = channels, frames = len(info["channels"]), info["frames"]
+        with _sound(path) as (raw, f):
+            # a FLAC file whose end was never written says 2**63 - 1 frames
+            if f.frames < frames or f.frames == 2**63 - 1:
+                raise SinkError(
+                    f"{path} is truncated: {sidecar} says {frames} frames, the file has"
+                    f" {f.frames if f.frames < frames else 'fewer'}; copy it again"
+                )
+            for what, said, there in (
+                ("channels", channels, f.channels),
+                ("Hz", info["fs"], f.samplerate),
+                ("frames", frames, f.frames),
+                ("subtype", info["subtype"], f.subtype),
+            ):
+                if said != there:
                     raise SinkError(
-                        f"{sidecar} does not belong to {path}: it says {channels} channels at"
-                        f" {info['fs']:g} Hz, the file has {f.channels} at {f.samplerate} Hz"
+                        f"{sidecar} does not belong to {path}: {what} {said} against {there}"
                     )
-                # a FLAC file whose end was never written says 2**63 - 1 frames
-                if f.frames < frames or f.frames == 2**63 - 1:
-                    raise SinkError(
-                        f"{path} is truncated: {sidecar} says {frames} frames, the file has"
-                        f" {f.frames if f.frames < frames else 'fewer'}; copy it again"
-                    )
-                if f.frames > frames:
-                    raise SinkError(
-                        f"{sidecar} does not belong to {path}: {frames} frames against {f.frames}"
-                    )
-                check_size(path, raw, frames, channels)
-                if sha256(raw) != info["file_sha256"]:
-                    raise SinkError(
-                        f"{sidecar} does not belong to {path}, or the file was changed: file_sha256"
-                        f" differs"
-                    )
-                if f.subtype != info["subtype"]:
-                    raise SinkError(
-                        f"{sidecar} does not belong to {path}: {info['subtype']} against"
-                        f" {f.subtype}"
-                    )
-        except soundfile().SoundFileError as e:
-            raise SinkError(_unreadable(path, e)) from e
+            check_size(path, raw, frames, channels)
+            if sha256(raw) != info["file_sha256"]:
+                raise SinkError(
+                    f"{sidecar} does not belong to {path}, or the file was changed: file_sha256"
+                    f" differs"
+                )
 
     def __getitem__(self, key: tuple[slice, slice]) -> Array:
         """Return samples [:, at:stop] in physical units."""
         at, stop, _ = key[1].indices(self.shape[1])
         scales = np.array([c["full_scale"] for c in self.sidecar["channels"]])
-        try:
-            with open(safe_files.opened(self.path), "rb", buffering=0) as raw, reading(raw) as f:
-                return _samples(self.path, f, scales, at, stop)
-        except soundfile().SoundFileError as e:
-            raise SinkError(_unreadable(self.path, e)) from e
+        with _sound(self.path) as (_, f):
+            return _samples(self.path, f, scales, at, stop)
 
 
-def _unreadable(path: Path, e: Exception) -> str:
-    return f"{path} cannot be read: it is damaged, truncated or not an audio file ({reason(e)})"
+@contextmanager
+def _sound(path: Path) -> Iterator[tuple[Any, Any]]:
+    """Open a sound file; yield the file, and the form of it that reads samples."""
+    try:
+        with open(safe_files.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
+            yield raw, f
+    except soundfile().SoundFileError as e:
+        raise SinkError(
+            f"{path} cannot be read: it is damaged, truncated or no sound file ({reason(e)})"
+        ) from e
 
 
 @public
@@ -640,21 +638,14 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
     if sidecar_of(path).exists():
         y, info = read(path)
     else:
-        try:
-            with open(safe_files.opened(path), "rb", buffering=0) as raw, reading(raw) as f:
-                limits.check(
-                    "render_bytes", 8 * f.frames * f.channels, f"{path}: bytes of its samples"
+        with _sound(path) as (_, f):
+            limits.check("render_bytes", 8 * f.frames * f.channels, f"{path}: bytes of its samples")
+            y, info["fs"] = f.read(f.frames, "float64", True).T, f.samplerate
+            if lost := lost_frames(f, y.shape[1]):
+                raise SinkError(
+                    f"{path} is cut short: the last {lost} of its {y.shape[1] + lost} frames"
+                    " are missing; copy it again, or save what is left with a sound editor"
                 )
-                y, info["fs"] = f.read(f.frames, "float64", True).T, f.samplerate
-                if lost := lost_frames(f, y.shape[1]):
-                    raise SinkError(
-                        f"{path} is cut short: the last {lost} of its {y.shape[1] + lost} frames"
-                        " are missing; copy it again, or save what is left with a sound editor"
-                    )
-        except soundfile().SoundFileError as e:
-            raise SinkError(
-                f"{path} cannot be read: it is damaged, or no sound file ({reason(e)})"
-            ) from e
     if not y.size or not np.isfinite(y).all():
         raise SinkError(
             f"{path} has no samples, or some that are not finite: there is nothing to play"

@@ -154,19 +154,12 @@ def describe(source: Any) -> str:
     return re.sub(r" at 0x[0-9A-Fa-f]+", "", repr(source))
 
 
-def versions() -> dict[str, str | None]:
+def versions() -> dict[str, str]:
     """Return the versions of the packages that affect the bytes of a file."""
     sf = soundfile()
     return {
         "numpy": np.__version__,
-        "llvmlite": _version("llvmlite"),
+        "llvmlite": metadata.version("llvmlite"),
         "soundfile": sf.__version__,
         "libsndfile": sf.__libsndfile_version__,
     }
-
-
-def _version(package: str) -> str | None:
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return None
