@@ -42,7 +42,6 @@ from ..version import __version__
 
 MAX_INDEX = 2**53  # beyond, a float no longer tells two samples apart
 MAX_LOST = 86400.0  # s in one stretch; nobody plays on after that
-MAX_LINE = 1 << 20  # bytes of one event
 
 COUNT = fields.whole(MAX_INDEX)
 FIELDS: dict[str, fields.Test] = {
@@ -364,15 +363,20 @@ def _json(path: Path) -> dict[str, Any]:
 
 def checked(data: dict[str, Any], where: str, error: type[StimlibError]) -> Header:
     """Return the header that session.json describes, or raise an error."""
-
-    def need(good: bool, what: str) -> None:
-        if not good:
-            raise error(f"{where}: {what}")
-
     try:
         fields.require(data, FIELDS)
+        return _header(data)
     except ValueError as e:
         raise error(f"{where}: {e}") from e
+
+
+def _need(good: bool, what: str) -> None:
+    if not good:
+        raise ValueError(what)
+
+
+def _header(data: dict[str, Any]) -> Header:
+    """Return the header that session.json describes, or raise ValueError."""
     try:
         scene = Scene.from_dict(data["scene"])
         safety = Safety(**data["safety"])
@@ -380,30 +384,32 @@ def checked(data: dict[str, Any], where: str, error: type[StimlibError]) -> Head
         safety.scales(outputs)
         known = protect(scene, safety).params
     except (StimlibError, ValueError, TypeError, OverflowError, RecursionError) as e:
-        raise error(f"{where}: scene or safety cannot be used: {str(e)[:500]}") from e
-    need(
+        raise ValueError(f"scene or safety cannot be used: {str(e)[:500]}") from e
+    _need(
         scene.hash == data["scene_hash"],
         "scene_hash is not that of the scene: one of them was changed",
     )
     said, found = definitions.hashes(data["definitions"], scene)
-    need(
+    _need(
         said == found,
         "definitions are not those of the scene's own blocks, or do not have their hashes: they"
         " were changed",
     )
-    need(
+    _need(
         tuple(data["outputs"]) == outputs,
         f"outputs must be those of the scene, {', '.join(outputs)}",
     )
     inputs = data["inputs"]
-    need(set(inputs) <= set(scene.inputs), f"inputs must be of {', '.join(scene.inputs) or 'none'}")
-    need(len(set(inputs)) == len(inputs), "an input is there twice")
+    _need(
+        set(inputs) <= set(scene.inputs), f"inputs must be of {', '.join(scene.inputs) or 'none'}"
+    )
+    _need(len(set(inputs)) == len(inputs), "an input is there twice")
     channels = data["channels"]
-    need(0 < len(channels) <= 1024, "channels must be a list of 1 to 1024 output names or null")
-    need({*channels} <= {*outputs, None}, "channels must be names of outputs, or null")
+    _need(0 < len(channels) <= 1024, "channels must be a list of 1 to 1024 output names or null")
+    _need({*channels} <= {*outputs, None}, "channels must be names of outputs, or null")
     params = data["params"]
     for name in params:
-        need(name in known, f"params: there is no parameter {name!r}")
+        _need(name in known, f"params: there is no parameter {name!r}")
     numbers = tuple(-1 if c is None else outputs.index(c) for c in channels)
     start = {n: float(v) for n, v in params.items()}
     return Header(
@@ -419,49 +425,35 @@ def _events(path: Path, head: Header, notes: list[str]) -> list[Event]:
     params = set(head.scene.params) | {GAIN}
     found: list[Event] = []
     end = {"delivered": 0, "motion": 0, "lost": 0}
-    with open(safe_files.opened(path), "rb") as f:
-        limits.check("events_bytes", os.fstat(f.fileno()).st_size, f"{path}: bytes", SinkError)
-        for number in range(1, 1 << 62):
-            try:
-                line = f.readline(MAX_LINE)
-            except OSError as e:
-                raise SinkError(f"cannot read {path}: {e.strerror}") from e
-            if not line.endswith(b"\n"):
-                if len(line) == MAX_LINE:
-                    raise SinkError(f"{path}, line {number}: longer than {MAX_LINE} bytes")
-                if line:
-                    notes.append(f"the last line of {path.name} is cut short")
-                break
-            try:
-                found.append(_event(line, head.fs, params))
-                _account(found[-1], end)
-            except ValueError as problem:
-                raise SinkError(f"{path}, line {number}: {problem}") from None
+    *lines, rest = safe_files.read(path, "events_bytes").split(b"\n")
+    if rest:
+        notes.append(f"the last line of {path.name} is cut short")
+    for number, line in enumerate(lines, 1):
+        try:
+            found.append(_event(line, head.fs, params))
+            _account(found[-1], end)
+        except ValueError as problem:
+            raise SinkError(f"{path}, line {number}: {problem}") from None
     limits.check("lost_samples", end["lost"], f"{path}: samples that are lost", SinkError)
     return found
 
 
 def _event(line: bytes, fs: float, params: set[str]) -> Event:
     """Return the event of one line; raise ValueError with the problem of the line."""
-
-    def need(good: bool, what: str) -> None:
-        if not good:
-            raise ValueError(what)
-
     data = fields.parse(line)
     at, kind = data.pop("at", None), data.pop("kind", None)
-    need(COUNT(at), f"'at' must be a sample index, not {at!r:.40}")
-    need(fields.text(kind), "'kind' must be a text")
-    need(kind == kind[:100], "'kind' is too long")
+    _need(COUNT(at), f"'at' must be a sample index, not {at!r:.40}")
+    _need(fields.text(kind), "'kind' must be a text")
+    _need(kind == kind[:100], "'kind' is too long")
     fields.require(data, EVENTS.get(kind, {}))
     if kind == "set":
-        need(data["name"] in params, f"there is no parameter {data['name'][:40]!r}")
+        _need(data["name"] in params, f"there is no parameter {data['name'][:40]!r}")
     elif kind in ("hash", "motion"):
-        need(
+        _need(
             at < data["to"] <= at + math.ceil(fs), "'to' must be after 'at', by one second at most"
         )
     elif kind in ("lost", "gap"):
-        need(data["frames"] <= MAX_LOST * fs, "'frames' must be a number of samples, a day at most")
+        _need(data["frames"] <= MAX_LOST * fs, "'frames' must be samples, a day at most")
     return Event(at, kind, data)
 
 
