@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ..core.scene import Scene
 from ..devices import words
 from ..devices.crossfade import Following
-from ..devices.process import begin
 from ..devices.sink import CLOSE_WITHIN, Sink
 from ..devices.sources import Live, columns_of
 from ..errors import place
@@ -107,7 +106,7 @@ class PageSink(Sink):
     def _open(self) -> None:
         self.block = self.block or max(1, round(0.004 * self.rate))
         self.buffer = self.make_frames()
-        self._thread = begin(threading.Thread(target=self._loop, name="stimlib page", daemon=True))
+        self.start_loop(self._loop)
 
     def _loop(self) -> None:
         period = (self.block or 1) / self.rate
@@ -176,8 +175,3 @@ class PageSink(Sink):
                 self._take(first, x[:, lost : lost + made], self.buffer[:, :made])
             except BaseException as e:
                 self._now._fail(e, what=f"{self._places[1]}take failed")
-
-    def _close(self) -> None:
-        self.pump.write("STATE", words.CLOSED)
-        if self._thread:
-            self._thread.join()
