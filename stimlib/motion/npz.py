@@ -1,9 +1,8 @@
 """Reading of arrays from .npz files, with sizes checked before allocation."""
 
-import ast
 import io
-import re
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +18,7 @@ from .rows import Array, Batch, Rows, table_error
 SAVE = "save arrays of numbers with numpy.savez"
 EQUAL = "save one-dimensional arrays of equal length"
 MAX_HEADER = 10_000  # bytes of the header of an array
+READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 BATCH = 1 << 17  # rows
 ODD = (
     *(
@@ -32,7 +32,7 @@ ODD = (
         MemoryError,
         OverflowError,
     ),
-    *(struct.error, zipfile.BadZipFile, zlib.error),
+    *(struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error),
 )
 
 
@@ -96,32 +96,18 @@ def _member(file: str, name: str, z: zipfile.ZipFile, info: zipfile.ZipInfo) -> 
     if info.flag_bits & 1 or info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError("packed in another way than numpy does")
     with z.open(info) as f:
-        head = f.read(8)
-        wide = head[6:7] in (b"\2", b"\3")
-        if head[:6] != b"\x93NUMPY":
-            raise table_error(
-                file, "not an array of numbers or texts", "save arrays of numbers", None, name
-            )
-        (length,) = struct.unpack("<I" if wide else "<H", f.read(4 if wide else 2))
-        if length > MAX_HEADER:
-            raise ValueError("its header is too long")
-        header = ast.literal_eval(
-            f.read(length).decode("utf-8" if head[6:7] == b"\3" else "latin-1").strip()
-        )
-    kind, shape = header["descr"], header["shape"]
-    if kind == "|O":
+        read = READERS[np.lib.format.read_magic(f)]
+        shape, _, dtype = read(f, max_header_size=MAX_HEADER)
+        offset = f.tell()
+    if dtype.hasobject:
         raise ValueError("it holds objects of Python, which numpy reads with allow_pickle only")
-    if not isinstance(kind, str) or not re.fullmatch(r"[<>|=]?[biufU]\d{1,9}", kind):
+    if dtype.kind not in "biufU":
         raise table_error(
             file, "not an array of numbers or texts", "save arrays of numbers", None, name
         )
-    dtype = np.dtype(kind)
-    if not isinstance(shape, tuple) or not all(type(n) is int and n >= 0 for n in shape):
-        raise ValueError(f"shape {shape!r}")
     if len(shape) != 1:
         raise table_error(file, f"shape {shape}", EQUAL, None, name)
     limits.check("recording_rows", shape[0], f"{file}, column {name}: values", RecordingError)
-    offset = 8 + (4 if wide else 2) + length
     if dtype.itemsize * prod(shape) != info.file_size - offset:
         raise ValueError(
             f"{info.file_size - offset} bytes for {shape[0]} values of {dtype.itemsize}"
