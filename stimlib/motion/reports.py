@@ -5,7 +5,7 @@ The steps are selection, conversion, repeats, silence and jumps.
 
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from typing import Any, NoReturn
@@ -141,7 +141,7 @@ def _selected(table: TableFile, where: Mapping[str, Any]) -> Mask:
     if not keep.any():
         wanted = " and ".join(f"{column}={value}" for column, value in where.items())
         names = [_find(table, str(column), "where") for column in where]
-        has = "; ".join(f"{name} has {_list(_values(table.batches(), name))}" for name in names)
+        has = "; ".join(f"{name} has {_list(_values(table, name))}" for name in names)
         raise table.error(f"no row has {wanted}", f"choose from these: {has}")
     return keep
 
@@ -163,14 +163,20 @@ def _equal(table: TableFile, column: str, value: Any) -> Mask:
     return np.concatenate([np.zeros(0, dtype=bool), *parts])
 
 
-def _values(batches: Iterable[Batch], column: str) -> list[str]:
-    """Return the distinct values of a column, in order of appearance."""
+def _values(
+    table: TableFile, column: str, chosen: Mask | None = None, most: int = VALUES
+) -> list[str]:
+    """Return the first distinct values of a column, in order of appearance."""
     found: dict[str, None] = {}
-    for batch in batches:
-        found.update(dict.fromkeys(text.strip() for text in batch.texts(column)))
-        if len(found) >= VALUES:
+    read = 0
+    for batch in table.batches():
+        texts = np.array(batch.texts(column), object)
+        part = slice(None) if chosen is None else chosen[read : read + len(texts)]
+        found.update(dict.fromkeys(text.strip() for text in texts[part]))
+        read += len(texts)
+        if len(found) >= most:
             break
-    return list(found)[:VALUES]
+    return list(found)[:most]
 
 
 def _converted(
@@ -260,7 +266,9 @@ def _check_rising(
     back = np.flatnonzero(t[1:] < t[:-1])
     if len(back):
         i = back[0]
-        several = [f"{name} ({_list(values)})" for name, values in _several(table, chosen, used)]
+        values = {n: _values(table, n, chosen, 21) for n in table.names if n not in used}
+        # of few values: they may separate recordings
+        several = [f"{n} ({_list(found)})" for n, found in values.items() if 1 < len(found) <= 20]
         remedy = "put the rows into the order of time"
         if several:
             remedy = (
@@ -270,25 +278,6 @@ def _check_rising(
         raise table.error(
             f"time goes back from {t[i]:.9g} to {t[i + 1]:.9g} s", remedy, rows[i + 1]
         )
-
-
-def _several(
-    table: TableFile, chosen: Mask | None, used: set[str | None]
-) -> list[tuple[str, list[str]]]:
-    """Return columns with 2 to 20 distinct values, which may separate recordings."""
-    found: dict[str, dict[str, None]] = {name: {} for name in table.names if name not in used}
-    read = 0
-    for batch in table.batches():
-        keep = None if chosen is None else chosen[read : read + len(batch.rows)]
-        read += len(batch.rows)
-        for name, values in list(found.items()):
-            texts = batch.texts(name)
-            values.update(
-                (text.strip(), None) for i, text in enumerate(texts) if keep is None or keep[i]
-            )
-            if len(values) > 20:
-                del found[name]
-    return [(name, list(values)) for name, values in found.items() if len(values) > 1]
 
 
 def _repeats(table: TableFile, s: Reports, how: str | None) -> Reports:

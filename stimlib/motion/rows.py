@@ -18,18 +18,15 @@ class Batch(Protocol):
     @property
     def rows(self) -> Rows:
         """Numbers of these rows, for error messages."""
-        ...
 
     def numbers(self, columns: Sequence[str]) -> Array:
         """Return the cells of some columns as numbers, or raise ValueError.
 
         The shape is (columns, rows).
         """
-        ...
 
     def texts(self, column: str) -> Sequence[str]:
         """Return the cells of a column as texts."""
-        ...
 
 
 def table_error(

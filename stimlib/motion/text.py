@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import Any
 
 from ..errors import BadValue, public, shortened
@@ -67,14 +68,10 @@ def parse_motion(text: str) -> Motion:
 
 def _value(node: ast.expr) -> Any:
     """Return the value of one node of the syntax tree of a motion."""
-    if isinstance(node, ast.Constant) and (
-        node.value is None or isinstance(node.value, bool | int | float)
-    ):
-        return node.value
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
-        number = _value(node.operand)
-        if isinstance(number, int | float) and not isinstance(number, bool):
-            return -number if isinstance(node.op, ast.USub) else number
+    with suppress(ValueError, TypeError):
+        literal = ast.literal_eval(node)
+        if literal is None or isinstance(literal, bool | int | float):
+            return literal
     if (
         isinstance(node, ast.Call)
         and isinstance(node.func, ast.Name)
