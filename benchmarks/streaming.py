@@ -1,13 +1,12 @@
 """Streaming through JACK: how much faster than real time it can be, and what a busy
-interpreter costs each kind of callback.
+interpreter costs the compiled callback.
 
     PYTHONPATH=tests python benchmarks/streaming.py             print
     PYTHONPATH=tests python benchmarks/streaming.py --record    and keep the figures
 
 They are kept in results/streaming.csv.
 
-It starts a JACK server without hardware.  Figures of the two callbacks come from runs
-that take turns, so that a busy machine meets both.
+It starts a JACK server without hardware.
 """
 
 from __future__ import annotations
@@ -36,13 +35,11 @@ def hog(over: threading.Event) -> None:
         sum(range(1_000_000))
 
 
-def busy(server: Jackd, compiled: bool, seconds: float = 3.0) -> Any:
+def busy(server: Jackd, seconds: float = 3.0) -> Any:
     """Report of a session in real time while another thread holds the interpreter."""
     over = threading.Event()
     thread = threading.Thread(target=hog, args=(over,))
-    with JackSink(
-        squeeze(), 50.0, motion=HAND, server=server.name, realtime=False, compiled=compiled
-    ) as sink:
+    with JackSink(squeeze(), 50.0, motion=HAND, server=server.name, realtime=False) as sink:
         sink.open(server.rate)
         thread.start()
         try:
@@ -68,30 +65,17 @@ def freewheel(server: Jackd, seconds: float = 120.0) -> float:
     return seconds / took
 
 
-def underruns(server: Jackd, rounds: int = 5) -> dict[str, list[int]]:
-    """Of the compiled callback and the one in Python, taking turns."""
-    found: dict[str, list[int]] = {"compiled": [], "python": []}
-    for _ in range(rounds):
-        for name in found:
-            found[name].append(busy(server, name == "compiled").underruns)
-    return found
-
-
 def measure() -> list[Row]:
     """All rows."""
     if missing := no_jack():
         return [row(f"JACK is not installed: {missing}")]
     with Jackd(FS, BLOCK) as server:
         speed = statistics.median(freewheel(server) for _ in range(5))
-        found = underruns(server)
-    rows = [row(f"freewheel, squeeze, {FS} Hz, blocks of {BLOCK}: real time", speed, TIMES)]
-    for name, counts in found.items():
-        rows.append(
-            row(
-                f"interpreter held for 3 s, {name} callback", statistics.median(counts), "underruns"
-            )
-        )
-    return rows
+        counts = [busy(server).underruns for _ in range(5)]
+    return [
+        row(f"freewheel, squeeze, {FS} Hz, blocks of {BLOCK}: real time", speed, TIMES),
+        row("interpreter held for 3 s, compiled callback", statistics.median(counts), "underruns"),
+    ]
 
 
 if __name__ == "__main__":

@@ -629,20 +629,6 @@ def block(c, n, lost):
     return 0
 
 
-@from_python("i8")
-def jack_from_python(c, n):
-    """Make the block of one JACK cycle from Python."""
-    jack_block(c, n)
-    return 0
-
-
-@from_python("i8", "i8", "i8", "f8", "i8")
-def portaudio_from_python(c, source, out, n, dac, flags):
-    """Make a block for PortAudio from Python."""
-    portaudio_block(c, source, out, n, dac, flags)
-    return 0
-
-
 @from_python("i8", "f8", "i8")
 def null(c, n, fs, clocked):
     """Run as a simulated device until it is closed.

@@ -49,8 +49,6 @@ _P, _I, _D = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double
 # Python's other threads run meanwhile
 BLOCKS = {
     "block": (_I, _I),
-    "jack_from_python": (_I,),
-    "portaudio_from_python": (_I, _I, _I, _D, _I),
     "null": (_I, _D, _I),
 }
 # and here they wait, so that no two are in one ring

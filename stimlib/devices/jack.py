@@ -11,7 +11,6 @@ from __future__ import annotations
 import ctypes
 import os
 import threading
-import warnings
 from collections import deque
 from collections.abc import Sequence
 from functools import cache
@@ -68,9 +67,6 @@ class JackSink(Sink):
     connect : "system", sequence of str or None
         Where each channel goes: to the physical outputs in their order, to these ports,
         or nowhere.
-    compiled : bool
-        False for a callback in Python, which stutters whenever Python is busy: for
-        comparison only.
 
     Examples
     --------
@@ -99,13 +95,12 @@ class JackSink(Sink):
         name: str = "stimlib",
         server: str | None = None,
         connect: str | Sequence[str] | None = "system",
-        compiled: bool = True,
         **options: Any,
     ):
         super().__init__(scene, safety, **options)
         if isinstance(connect, str) and connect != "system":
             connect = [connect]
-        self.name, self.server, self.connect, self.compiled = name, server, connect, compiled
+        self.name, self.server, self.connect = name, server, connect
         self._client: Any = None
         self._asking = threading.Lock()  # of a client that another thread may close
         self._wheels = False
@@ -237,26 +232,16 @@ class JackSink(Sink):
         ):
             pump.write(word, address(getattr(lib, f"jack_{f}")))
         user = ffi.cast("void*", pump.context)
-        if self.compiled:
-            try:
-                process = ffi.cast("JackProcessCallback", pump.callback("jack"))
-                wheel = ffi.cast("JackFreewheelCallback", pump.callback("jack_freewheel"))
-                done = lib.jack_set_process_callback(client._ptr, process, user)
-                done = done or lib.jack_set_freewheel_callback(client._ptr, wheel, user)
-                if done == 0:
-                    return
-            except (AttributeError, TypeError, ffi.error):
-                pass
-            warnings.warn(
-                "this version of JACK-Client takes no compiled callback: Python runs in JACK's"
-                f" callback, so the stream stutters while Python is busy; {INSTALL}",
-                RuntimeWarning,
-                stacklevel=4,
-            )
-        client.set_process_callback(
-            lambda n: pump.native.jack_from_python(pump.context, n) and None
-        )
-        client.set_freewheel_callback(lambda on: pump.write("WAIT", 1_000_000 if on else 0))
+        try:
+            process = ffi.cast("JackProcessCallback", pump.callback("jack"))
+            wheel = ffi.cast("JackFreewheelCallback", pump.callback("jack_freewheel"))
+            done = lib.jack_set_process_callback(client._ptr, process, user)
+            if done or lib.jack_set_freewheel_callback(client._ptr, wheel, user):
+                raise TypeError("it is refused")
+        except (AttributeError, TypeError, ffi.error) as e:
+            raise SinkError(
+                f"jack: this version of JACK-Client takes no compiled callback ({e}): {INSTALL}"
+            ) from None
 
     def freewheel(self, on: bool) -> None:
         """Run the server as fast as possible, or in real time again.

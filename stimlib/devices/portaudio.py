@@ -2,8 +2,7 @@
 
 sounddevice offers callbacks in Python only.  To call the compiled callback without the
 interpreter, this file uses private parts of sounddevice (``_StreamBase``, ``_ffi``), so
-its version is pinned; if they are missing, a Python callback takes over, with a
-warning.
+its version is pinned.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ from __future__ import annotations
 import atexit
 import threading
 import time
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
@@ -87,9 +85,6 @@ class PortAudioSink(Sink):
     clocked : bool
         False for a device without a clock, such as ALSA's ``null`` and ``file``, which
         take samples as fast as they come.
-    compiled : bool
-        False for a callback in Python, which stutters whenever Python is busy: for
-        comparison only.
 
     Notes
     -----
@@ -128,14 +123,13 @@ class PortAudioSink(Sink):
         name: str | int | None = None,
         latency: str | float = "low",
         clocked: bool = True,
-        compiled: bool = True,
         **options: Any,
     ):
         self.clock = clocked
         super().__init__(scene, safety, **options)
         number = isinstance(name, str) and name.isdecimal()
         self.name = int(name) if number else name  # type: ignore[arg-type]
-        self.latency, self.compiled = latency, compiled
+        self.latency = latency
         self._stream: Any = None
         if isinstance(self.motion, Signals):
             if ports := [s.connect for s in self.motion.inputs.values() if s.connect is not None]:
@@ -170,11 +164,16 @@ class PortAudioSink(Sink):
             "finished_callback": self._finished,
         }
         try:
-            if self.compiled and (stream := self._compiled(sd, both, common)) is not None:
-                self._stream = stream
-            else:
-                make = sd.RawStream if both else sd.RawOutputStream
-                self._stream = make(callback=self._both if both else self._out, **common)
+            callback = sd._ffi.cast("PaStreamCallback*", pump.callback("portaudio"))
+            user, kind = sd._ffi.cast("void*", pump.context), "duplex" if both else "output"
+            self._stream = sd._StreamBase(
+                kind=kind, callback=callback, wrap_callback=None, userdata=user, **common
+            )
+        except (AttributeError, TypeError) as e:
+            raise SinkError(
+                f"portaudio: this version of sounddevice takes no compiled callback ({e}):"
+                f" {INSTALL}"
+            ) from None
         except (sd.PortAudioError, ValueError) as e:
             raise SinkError(f"portaudio: {self._called(sd)} cannot be opened: {e}") from None
         self.block = self._stream.blocksize or None
@@ -217,38 +216,6 @@ class PortAudioSink(Sink):
     def _called(self, sd: ModuleType) -> str:
         info = sd.query_devices(self.name, "output")
         return f"device {info['name']!r} ({sd.query_hostapis(info['hostapi'])['name']})"
-
-    def _compiled(self, sd: ModuleType, both: bool, common: dict[str, Any]) -> Any:
-        """Return the stream with the compiled callback, or None.
-
-        If sounddevice lacks the expected private parts, it warns and returns None.
-        """
-        try:
-            ffi = sd._ffi
-            callback = ffi.cast("PaStreamCallback*", self.pump.callback("portaudio"))
-            user = ffi.cast("void*", self.pump.context)
-            kind = "duplex" if both else "output"
-            return sd._StreamBase(
-                kind=kind, callback=callback, wrap_callback=None, userdata=user, **common
-            )
-        except (AttributeError, TypeError) as e:
-            warnings.warn(
-                f"this version of sounddevice takes no compiled callback ({e}): Python runs in"
-                f" PortAudio's callback, so the stream stutters while Python is busy; {INSTALL}",
-                RuntimeWarning,
-                stacklevel=6,
-            )
-        return None
-
-    def _out(self, out: Any, n: int, time: Any, status: Any) -> None:
-        self._both(None, out, n, time, status)
-
-    def _both(self, source: Any, out: Any, n: int, time: Any, status: Any) -> None:
-        a, b = (0 if x is None else np.frombuffer(x, np.float32).ctypes.data for x in (source, out))
-        flags = 4 * bool(status.output_underflow)
-        self.pump.native.portaudio_from_python(
-            self.pump.context, a, b, n, time.outputBufferDacTime, flags
-        )
 
     def _start(self) -> None:
         sd = _sounddevice()
