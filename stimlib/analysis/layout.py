@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from ..core.graph import Add, Block, Const, Guard, Input, Mul, Param, Pick, signals
+from ..core.graph import Add, Block, Const, Guard, Input, Mul, Pick, signals
 from ..core.loop_code import Cycle
+from ..core.parameter import Param
 from ..core.program import PARAMS, ROOT, Instance, Program
 from ..core.units import ONE
 from ..system.packages import package

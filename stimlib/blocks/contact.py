@@ -11,19 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import pointwise
-from ..core.graph import (
-    NONE,
-    ONE,
-    Block,
-    Const,
-    Map,
-    Param,
-    as_block,
-    constant,
-    positive,
-    same_unit,
-)
+from ..core.graph import NONE, ONE, Block, Const, Map, as_block, constant, positive, same_unit
 from ..core.maths import TINY, each, exp, floor, fma, log, where
+from ..core.parameter import Param
 from ..core.response import backward
 from ..core.units import unit
 from ..errors import BadValue, UnitError, one_of, public

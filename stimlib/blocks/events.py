@@ -20,13 +20,13 @@ from ..core.graph import (
     Div,
     Mul,
     Neg,
-    Param,
     as_block,
     positive,
     same_unit,
     unitless,
 )
 from ..core.maths import TINY, as_float, copy, fir, floor, flush, fma, search, where
+from ..core.parameter import Param
 from ..core.program import lead
 from ..core.units import unit
 from ..design import responses

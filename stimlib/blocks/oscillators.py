@@ -10,8 +10,9 @@ from fractions import Fraction
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, Param, as_block, in_unit
+from ..core.graph import NONE, ONE, Block, Const, as_block, in_unit
 from ..core.maths import as_float, floor, fma, where, words
+from ..core.parameter import Param
 from ..core.program import lead
 from ..errors import BadValue, UnitError, public
 from .events import Event

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..core import units as un
-from ..core.graph import Block, Const, Param, as_block, below_half, in_unit, positive
+from ..core.graph import Block, Const, as_block, below_half, in_unit, positive
 from ..core.maths import TINY, each, floor, flush, fma, where
+from ..core.parameter import Param
 from ..core.pointwise import clip
 from ..core.response import backward
 from ..core.units import unit

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, Param, as_block, positive, unitless
+from ..core.graph import NONE, ONE, Block, Const, as_block, positive, unitless
 from ..core.maths import as_float, each, floor, fma, pairs, sqrt, where
+from ..core.parameter import Param
 from ..core.pointwise import clip, maximum
 from ..core.units import unit
 from ..design.noise import octaves

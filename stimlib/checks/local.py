@@ -21,7 +21,6 @@ from ..core.graph import (
     Const,
     Input,
     Map,
-    Param,
     Pick,
     Segment,
     Subsystem,
@@ -31,6 +30,7 @@ from ..core.graph import (
     type_name,
 )
 from ..core.loops import Last, Loop, Tap
+from ..core.parameter import Param
 from ..core.program import lead
 from ..core.scene import Scene
 from ..errors import BadValue

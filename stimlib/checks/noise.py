@@ -12,8 +12,9 @@ import numpy as np
 
 from ..analysis import spectra
 from ..blocks.noise import White
-from ..core.graph import Block, Enabled, Input, Param, Subsystem, reach, signals
+from ..core.graph import Block, Enabled, Input, Subsystem, reach, signals
 from ..core.loops import Loop
+from ..core.parameter import Param
 from ..core.program import first_states, lead
 from ..core.scene import Scene
 from ..errors import SceneError

@@ -250,7 +250,7 @@ class Block(Refusals):
         for f in dc.fields(self):  # type: ignore[arg-type]
             v = getattr(self, f.name)
             if isinstance(v, Block):
-                name = repr(v.name) if isinstance(v, (Input, Param)) else ".."
+                name = repr(v.name) if isinstance(v, Named) else ".."
                 parts.append(repr(v) if isinstance(v, Const) else f"{type(v).__name__}({name})")
             elif isinstance(v, np.ndarray):
                 short = v.size <= 4
@@ -315,7 +315,7 @@ def head(cls: type[Block]) -> str:
 
     Other blocks are named by the public functions that make them.
     """
-    return f"{cls.__name__}." if cls in (Input, Param) or "." in type_name(cls) else ""
+    return f"{cls.__name__}." if issubclass(cls, Named) or "." in type_name(cls) else ""
 
 
 def undecorated(cls: type) -> SceneError:
@@ -466,7 +466,17 @@ def below_half(name: str, fs: float, **edges: float) -> list[float]:
 
 # Leaves -------------------------------------------------------------------------------
 @dc.dataclass(frozen=True, eq=False)
-class Input(Block):
+class Named(Block, abstract=True):
+    """A signal that comes from outside under a name: an input or a parameter."""
+
+    name: str
+
+    def check(self):
+        check_name(type(self).__name__, self.name)
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Input(Named):
     """A signal from outside, such as a measured position.
 
     Parameters
@@ -482,12 +492,8 @@ class Input(Block):
     Input('x', 'm')
     """
 
-    name: str
     unit: str = ""
     begins_early = False
-
-    def check(self):
-        check_name(type(self).__name__, self.name)
 
     def units(self, *u):
         return unit(self.unit)
@@ -532,57 +538,6 @@ def constant(value: float, unit: str = "") -> Const:
     'N'
     """
     return Const(value, unit)
-
-
-# State of `Param`: its value, its target, and the samples left of a ramp.
-#   left  samples of ramp still to go
-ParamState = namedtuple("ParamState", "y target left")
-
-
-@dc.dataclass(frozen=True, eq=False)
-class Param(Block):
-    """A parameter: a signal that ``Processor.set`` changes, at once or along a ramp.
-
-    Parameters
-    ----------
-    name : str
-    value : float
-        Value after reset, in the unit.
-    unit : str
-        Coherent SI.
-
-    Examples
-    --------
-    >>> from stimlib import Param
-    >>> Param("k", 2000.0, "N/m")
-    Param('k', 2000.0, 'N/m')
-    """
-
-    name: str
-    value: float
-    unit: str = ""
-
-    def check(self):
-        check_name(type(self).__name__, self.name)
-
-    def units(self, *u):
-        return unit(self.unit)
-
-    def design(self, fs):
-        return (), ParamState(float(self.value), float(self.value), 0.0)
-
-    @staticmethod
-    def tile(p, s, y):
-        if s.left > 0.0:
-            v, left = s.y, s.left
-            for i in range(y.size):
-                v = where(left > 1.0, v + (s.target - v) / left, where(left > 0.0, s.target, v))
-                left = where(left > 0.0, left - 1.0, 0.0)
-                y[i] = v
-            return ParamState(v, s.target, left)
-        for i in range(y.size):
-            y[i] = s.y
-        return ParamState(s.y, s.target, 0.0)
 
 
 def check_name(what: str, name: Any, error: type[StimlibError] = BadValue) -> None:

@@ -25,7 +25,7 @@ from .graph import (
     Input,
     Map,
     Mul,
-    Param,
+    Named,
     Pick,
     Segment,
     Subsystem,
@@ -33,9 +33,10 @@ from .graph import (
     reach,
     signals,
     type_name,
-)  # fmt: skip
+)
 from .loop_code import Cycle, closed
 from .loops import Last, Loop, Tap
+from .parameter import Param
 
 # clocks: parameters, always; the sample clock.  Each enabled and each segment adds one.
 PARAMS, ROOT = 0, 1
@@ -359,7 +360,7 @@ def _home(b: Block, clock: int) -> int:
 def _check_names(objects: list[Block]) -> None:
     seen: dict[str, Block] = {}
     for b in objects:
-        if isinstance(b, (Input, Param)):
+        if isinstance(b, Named):
             old = seen.setdefault(b.name, b)
             if type(old) is not type(b) or repr(old) != repr(b):
                 raise SceneError(

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import SceneError, UnknownName
-from .graph import Block, Const, Map, Param, Pick, Subsystem, pack, unpack
+from .graph import Block, Const, Map, Pick, Subsystem, pack, unpack
 from .loop_code import Cycle
+from .parameter import Param
 from .program import Instance, Program
 
 

@@ -16,7 +16,8 @@ from ..errors import SceneError, SceneFileError, StimlibError, UnknownName, publ
 from ..system import safe_files
 from ..system.fields import strict
 from ..system.limits import limits
-from .graph import Block, Input, Param, as_block, check_name, reach, registry, signals, type_name
+from .graph import Block, Input, Named, as_block, check_name, reach, registry, signals, type_name
+from .parameter import Param
 from .parts import Part, parts_of, terms_of
 from .program import Program, lower
 
@@ -85,14 +86,14 @@ class Scene:
             check_name("output", name, SceneError)
         self.outputs: dict[str, Block] = {name: as_block(b) for name, b in outputs.items()}
         self.parts = parts_of(terms_of(law, self.outputs) if isinstance(law, Scene) else law, given)
-        self._lowered: tuple[list[tuple[str, int]], Program, list[Input | Param]] | None = None
+        self._lowered: tuple[list[tuple[str, int]], Program, list[Named]] | None = None
         _ = self.program  # finds what is wrong with the graph now, where it was written
 
-    def _known(self) -> tuple[list[tuple[str, int]], Program, list[Input | Param]]:
+    def _known(self) -> tuple[list[tuple[str, int]], Program, list[Named]]:
         """Return outputs, program, and inputs and parameters, anew after a change."""
         known = [(name, id(b)) for name, b in self.outputs.items()]
         if self._lowered is None or self._lowered[0] != known:
-            ends = [b for b in reach(self.outputs.values()) if isinstance(b, (Input, Param))]
+            ends = [b for b in reach(self.outputs.values()) if isinstance(b, Named)]
             self._lowered = known, lower(self.outputs), ends
         return self._lowered
 

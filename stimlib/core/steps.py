@@ -30,7 +30,8 @@ import numpy as np
 
 from ..errors import BadValue, SceneError, StimlibError, place
 from . import maths
-from .graph import Block, Const, Param, kind, pack, signals, unpack
+from .graph import Block, Const, kind, pack, signals, unpack
+from .parameter import Param
 
 _HERE = str(Path(__file__).parents[1])  # the library: a line in it is no author's
 

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.graph import Param, reach
+from ..core.graph import reach
+from ..core.parameter import Param
 from ..core.scene import Scene
 from ..devices.sink import Sink
 from ..devices.sources import Live

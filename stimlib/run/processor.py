@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 
-from ..core.graph import Param, kind, pack, reach
+from ..core.graph import kind, pack, reach
+from ..core.parameter import Param
 from ..core.program import (
     PARAMS,
     Program,
@@ -316,7 +317,7 @@ class Processor:
             self._engine.count = int(words[1])
             self.log.clear()
             target = words[2:].view(np.float64)
-            # graph.ParamState
+            # parameter.ParamState
             self.params = {
                 name: float(target[self._place[i] + 1]) for name, i in self.program.params.items()
             }

@@ -18,7 +18,8 @@ import numpy as np
 
 from ..blocks.contact import ForceLimit, ResponseLimit, Tally, slew_limit, static_limit
 from ..blocks.filters import delay, fir
-from ..core.graph import Block, Const, Guard, Mul, Param
+from ..core.graph import Block, Const, Guard, Mul
+from ..core.parameter import Param
 from ..core.scene import Scene
 from ..core.units import ONE
 from ..errors import BadValue, SceneError, UnitError, UnknownName, public

@@ -15,7 +15,8 @@ import numpy as np
 
 from ..blocks.oscillators import carrier
 from ..blocks.surfaces import bump, equalize, points, within
-from ..core.graph import Input, Param, constant
+from ..core.graph import Input, constant
+from ..core.parameter import Param
 from ..core.pointwise import nonzero
 from ..core.scene import Scene
 from ..errors import public

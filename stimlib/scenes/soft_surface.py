@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from ..blocks import cursor, delay_avatar, indentation, press, stiffness_map, triangle, vibration
 from ..blocks.soft import as_levels
-from ..core.graph import Block, Input, Param, as_block, constant
+from ..core.graph import Block, Input, as_block, constant
+from ..core.parameter import Param
 from ..core.scene import Scene
 from ..errors import BadValue, one_of
 from ..soft.maps import block

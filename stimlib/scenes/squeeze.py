@@ -24,7 +24,8 @@ from ..blocks import (
     velocity,
 )
 from ..blocks.contact import PLACEHOLDER_GAMMA
-from ..core.graph import Block, Input, Param
+from ..core.graph import Block, Input
+from ..core.parameter import Param
 from ..core.scene import Scene
 from ..core.units import unit
 from ..errors import BadValue, UnitError

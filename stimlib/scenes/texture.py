@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from ..blocks.impedance import velocity
 from ..blocks.texture import texture as texture_block
-from ..core.graph import Input, Param
+from ..core.graph import Input
+from ..core.parameter import Param
 from ..core.scene import Scene
 from ..design.texture import TextureModel, load_texture, made_up
 from .shipped import shipped

@@ -6,7 +6,8 @@ import numpy as np
 
 from ..blocks.events import at, burst, every
 from ..blocks.oscillators import carrier
-from ..core.graph import Block, Param
+from ..core.graph import Block
+from ..core.parameter import Param
 from ..core.scene import Scene
 from ..errors import BadValue
 from ..system.limits import limits

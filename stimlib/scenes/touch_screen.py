@@ -13,7 +13,8 @@ import numpy as np
 from ..blocks.oscillators import carrier
 from ..blocks.resonance import amplifier, pole_swap
 from ..blocks.surfaces import bump, equalize
-from ..core.graph import Input, Param, constant
+from ..core.graph import Input, constant
+from ..core.parameter import Param
 from ..core.pointwise import nonzero
 from ..core.scene import Scene
 from ..errors import BadValue, outside

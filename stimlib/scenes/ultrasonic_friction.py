@@ -5,7 +5,8 @@ from __future__ import annotations
 from math import pi
 
 from .. import blocks
-from ..core.graph import Input, Param, constant
+from ..core.graph import Input, constant
+from ..core.parameter import Param
 from ..core.pointwise import nonzero
 from ..core.scene import Scene
 from ..errors import BadValue

@@ -9,7 +9,8 @@ from __future__ import annotations
 from math import log, pi
 
 from ..blocks import equal_force, exp, springpot, track
-from ..core.graph import Block, Input, Param
+from ..core.graph import Block, Input
+from ..core.parameter import Param
 from ..core.scene import Scene
 from .shipped import shipped
 

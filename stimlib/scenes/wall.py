@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from .. import blocks
-from ..core.graph import Input, Param
+from ..core.graph import Input
+from ..core.parameter import Param
 from ..core.scene import Scene
 from .shipped import shipped
 

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.graph import Param, ParamState, at_rest, pack, unpack
+from ..core.graph import at_rest, pack, unpack
+from ..core.parameter import Param, ParamState
 from ..core.program import PARAMS, ROOT, Program, start
 from ..core.steps import sample
 

@@ -19,8 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...blocks.impedance import Gate
-from ...core.graph import Block, Compare, Const, Param, Segment
+from ...core.graph import Block, Compare, Const, Segment
 from ...core.loop_code import Cycle
+from ...core.parameter import Param
 from ...core.program import (
     PARAMS,
     ROOT,

@@ -19,7 +19,8 @@ import numpy as np
 
 from ...blocks.noise import FilteredNoise, Modes, White
 from ...core import steps
-from ...core.graph import Block, Map, Param, Pick, at_rest, pack
+from ...core.graph import Block, Map, Pick, at_rest, pack
+from ...core.parameter import Param
 from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
 from ...system.cache_folder import lock
 from . import entry_points, rows

@@ -82,7 +82,7 @@ def open_clock(W, w, every, up, down, N, k):  # w = (slot of by, child)
 def standing(S, pending, params):
     """Return whether no parameter is being ramped."""
     for j in range(params):
-        if at(S, at(pending, 8 * j)[1])[2] > 0.0:  # see graph.ParamState
+        if at(S, at(pending, 8 * j)[1])[2] > 0.0:  # see parameter.ParamState
             return False
     return True
 
