@@ -42,7 +42,8 @@ from stimlib.blocks.viscoelastic import (
     maxwell,
     standard_linear_solid,
 )
-from stimlib.core.graph import Block, Guard, registry
+from stimlib.core.graph import Block, registry
+from stimlib.core.guard import Guard
 from stimlib.design import responses as law
 from stimlib.design.responses import Law
 from stimlib.design.texture import made_up

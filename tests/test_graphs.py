@@ -13,7 +13,8 @@ from laws import STRESS, Set, assert_same, guarded, mostly, pair, raw, rows, run
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.blocks.noise import PinkNoise, White
-from stimlib.core.graph import Block, Enabled, Guard, reach
+from stimlib.core.graph import Block, Enabled, reach
+from stimlib.core.guard import Guard
 from stimlib.core.loop_code import Cycle
 from stimlib.core.program import lower
 from stimlib.errors import SceneError

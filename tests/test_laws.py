@@ -30,7 +30,8 @@ from refusals import refused
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b
-from stimlib.core.graph import Block, Enabled, Guard, reach, registry, signals
+from stimlib.core.graph import Block, Enabled, reach, registry, signals
+from stimlib.core.guard import Guard
 from stimlib.errors import BadValue, SceneError
 
 # where the engine does something else, too; others have the same step and other numbers

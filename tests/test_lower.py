@@ -14,7 +14,8 @@ from refusals import refused
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.core.graph import Block, Const, Guard, Map, reach
+from stimlib.core.graph import Block, Const, Map, reach
+from stimlib.core.guard import Guard
 from stimlib.core.program import lower
 from stimlib.errors import SceneError
 from stimlib.system.limits import limits

@@ -14,7 +14,8 @@ from base64 import b64encode
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from ..core.graph import Guard, Input
+from ..core.graph import Input
+from ..core.guard import Guard
 from ..core.program import PARAMS, ROOT, Instance, Program
 from ..errors import BadValue, public, shown
 from ..system import safe_files

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.graph import Add, Block, Const, Guard, Input, Mul, Pick, signals
+from ..core.graph import Add, Block, Const, Input, Mul, Pick, signals
+from ..core.guard import Guard
 from ..core.loop_code import Cycle
 from ..core.parameter import Param
 from ..core.program import PARAMS, ROOT, Instance, Program

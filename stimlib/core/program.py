@@ -21,7 +21,6 @@ from .graph import (
     Add,
     Block,
     Const,
-    Guard,
     Input,
     Map,
     Mul,
@@ -34,6 +33,7 @@ from .graph import (
     signals,
     type_name,
 )
+from .guard import Guard
 from .loop_code import Cycle, closed
 from .loops import Last, Loop, Tap
 from .parameter import Param

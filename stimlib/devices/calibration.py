@@ -22,7 +22,7 @@ from scipy.interpolate import interp1d
 from scipy.linalg import solve_toeplitz
 from scipy.ndimage import uniform_filter1d
 
-from ..core.graph import Guard
+from ..core.guard import Guard
 from ..core.scene import Scene
 from ..core.units import ONE, pretty, unit as unit_of
 from ..errors import BadValue, RecordingError, SinkError, UnitError, public

@@ -456,7 +456,7 @@ class Processor:
         """The (output, sample index) of the first non-finite sample, or None."""
         words = self._engine.peek()
         left = words.view(np.float64)
-        # see graph.GuardState
+        # see guard.GuardState
         found = [(int(words[at + 2]), name) for name, at in self._guards if left[at + 1] >= 0]
         return min(found)[::-1] if found else None
 

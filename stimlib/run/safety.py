@@ -18,7 +18,8 @@ import numpy as np
 
 from ..blocks.contact import ForceLimit, ResponseLimit, Tally, slew_limit, static_limit
 from ..blocks.filters import delay, fir
-from ..core.graph import Block, Const, Guard, Mul
+from ..core.graph import Block, Const, Mul
+from ..core.guard import Guard
 from ..core.parameter import Param
 from ..core.scene import Scene
 from ..core.units import ONE
@@ -463,7 +464,7 @@ class Watch:
         """Return the outputs stopped by their guard, with the samples of the faults."""
         words = self._proc._engine.peek()
         left = words.view(np.float64)
-        # see graph.GuardState
+        # see guard.GuardState
         return {
             name: int(words[at + 2]) for name, at in reversed(self._guards) if left[at + 1] >= 0
         }

@@ -32,7 +32,8 @@ from ...blocks.sources import Grain, Ring
 from ...blocks.surfaces import SpatialNoise
 from ...blocks.texture import Texture
 from ...blocks.viscoelastic import KelvinChain, MaxwellArms, Series
-from ...core.graph import AtLeast, Block, Greater, Guard
+from ...core.graph import AtLeast, Block, Greater
+from ...core.guard import Guard
 from ...core.program import lead
 from . import placeforms, signalforms, textureforms, traced
 from .recurrence import SHORT

@@ -94,7 +94,7 @@ def guard(q, P, S, W, A, to, n):
     where there is less than a tile.
     """
     w, s = at(A, q[3]), at(S, q[2])
-    # see graph.GuardState
+    # see guard.GuardState
     if n == 64 and q[7] == 0 and s[1] < 0.0 and _sound_tile(to, at(W, w[0])):
         s[0], as_i8(s)[2] = at(W, w[0])[63], as_i8(s)[2] + 64
     else:
