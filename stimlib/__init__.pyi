@@ -17,9 +17,10 @@ from . import (
 )
 from .analysis.draw import draw as draw
 from .checks.verification import verify as verify
-from .core.graph import Block as Block, Input as Input, constant as constant, enabled as enabled
+from .core.graph import Block as Block, Input as Input, constant as constant
 from .core.parameter import Param as Param
 from .core.scene import Scene as Scene, load as load
+from .core.subsystems import enabled as enabled
 from .errors import (
     BadValue as BadValue,
     FaultError as FaultError,

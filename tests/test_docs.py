@@ -24,7 +24,7 @@ from typer.testing import CliRunner
 
 from stimlib import blocks
 from stimlib.cli import app
-from stimlib.core import graph, pointwise
+from stimlib.core import graph, pointwise, subsystems
 from stimlib.devices.engine import native
 from stimlib.devices.null import NullSink
 from stimlib.motion.generators import GENERATORS
@@ -202,7 +202,7 @@ def test_every_block_function_has_its_place():
         )
         for name in names:
             module = getattr(blocks, name).__module__.split(".")[-1]
-            assert {"loops": "graph"}.get(module, module) == page.stem, (
+            assert {"loops": "graph", "subsystems": "graph"}.get(module, module) == page.stem, (
                 f"docs/reference/blocks/{page.name}: {name} belongs on the page of {module}"
             )
         told += names
@@ -213,7 +213,7 @@ def test_every_block_function_has_its_place():
         f"stimlib/blocks/__init__.py: add {offered - set(blocks.__all__)} to __all__"
     )
     families = [getattr(blocks, m.name) for m in pkgutil.iter_modules(blocks.__path__)]
-    families += [graph, pointwise]
+    families += [graph, pointwise, subsystems]
     made = {
         n
         for family in families

@@ -9,8 +9,8 @@ from laws import assert_same, mostly, random_cuts, rows, run
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
-from stimlib.core.graph import Segment
 from stimlib.core.program import first_states
+from stimlib.core.subsystems import Segment
 from stimlib.errors import BadValue, SceneError, UnknownName
 
 SEEDS = (None, 5, None)

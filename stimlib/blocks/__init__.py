@@ -1,8 +1,9 @@
 """The blocks that stimuli are composed of: one lower-case function per block."""
 
-from ..core.graph import constant, enabled, segment
+from ..core.graph import constant
 from ..core.loops import loop
 from ..core.pointwise import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
+from ..core.subsystems import enabled, segment
 from ..design.texture import load_texture, save_texture
 from .contact import (
     button,

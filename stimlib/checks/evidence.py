@@ -17,9 +17,10 @@ import numpy as np
 
 from ..analysis import spectra
 from ..blocks.noise import White
-from ..core.graph import Block, Enabled, Segment, constant, reach
+from ..core.graph import Block, constant, reach
 from ..core.parts import Part, Term, signal
 from ..core.scene import Scene
+from ..core.subsystems import Enabled, Segment
 from ..design.responses import Law
 from ..errors import BadValue
 from ..files.audio import Stored

@@ -15,24 +15,12 @@ import numpy as np
 
 from ..blocks.filters import Delay, DelayParams, DelayState
 from ..blocks.noise import White
-from ..core.graph import (
-    NONE,
-    Block,
-    Const,
-    Input,
-    Map,
-    Pick,
-    Segment,
-    Subsystem,
-    named,
-    reach,
-    signals,
-    type_name,
-)
+from ..core.graph import NONE, Block, Const, Input, Map, Pick, named, reach, signals, type_name
 from ..core.loops import Last, Loop, Tap
 from ..core.parameter import Param
 from ..core.program import lead
 from ..core.scene import Scene
+from ..core.subsystems import Segment, Subsystem
 from ..errors import BadValue
 from ..run.driver import walk
 from ..run.processor import Change, compile

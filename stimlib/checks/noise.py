@@ -12,11 +12,12 @@ import numpy as np
 
 from ..analysis import spectra
 from ..blocks.noise import White
-from ..core.graph import Block, Enabled, Input, Subsystem, reach, signals
+from ..core.graph import Block, Input, reach, signals
 from ..core.loops import Loop
 from ..core.parameter import Param
 from ..core.program import first_states, lead
 from ..core.scene import Scene
+from ..core.subsystems import Enabled, Subsystem
 from ..errors import SceneError
 from ..run.processor import Processor, compile
 from . import laws

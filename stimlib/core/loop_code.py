@@ -20,9 +20,10 @@ import numpy as np
 
 from ..errors import SceneError
 from . import codegen, maths, steps
-from .graph import Block, Const, Pick, Subsystem, at_rest, memo
+from .graph import Block, Const, Pick, at_rest, memo
 from .loops import Last
 from .steps import fields
+from .subsystems import Subsystem
 
 
 # Finding them -------------------------------------------------------------------------

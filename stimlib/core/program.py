@@ -17,26 +17,12 @@ import numpy as np
 from ..errors import BadValue, SceneError, outside
 from ..system.limits import limits
 from . import steps, units as un
-from .graph import (
-    Add,
-    Block,
-    Const,
-    Input,
-    Map,
-    Mul,
-    Named,
-    Pick,
-    Segment,
-    Subsystem,
-    pack,
-    reach,
-    signals,
-    type_name,
-)
+from .graph import Add, Block, Const, Input, Map, Mul, Named, Pick, pack, reach, signals, type_name
 from .guard import Guard
 from .loop_code import Cycle, closed
 from .loops import Last, Loop, Tap
 from .parameter import Param
+from .subsystems import Segment, Subsystem
 
 # clocks: parameters, always; the sample clock.  Each enabled and each segment adds one.
 PARAMS, ROOT = 0, 1

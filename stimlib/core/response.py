@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import SceneError, UnknownName
-from .graph import Block, Const, Map, Pick, Subsystem, pack, unpack
+from .graph import Block, Const, Map, Pick, pack, unpack
 from .loop_code import Cycle
 from .parameter import Param
 from .program import Instance, Program
+from .subsystems import Subsystem
 
 
 def backward(z: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...blocks.impedance import Gate
-from ...core.graph import Block, Compare, Const, Segment
+from ...core.graph import Block, Compare, Const
 from ...core.loop_code import Cycle
 from ...core.parameter import Param
 from ...core.program import (
@@ -34,6 +34,7 @@ from ...core.program import (
     rate,
     warn_beyond,
 )
+from ...core.subsystems import Segment
 from ...errors import BadValue, SceneError, UnknownName, one_of
 from .blockforms import LOWERINGS, Run, latest, running, spread, steady
 from .recurrence import run_step
