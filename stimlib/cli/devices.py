@@ -17,7 +17,7 @@ from ..errors import BadValue, FaultError, SinkError
 from ..system.progress import compiling, progress
 from . import options as opt
 from .app import Output, command, end, errors, failed, note, print_json, say
-from .motions import given, motions_of
+from .motions import given, motions_of, streamed
 from .scene import SceneText, params_of, run_files, scene_of, touching
 from .watching import Watched
 
@@ -153,6 +153,20 @@ def play(
         ),
     ] = None,
     calibration: opt.Calibrated = None,
+    stream: opt.Stream = None,
+    limit: Annotated[
+        list[str],
+        typer.Option(
+            help=(
+                "Range of an input of --stream, in its unit, such as [bold]x=-0.1:0.1[/]: a row "
+                "beyond it is an outlier and moves nothing. Repeatable."
+            )
+        ),
+    ] = [],
+    silence: Annotated[
+        Literal["fade", "hold", "stop"],
+        typer.Option(help="What to do while --stream is silent for 50 ms or longer."),
+    ] = "fade",
     marker: opt.Marker = [],
     send: opt.Send = [],
     set_: opt.Params = [],
@@ -184,6 +198,8 @@ def play(
 
     [bold]stimlib play click_block.py:scene --motion "sinusoid(0.01, 1)" --watch[/]
 
+    [bold]stimlib play squeeze --stream udp:9000 --map "x=0*1e-3" --full-scale 50[/]
+
     [bold]stimlib play vib.wav --full-scale 1[/]
     """
     watched = Watched(scene, import_)
@@ -192,18 +208,25 @@ def play(
             "--watch: a scene of your own can be saved while it plays: write my_scene.py:NAME,"
             " without --fast"
         )
+    limits_of = opt.ranges(limit, "--limit")
+    if stream and any(motions.keywords[option] for option in ("motion", "where")):
+        raise BadValue("--stream moves all inputs: leave out --motion and --where, or --stream")
+    if not stream and (limit or silence != "fade"):
+        raise BadValue("--limit and --silence are for --stream, and there is none: add it")
     run_files(import_)
     recorded: float | None = None
     chosen = sink or ("null" if fast else None)
     found = available.first_ready() if chosen is None else None
     kind = found.sink if found else str(chosen)
     if scene.lower().endswith((".wav", ".rf64", ".w64", ".caf", ".flac")):
+        if stream:
+            raise BadValue(f"{scene} is a sound file and has no inputs: leave out --stream")
         made, motion, rate = _sound(scene, motions, fs)
     else:
         made, rate = scene_of(scene), (found and found.fs) or 8000.0
-        motion, recorded = motions(made, contact=touching(scene))
+        if stream is None:
+            motion, recorded = motions(made, contact=touching(scene))
     options: dict[str, Any] = {
-        "motion": motion,
         "seed": seed,
         "params": params_of(set_, made),
         "log": log,
@@ -226,8 +249,10 @@ def play(
         elif not safety.keywords["full_scale"]:
             text += "; 1.0 plays 20 dB below full scale: --full-scale 1 for the whole range"
         say(text)
-    with opt.senders(send) as senders:
-        options |= {"markers": marker, "send": senders}
+    with opt.senders(send) as senders, opt.rows_of(stream) as rows:
+        if stream is not None:
+            motion = streamed(rows, made, motions, limits_of, silence)
+        options |= {"motion": motion, "markers": marker, "send": senders}
         playing = available.make(kind, made, limits, **options)
         length = seconds if seconds is not None else recorded
         place = (rate if fs is None else fs, opt.channel_map(channels), block)
@@ -236,7 +261,6 @@ def play(
 
         def played(scene_: Any) -> str:
             """Let a scene that was saved follow, for the rest of the time."""
-            motion, _ = motions(scene_, contact=touching(scene))
             new, old = None if own else safety(scene_), playing.newest
             left = None if length is None else length - (old.since + old.pump.index) / old.rate
             if left is not None and left < 0.2:
@@ -245,7 +269,11 @@ def play(
             for item in set_:
                 if item not in there:
                     note(f"--set {item}: this version has no such parameter")
-            how = {"motion": motion, "seed": seed, "markers": marker, "send": senders}
+            how = {"seed": seed, "markers": marker, "send": senders}
+            if stream is None:  # else the rows go on
+                how["motion"] = motions(scene_, contact=touching(scene))[0]
+            elif scene_.inputs.keys() != made.inputs.keys():
+                how["motion"] = streamed(rows, scene_, motions, limits_of, silence)
             how |= {"params": params_of(there, scene_), "log": _free(log)}
             sessions.append(playing.crossfade(scene_, new, seconds=left, **how))
             return "plays"

@@ -17,7 +17,7 @@ from . import options as opt
 from .app import command, errors, note, print_json, say
 from .devices import safety_of
 from .motions import motions_of
-from .scene import SceneText, number, params_of, run_files, scene_of, touching
+from .scene import SceneText, params_of, run_files, scene_of, touching
 from .watching import Watched
 
 
@@ -51,18 +51,6 @@ Ranges = Annotated[
         help="Range of an input or of a slider, in its unit: [bold]x=0:0.05[/]. Repeatable.",
     ),
 ]
-
-
-def _ranges(items: list[str]) -> dict[str, tuple[float, float]]:
-    """Return the ranges that the --range options give."""
-    found = {}
-    for item in items:
-        name, is_, text = item.partition("=")
-        low, to, high = text.partition(":")
-        if not (is_ and to):
-            raise BadValue(f"--range {item}: write NAME=LOW:HIGH, such as x=0:0.1")
-        found[name.strip()] = number(low, f"--range {item}"), number(high, f"--range {item}")
-    return found
 
 
 @command("live", safety=page_safety_of, motions=motions_of)
@@ -104,17 +92,7 @@ def live(
     block: Annotated[
         int | None, typer.Option(help="Samples per block; by default 4 ms.", show_default=False)
     ] = None,
-    stream: Annotated[
-        str | None,
-        typer.Option(
-            help=(
-                "Rows that another program or a device sends, a source to choose on the page: "
-                "[bold]lsl:NAME[/], [bold]osc:PORT/ADDRESS[/], [bold]udp:PORT[/] or "
-                "[bold]serial:PORT[/]; of a row such as 1,2 say what a comma is with "
-                "[bold]udp:PORT:comma=separator[/] or [bold]:comma=decimal[/]."
-            )
-        ),
-    ] = None,
+    stream: opt.Stream = None,
     marker: opt.Marker = [],
     send: opt.Send = [],
     fs: opt.Rate = 8000.0,
@@ -144,7 +122,7 @@ def live(
     from ..live.stream import Stream
 
     made = scene_of(scene)
-    ranges = _ranges(range_)
+    ranges = opt.ranges(range_, "--range")
     given, _ = motions(made, contact=touching(scene), all_=False)
     if not folder.is_dir():
         raise BadValue(f"--folder {folder}: there is no such folder: make it first")
@@ -234,7 +212,7 @@ def share_(
         params_of(set_, made),
         seed,
         title=title or scene,
-        ranges=_ranges(range_),
+        ranges=opt.ranges(range_, "--range"),
     )
     size = len(page.page.encode())
     if json_:

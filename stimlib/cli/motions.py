@@ -171,6 +171,38 @@ def _read(
     return motions, recordings
 
 
+def streamed(rows: Any, scene: Any, motions: Any, limits: Mapping[str, Any], silence: str) -> Any:
+    """Return the motion that the rows of ``--stream`` make of a scene's inputs.
+
+    ``--map`` says of each input which number of a row it is, and its factor.
+    """
+    from ..devices.sources import Stream
+    from ..motion.recorded import served_by
+    from ..motion.text import parse_map
+
+    inputs, given_ = list(scene.inputs), parse_map(motions.keywords["map_"])
+    if not inputs:
+        raise BadValue("--stream: the scene has no input: leave it out")
+    served = {name: served_by(name, given_, inputs) for name in inputs}
+    _check_map(given_, {}, served, False)
+    columns: dict[str, int | str] = {}
+    scale: dict[str, float] = {}
+    for name, by in served.items():
+        text = given_.get(by or "", "")
+        found = re.fullmatch(r"(?:(\d+)|(\w+)|'([^']+)')\s*(?:\*\s*(.+))?", text.strip())
+        if found is None:
+            raise BadValue(
+                f"--stream: which number of a row is {name}{f': {text!r}?' if text else '?'} Say"
+                f" --map {name}=0, counted from 0, or its label; with a factor to SI units"
+                f" --map '{name}=0*1e-3'"
+            )
+        index, label, quoted, factor = found.groups()
+        columns[name] = int(index) if index else label or quoted
+        if factor:
+            scale[name] = number(factor, f"--map {by}={text}")
+    return Stream(receive=rows, columns=columns, scale=scale, silence=silence, limits=limits)
+
+
 def given(motions: Any) -> bool:
     """Return whether a command got a motion, or an option for one."""
     return any(motions.keywords[option] for option in ("motion", "map_", "where"))

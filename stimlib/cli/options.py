@@ -10,6 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from .. import devices
+from ..errors import BadValue
+from .scene import number
 
 Rate = Annotated[float, typer.Option(help="Sample rate in Hz.")]
 DeviceRate = Annotated[float, typer.Option(help="Sample rate in Hz; it must be the device's.")]
@@ -100,6 +102,19 @@ Marker = Annotated[
 ]
 
 
+Stream = Annotated[
+    str | None,
+    typer.Option(
+        help=(
+            "Rows that another program or a device sends, as motion: [bold]lsl:NAME[/], "
+            "[bold]osc:PORT/ADDRESS[/], [bold]udp:PORT[/] or [bold]serial:PORT[/]; of a row such "
+            "as 1,2 say what a comma is with [bold]udp:PORT:comma=separator[/] or "
+            "[bold]:comma=decimal[/]."
+        )
+    ),
+]
+
+
 @contextmanager
 def senders(texts: list[str]) -> Iterator[list[Any]]:
     """Open the ``--send`` targets, and close them at the end."""
@@ -135,6 +150,18 @@ def of_each(text: str | None, option: str) -> Any:
     if text and "=" in text:
         return pairs(text.split(","), option, "OUTPUT=NUMBER,OUTPUT=NUMBER")
     return text
+
+
+def ranges(items: list[str], option: str) -> dict[str, tuple[float, float]]:
+    """Return the ranges that options such as ``--range x=0:0.1`` give."""
+    found = {}
+    for item in items:
+        name, is_, text = item.partition("=")
+        low, to, high = text.partition(":")
+        if not (is_ and to):
+            raise BadValue(f"{option} {item}: write NAME=LOW:HIGH, such as x=0:0.1")
+        found[name.strip()] = number(low, f"{option} {item}"), number(high, f"{option} {item}")
+    return found
 
 
 def length(seconds: float | None, recorded: float | None) -> float:

@@ -7,10 +7,11 @@ import socket
 import threading
 import time
 from contextlib import contextmanager, nullcontext
+from itertools import count
 
 import numpy as np
 import pytest
-from commands import ran
+from commands import ran, refuses
 from devices.servers import Seen, begun, played, until
 from pythonosc import osc_packet
 from refusals import refused
@@ -260,6 +261,47 @@ def test_markers_that_nobody_hears_are_no_error():
         assert marked(send).report().markers == 6
 
 
+def test_play_follows_the_rows_of_a_tracker_within_limits_and_replays(tmp_path):
+    over, log = threading.Event(), tmp_path / "a.stimlog"
+    with bound() as (_, port):
+        pass
+
+    def tracker():
+        """Send 10 and 20 mm, and outliers of 9 m, as (other, x) in mm."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            for k in count():
+                out.sendto(f"3 {(10, 9000, 20)[k % 3]}".encode(), ("127.0.0.1", port))
+                if over.wait(0.002):
+                    return
+
+    sends = threading.Thread(target=tracker)
+    sends.start()
+    words = f"play wall --full-scale 100 --seconds 0.4 --log {log} --stream udp:{port} --sink null"
+    said = ran([*words.split(), "--map", "x=1*1e-3", "--limit", "x=-0.1:0.1"]).stdout
+    over.set()
+    sends.join()
+    assert "outside its limits" in said
+    assert {0.01, 0.02} <= set(np.fromfile(log / "motion.f64")) <= {0.0, 0.01, 0.02}
+    ran(["replay", log])
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("wall --stream udp:0", "which number of a row is x? Say --map x=0"),
+        ("wall --stream udp:0 --map x=(x-2)*3", "'(x-2)*3'? Say --map x=0"),
+        ("wall --stream udp:0 --map x=0 --map z=1", "no input z"),
+        ("wall --stream udp:0 --map x=0 --limit x=3", "--limit x=3: write NAME=LOW:HIGH"),
+        ("wall --stream udp:0 --motion sinusoid(1,1)", "leave out --motion"),
+        ("tone --stream udp:0", "no input: leave it out"),
+        ("a.wav --stream udp:0", "leave out --stream"),
+        ("wall --silence hold", "are for --stream"),
+    ],
+)
+def test_what_play_cannot_follow_is_said(words, says):
+    refuses(f"play {words} --full-scale 9 --fast", says)
+
+
 def test_commands_send_markers():
     with bound() as (there, port):
         words = ["play", "pulse", "--fast", "--seconds", "0.6", "--marker", "signal", "--send"]
@@ -274,7 +316,7 @@ def test_commands_send_markers():
     [
         (lambda: NullSink(SCENE, LIMITS, markers="onset"), BadValue, "list of outputs"),
         (lambda: NullSink(SCENE, LIMITS, markers=3), BadValue, "markers = 3"),
-        (lambda: NullSink(SCENE, LIMITS, markers=["x"]), UnknownName, "outputs are force, onset"),
+        (lambda: NullSink(SCENE, LIMITS, markers=["x"]), UnknownName, "there are force, onset"),
         (lambda: NullSink(SCENE, LIMITS, send="lsl"), BadValue, "send = 'lsl'"),
         (lambda: NullSink(SCENE, LIMITS, send=[1]), BadValue, "function of a Marker"),
         (lambda: osc_markers("127.0.0.1", 9, "/a\0b"), BadValue, "osc_markers: address = "),
