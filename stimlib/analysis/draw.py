@@ -14,9 +14,10 @@ from base64 import b64encode
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+from ..core.clocks import PARAMS, ROOT, Instance
 from ..core.graph import Input
 from ..core.guard import Guard
-from ..core.program import PARAMS, ROOT, Instance, Program
+from ..core.program import Program
 from ..errors import BadValue, public, shown
 from ..system import safe_files
 from .layout import (

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from ..core.clocks import PARAMS, ROOT, Instance
 from ..core.graph import Add, Block, Const, Input, Mul, Pick, signals
 from ..core.guard import Guard
 from ..core.loop_code import Cycle
 from ..core.parameter import Param
-from ..core.program import PARAMS, ROOT, Instance, Program
+from ..core.program import Program
 from ..core.units import ONE
 from ..system.packages import package
 

@@ -17,15 +17,13 @@ import numpy as np
 from ..errors import BadValue, SceneError, outside
 from ..system.limits import limits
 from . import steps, units as un
-from .graph import Add, Block, Const, Input, Map, Mul, Named, Pick, pack, reach, signals, type_name
+from .clocks import ROOT, Instance, Node, count, layout
+from .graph import Add, Block, Const, Input, Map, Mul, Named, pack, reach, signals, type_name
 from .guard import Guard
 from .loop_code import Cycle, closed
 from .loops import Last, Loop, Tap
 from .parameter import Param
 from .subsystems import Segment, Subsystem
-
-# clocks: parameters, always; the sample clock.  Each enabled and each segment adds one.
-PARAMS, ROOT = 0, 1
 
 
 def lead(fs: float) -> int:
@@ -45,17 +43,6 @@ def lead(fs: float) -> int:
     return max(256, math.ceil(0.032 * fs - 1e-9))
 
 
-class Instance(NamedTuple):
-    """One block on one clock."""
-
-    kind: str  # block | input | const | open | close | pick
-    block: Block
-    clock: int
-    args: tuple[int, ...]  # instance numbers
-    autonomous: bool
-    child: int  # the clock that an open or close owns, else -1
-
-
 class Program(NamedTuple):
     """A scene as a flat list of block instances, ready for any target."""
 
@@ -72,16 +59,11 @@ class Program(NamedTuple):
     hash: int  # of structure and design numbers: 64 bits
 
 
-class _Node(NamedTuple):
-    block: Block
-    kids: tuple[int, ...]
-
-
 class _Graph:
     """The blocks of a scene as numbered nodes; equal sub-graphs share a number."""
 
     def __init__(self):
-        self.nodes: list[_Node] = []
+        self.nodes: list[Node] = []
         self.numbers: dict[Any, int] = {}
         self.removed: dict[str, None] = {}
         self.bodies: dict[int, int] = {}  # of each Last, the number of what it is the last value of
@@ -90,7 +72,7 @@ class _Graph:
         key = (type(b), kids, _numbers(b))
         n = self.numbers.setdefault(key, len(self.nodes))
         if n == len(self.nodes):
-            self.nodes.append(_Node(b, kids))
+            self.nodes.append(Node(b, kids))
         return n
 
     def const(self, value: float, like: Block) -> int:
@@ -137,7 +119,7 @@ class _Graph:
         A loop has the number of its body, and a tap that of the signal inside.
         """
         if isinstance(b, Last):  # two loops have two, equal or not
-            self.nodes.append(_Node(b, ()))
+            self.nodes.append(Node(b, ()))
             return len(self.nodes) - 1
         if isinstance(b, Loop):
             body, last = kids
@@ -200,7 +182,7 @@ def lower(outputs: dict[str, Block]) -> Program:
     roots = [number[id(g)] for g in guards]
     if graph.bodies or any(isinstance(b, Last) for b in objects):
         graph, roots = graph.closed(roots)
-    copies = _instances(graph, roots)
+    copies = count(graph.nodes, roots)
     limits.check(
         "scene_blocks",
         copies,
@@ -208,7 +190,7 @@ def lower(outputs: dict[str, Block]) -> Program:
         SceneError,
     )
     _check_noise_objects(guards)
-    made, instances, clocks = _layout(graph, roots)
+    made, instances, clocks = layout(graph.nodes, roots)
     blocks = [b for b in objects if not isinstance(b, (Loop, Tap))]
     merged = len(blocks) - len({number[id(b)] for b in blocks})
     removed = list(graph.removed) + (
@@ -236,111 +218,6 @@ def lower(outputs: dict[str, Block]) -> Program:
     return Program(
         instances, ends, inputs, params, noises, parents, names, runs, seeds, removed, own
     )
-
-
-def _instances(graph: _Graph, roots: list[int]) -> float:
-    """Return how many instances a layout would have, or more than a limit.
-
-    It only counts them: nested gates double their number.
-    """
-    nodes, reached, todo = graph.nodes, set(), list(roots)
-    while todo:
-        if (n := todo.pop()) not in reached:
-            reached.add(n)
-            todo += nodes[n].kids
-    # children come first
-    gated = sorted({nodes[n].kids[0] for n in reached if isinstance(nodes[n].block, Subsystem)})
-    # instances on a clock that runs a block, and on all clocks below it
-    copy: dict[int, float] = {}
-    walked = 0
-    for tops in [*([n] for n in gated), roots]:
-        seen: set[int] = set()
-        size, todo = 0.0, list(tops)
-        while todo:
-            n = todo.pop()
-            b, kids = nodes[n]
-            if n in seen or isinstance(b, (Param, Const)):
-                continue
-            seen.add(n)
-            size += 2 + copy[kids[0]] if isinstance(b, Subsystem) else 1
-            todo += kids[1:] if isinstance(b, Subsystem) else kids
-        copy[tops[0]] = size
-        walked += len(seen)
-        if walked > limits.scene_blocks:  # every clock is there at least once
-            return walked
-    return size
-
-
-class _Clocks(NamedTuple):
-    """The clocks of a program: lists with one entry for each clock."""
-
-    parents: list[int]
-    names: list[str]
-    runs: list[str]
-    seeds: list[int | None]
-    opened: dict[Any, tuple[int, int]]  # clocks, and the node that opens each
-
-    def below(self, parent: int, b: Block, n: int) -> tuple[int, int]:
-        """Return the clock of an enabled or a segment, and the node that opens it."""
-        run, seed = (b.run, b.seed) if isinstance(b, Segment) else ("", None)
-        which = (run or n, parent)  # segments of one time and seed run together
-        if which not in self.opened:
-            number = len(self.parents)
-            self.names.append(f"{'segment' if run else 'enabled'} {number - ROOT}")
-            self.runs.append(self.runs[parent] + run)
-            self.seeds.append(self.seeds[parent] if seed is None else seed)
-            self.parents.append(parent)
-            self.opened[which] = number, n
-        return self.opened[which]
-
-
-_KINDS: dict[type, str] = {Input: "input", Const: "const", Pick: "pick"}
-
-
-def _layout(graph: _Graph, roots: list[int]):
-    """Return instances keyed by (kind, structure, clock), children first."""
-    made: dict[tuple[str, int, int], int] = {}
-    instances: list[Instance] = []
-    clocks = _Clocks([-1, -1], ["params", "root"], ["", ""], [None, None], {})
-    todo = [("block", n, ROOT) for n in reversed(roots)]
-    while todo:
-        key = todo[-1]
-        if key in made:
-            todo.pop()
-            continue
-        kind, n, clock = key
-        b, kids = graph.nodes[n]
-        child = -1
-        if isinstance(b, Subsystem):
-            child, opener = clocks.below(clock, b, n)
-            need = [("open", opener, clock), ("block", kids[0], child)]
-            if kind == "open":
-                need = [("block", kids[1], clock)]
-        else:
-            need = [("block", k, clock) for k in kids]
-        need = [(k, m, _home(graph.nodes[m].block, c)) for k, m, c in need]
-        missing = [q for q in need if q not in made]
-        closes = kind == "block" and isinstance(b, Subsystem)
-        if missing:
-            todo += reversed(missing[:1] if closes else missing)
-            continue
-        args = tuple(made[q] for q in need)
-        kind = "close" if closes else _KINDS.get(type(b), kind)
-        autonomous = b.begins_early and all(instances[a].autonomous for a in args)
-        made[key] = len(instances)
-        instances.append(Instance(kind, b, clock, args, autonomous, child))
-        todo.pop()
-    for q in instances:  # a gate with a loop behind it begins with that, at sample 0
-        if q.kind == "close" and not q.autonomous:
-            instances[q.args[0]] = instances[q.args[0]]._replace(autonomous=False)
-    return made, instances, clocks
-
-
-def _home(b: Block, clock: int) -> int:
-    """Return the clock of a node; parameters, constants and inputs have their own."""
-    if isinstance(b, (Param, Const)):
-        return PARAMS
-    return ROOT if isinstance(b, Input) else clock
 
 
 def _check_names(objects: list[Block]) -> None:

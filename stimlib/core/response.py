@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import SceneError, UnknownName
+from .clocks import Instance
 from .graph import Block, Const, Map, Pick, pack, unpack
 from .loop_code import Cycle
 from .parameter import Param
-from .program import Instance, Program
+from .program import Program
 from .subsystems import Subsystem
 
 

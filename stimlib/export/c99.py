@@ -14,7 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..core.program import ROOT, number, rate
+from ..core.clocks import ROOT
+from ..core.program import number, rate
 from ..core.scene import Scene
 from ..errors import BadValue, MissingPackage, SceneError, SinkError, public
 from ..motion.source import positions, sources_of

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..blocks.contact import Tally
 from ..core import maths, steps
+from ..core.clocks import PARAMS, ROOT, Instance
 from ..core.graph import Block, at_rest, kind, pack
-from ..core.program import PARAMS, ROOT, Instance
 from ..errors import SceneError
 from ..run.processor import Change, Processor
 from .translate import Unit

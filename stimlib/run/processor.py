@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
 
+from ..core.clocks import PARAMS
 from ..core.graph import kind, pack, reach
 from ..core.parameter import Param
 from ..core.program import (
-    PARAMS,
     Program,
     check_memory,
     design_of,

@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from ..core.clocks import PARAMS, ROOT
 from ..core.graph import at_rest, pack, unpack
 from ..core.parameter import Param, ParamState
-from ..core.program import PARAMS, ROOT, Program, start
+from ..core.program import Program, start
 from ..core.steps import sample
 
 

@@ -19,21 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ...blocks.impedance import Gate
+from ...core.clocks import PARAMS, ROOT, Instance
 from ...core.graph import Block, Compare, Const
 from ...core.loop_code import Cycle
 from ...core.parameter import Param
-from ...core.program import (
-    PARAMS,
-    ROOT,
-    Instance,
-    Program,
-    check_memory,
-    design_of,
-    lead,
-    program_of,
-    rate,
-    warn_beyond,
-)
+from ...core.program import Program, check_memory, design_of, lead, program_of, rate, warn_beyond
 from ...core.subsystems import Segment
 from ...errors import BadValue, SceneError, UnknownName, one_of
 from .blockforms import LOWERINGS, Run, latest, running, spread, steady

@@ -19,9 +19,10 @@ import numpy as np
 
 from ...blocks.noise import FilteredNoise, Modes, White
 from ...core import steps
+from ...core.clocks import PARAMS, ROOT, Instance
 from ...core.graph import Block, Map, Pick, at_rest, pack
 from ...core.parameter import Param
-from ...core.program import PARAMS, ROOT, Instance, Program, design_of, first_states, lower
+from ...core.program import Program, design_of, first_states, lower
 from ...system.cache_folder import lock
 from . import entry_points, rows
 from .cache import Code, expect, load
