@@ -224,7 +224,7 @@ def test_verify_holds_the_noise_of_every_segment(monkeypatch):
     def forgetful(program, design, start):
         return first_states(program._replace(seeds=[None] * len(program.seeds)), design, start)
 
-    monkeypatch.setattr("stimlib.run.processor.first_states", forgetful)
+    monkeypatch.setattr("stimlib.core.program.first_states", forgetful)
     report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000))
     failed = {c.name for c in report.checks if not c.passed}
     assert failed >= {

@@ -266,6 +266,25 @@ def program_of(scene: Any) -> Program:
     return program
 
 
+def start(block: Block, p: Any, s: Any, seed: int) -> Any:
+    """Return the first state of a block in a run with this seed."""
+    return block.start(p, s, seed)
+
+
+def prepare(
+    scene: Any, fs: float, cost: float = 20.0, start: Callable[..., Any] = start
+) -> tuple[Program, list[tuple[Any, Any]], Callable[[int], np.ndarray]]:
+    """Return the program of a scene, its design at a rate, and its states by seed.
+
+    ``cost`` and ``start`` are those of ``design_of`` and ``first_states``, whose errors
+    it raises; SceneError if filters of a noise need more samples than the lead.
+    """
+    program = program_of(scene)
+    design = design_of(program, fs, cost)
+    _check_memory(program, design, fs)
+    return program, design, first_states(program, design, start)
+
+
 def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any, Any]]:
     """Return parameters and state at rest of every instance at a sample rate (Hz).
 
@@ -296,7 +315,7 @@ def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any
     return made
 
 
-def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> None:
+def _check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> None:
     """Raise SceneError if filters of a noise need more samples than the lead.
 
     The noise would start with a transient.
@@ -315,11 +334,6 @@ def check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) -> 
                     f" than the {lead(fs)} that run before sample 0 at fs = {fs:g} Hz; use lower"
                     " orders or shorter delays"
                 )
-
-
-def start(block: Block, p: Any, s: Any, seed: int) -> Any:
-    """Return the first state of a block in a run with this seed."""
-    return block.start(p, s, seed)
 
 
 def first_states(

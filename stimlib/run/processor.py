@@ -18,12 +18,9 @@ from ..core.graph import kind, pack, reach
 from ..core.parameter import Param
 from ..core.program import (
     Program,
-    check_memory,
-    design_of,
-    first_states,
     lead,
     number,
-    program_of,
+    prepare,
     rate,
 )
 from ..core.steps import ours
@@ -167,14 +164,12 @@ class Processor:
         one_of("target", target, TARGETS)
         self.scene, self.fs, self.target = scene, fs, target
         with lock:  # a fork waits: its child would wait for an import that no thread ends
-            self.program: Program = program_of(scene)
-            cost = 5000.0 if target == "python" and begun is None else 20.0
-            self.design = design_of(self.program, fs, cost)
-            check_memory(self.program, self.design, fs)
             if target == "llvm":
                 from ..targets.llvm.engine import Engine
             else:
                 from ..targets.python import Engine  # type: ignore[assignment]
+            cost = 5000.0 if target == "python" and begun is None else 20.0
+            self.program, self.design, self._first = prepare(scene, fs, cost, Engine.start)
             self._engine = Engine(self.program, self.design, fs)
         self._run = self._engine.process
         self.inputs: tuple[str, ...] = tuple(self.program.inputs)
@@ -200,7 +195,6 @@ class Processor:
         self._size = 2 + sum(sizes)
         shapes = [[(kind(v), np.size(v)) for v in s] for _, s in self.design]
         text = repr((self.program.hash, fs.hex(), shapes))
-        self._first = first_states(self.program, self.design, self._engine.start)
         self._early = _early(self.program)
         self._identity = np.frombuffer(hashlib.sha256(text.encode()).digest()[:8], np.uint64)
         self._lock = threading.RLock()

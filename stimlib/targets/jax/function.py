@@ -23,7 +23,7 @@ from ...core.clocks import PARAMS, ROOT, Instance
 from ...core.graph import Block, Compare, Const
 from ...core.loop_code import Cycle
 from ...core.parameter import Param
-from ...core.program import Program, check_memory, design_of, lead, program_of, rate, warn_beyond
+from ...core.program import lead, prepare, rate, warn_beyond
 from ...core.subsystems import Segment
 from ...errors import BadValue, SceneError, UnknownName, one_of
 from .blockforms import LOWERINGS, Run, latest, running, spread, steady
@@ -76,9 +76,7 @@ class Function:
             )
         self.scene, self.fs, self.dtype, self.surrogate = scene, rate(fs), dtype, surrogate
         self.seed = int(_key("seed", seed))
-        self.program: Program = program_of(scene)
-        self.design = design_of(self.program, self.fs)
-        check_memory(self.program, self.design, self.fs)
+        self.program, self.design, _ = prepare(scene, self.fs)
         instances = self.program.instances
         for q in instances:
             if q.kind == "block" and not isinstance(q.block, Param):
