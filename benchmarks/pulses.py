@@ -21,7 +21,7 @@ from stimlib import Scene
 from stimlib.blocks import burst, every
 from stimlib.devices import JackSink, lsl_markers, osc_markers
 from stimlib.devices.jack import _jack
-from stimlib.devices.loopback_test import Capture
+from stimlib.devices.jack_loopback import Capture
 
 PERIOD = 0.2
 

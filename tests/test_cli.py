@@ -30,7 +30,7 @@ from stimlib.cli.app import _of_options
 from stimlib.cli.scene import _ours
 from stimlib.core.definitions import definitions
 from stimlib.core.graph import registry
-from stimlib.devices import available, loopback_test
+from stimlib.devices import available, jack_loopback
 from stimlib.files import audio as file
 from stimlib.files.sidecar import told as told_by
 from stimlib.motion import minimum_jerk, parse_motion, sinusoid
@@ -840,7 +840,7 @@ def test_what_is_asked_of_a_server_reaches_it(monkeypatch):
         return SimpleNamespace(passed=True)
 
     monkeypatch.setattr(available, "devices", lambda server=None: asked.update(looked=server) or [])
-    monkeypatch.setattr(loopback_test, "loopback", compare)
+    monkeypatch.setattr(jack_loopback, "loopback", compare)
     ran("devices --server lab")
     words = f"loopback squeeze(fingers=1) {HAND} --full-scale 50 --seconds 2 --fs 4000 --device lab"
     more = "--channels 3 --tolerance 0.2 --set k=1000 --seed 7 --log a.stimlog"

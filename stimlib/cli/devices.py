@@ -400,7 +400,7 @@ def loopback(
     --full-scale 50[/]
     """
     run_files(import_)
-    from ..devices.loopback_test import loopback as compare
+    from ..devices.jack_loopback import loopback as compare
 
     made = scene_of(scene)
     motion, recorded = motions(made, contact=touching(scene))

@@ -14,7 +14,7 @@ from .calibration import (
 )
 from .control import ControlLoop as ControlLoop
 from .jack import JackSink as JackSink
-from .loopback_test import Loopback as Loopback, loopback as loopback
+from .jack_loopback import Loopback as Loopback, loopback as loopback
 from .markers import Marker as Marker
 from .motor import MotorCalibration as MotorCalibration, calibrate_motor as calibrate_motor
 from .nidaq import NidaqSink as NidaqSink

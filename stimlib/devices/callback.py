@@ -549,7 +549,7 @@ def jack_freewheel(starting, c):
 def jack_capture(n, c):
     """Run as the process callback of a JACK client that records.
 
-    Its argument is the word array of ``stimlib.devices.loopback_test.Capture``. If the
+    Its argument is the word array of ``stimlib.devices.jack_loopback.Capture``. If the
     client is late, its buffers may mix two cycles, so the block is dropped and its
     times are missing. JACK then calls the client again for the cycle that has begun in
     the meantime, and only the data read then belong to that cycle for certain.

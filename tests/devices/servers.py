@@ -316,11 +316,11 @@ def Capture(server, channels, size, name="capture"):
     """A second client that records what arrives at its ports ``NAME:in_1`` .."""
 
     # a server under load may still be busy with the last client of this name
-    from stimlib.devices import loopback_test
+    from stimlib.devices import jack_loopback
 
     for attempt in range(5):
         try:
-            return loopback_test.Capture(server, channels, size, name)
+            return jack_loopback.Capture(server, channels, size, name)
         except SinkError:
             if attempt == 4:
                 raise

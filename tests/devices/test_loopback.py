@@ -5,7 +5,7 @@ import pytest
 from devices.servers import Jackd, needs_jack, unjudged
 
 from stimlib import SinkError
-from stimlib.devices.loopback_test import Loopback, loopback, through
+from stimlib.devices.jack_loopback import Loopback, loopback, through
 from stimlib.files.log_reader import read_log
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze

@@ -334,7 +334,7 @@ def through(
     Examples
     --------
     >>> import numpy as np
-    >>> from stimlib.devices.loopback_test import through
+    >>> from stimlib.devices.jack_loopback import through
     >>> played = np.random.default_rng(1).normal(size=(100, 1))
     >>> heard = 0.5 * np.concatenate([np.zeros((7, 1)), played])
     >>> through(heard, np.arange(107), played, np.ones(100, bool), 50)
