@@ -16,8 +16,8 @@ import scipy
 from ..core import definitions
 from ..errors import shown
 from ..files.formats import BITS, dither_of
-from ..files.partial import COMMENTED, comment_of
 from ..files.sidecar import describe
+from ..files.sound_file import COMMENTED, comment_of
 from ..version import __version__
 from .evidence import Check, Evidence
 

@@ -48,8 +48,8 @@ from .formats import (
     interleaved,
     physical,
 )
-from .partial import PIECE, reading, reason, sha256, soundfile
 from .sidecar import FileReport, describe, load, sidecar_of
+from .sound_file import PIECE, reading, reason, sha256, soundfile
 
 STEP = 1.0  # s of signal that is written at once, at most
 # in libsndfile's log, where a file is shorter than it says: the bytes stated and there

@@ -15,8 +15,8 @@ from ..errors import SinkError
 from ..system import safe_files
 from ..system.limits import limits
 from .formats import Array
-from .partial import Draft, comment_of, disk, fill, move
 from .sidecar import FileReport, report_of, sidecar_of, text_of, versions
+from .sound_file import Draft, comment_of, disk, fill, move
 
 Put = Callable[[NDArray[Any]], None]
 """Function that takes the next samples, shape (n, channels), in the subtype's data

@@ -22,7 +22,7 @@ from ..run.safety import Safety, protect
 from ..system import fields, safe_files
 from ..version import __version__
 from .log_reader import COUNT, MAX_LOST, checked
-from .partial import Draft
+from .sound_file import Draft
 
 SPAN = 0.25  # s of delivered samples under one hash
 

@@ -16,7 +16,7 @@ from ..core import definitions
 from ..errors import SinkError, shown
 from ..system import fields, safe_files
 from .formats import BYTES, FORMATS
-from .partial import soundfile
+from .sound_file import soundfile
 
 _COUNT = fields.whole(2**53)
 _CHANNEL = {"name": fields.text, "unit": fields.text, "full_scale": fields.positive}

@@ -166,7 +166,7 @@ def comment_of(info: dict[str, Any]) -> str:
 
     Examples
     --------
-    >>> from stimlib.files.partial import comment_of
+    >>> from stimlib.files.sound_file import comment_of
     >>> comment_of({"channels": [{"name": "force", "unit": "N", "full_scale": 50.0}]})
     'force [N]: 1.0 is 50.0'
     """
