@@ -33,9 +33,9 @@ _P, _I = ctypes.c_void_p, ctypes.c_int64
 TOGETHER = ctypes.CFUNCTYPE(None, _P, _I, _P, _P, _I, _I, _P, _I, _I)
 
 
-RUNTIME, SLOW_MODES, STRETCHES, THREADS = (
+RUNTIME, SLOW_MODES, CONTACT, THREADS = (
     (Path(__file__).with_name(f"{name}.py").read_text(), name)
-    for name in ("runtime", "slow_modes", "stretches", "threads")
+    for name in ("runtime", "slow_modes", "contact", "threads")
 )
 
 
@@ -189,7 +189,7 @@ class _Table:
             outs, at = self.places(i), self.p_at - starts[0] - rest.size
             contact = self.arg(q.args[-1], q.clock)
             words = [contact, outs[0], len(outs), at, rest.size, address, *words]
-            address = _part(STRETCHES).addresses["stretches"]
+            address = _part(CONTACT).addresses["stretches"]
         if cls.work:
             words.append(-1)  # the slot of the scratch, which is behind all others
         return address, words, starts[0]
