@@ -30,14 +30,17 @@ class Engine:
         self.program = program
         self.count = 0
         self.design = design
-        self.p = [unpack(p, pack(p)) for p, _ in design]
-        self.s = [unpack(s, pack(s)) for _, s in design]
-        blocks = [q.block for q in program.instances]
-        works = [b.definition.work for b in blocks]
+        # by way of words, as compiled code gets them: copies, in which a number that
+        # design gives as an int is a float
+        self.numbers = [unpack(numbers, pack(numbers)) for numbers, _ in design]
+        self.states = [unpack(state, pack(state)) for _, state in design]
+        blocks = [instance.block for instance in program.instances]
+        works = [block.definition.work for block in blocks]
         self.work = [
-            np.zeros(work(p) if work else 0) for work, p in zip(works, self.p, strict=True)
+            np.zeros(work(numbers) if work else 0)
+            for work, numbers in zip(works, self.numbers, strict=True)
         ]
-        self.nbytes = sum(a.nbytes for a in (self.words, *self.work))
+        self.nbytes = sum(array.nbytes for array in (self.words, *self.work))
 
     def copy(self) -> Engine:
         """Return another run of the same program."""
@@ -52,105 +55,116 @@ class Engine:
         It runs one copy after another. See ``stimlib.targets.llvm.engine``.
         """
 
-        def run(turn: np.ndarray, x: np.ndarray, out: np.ndarray) -> None:
-            for k, e in enumerate(engines):
-                e.process(x[k % len(x)], out[k])
+        def run(turn: np.ndarray, motions: np.ndarray, out: np.ndarray) -> None:
+            for copy, engine in enumerate(engines):
+                engine.process(motions[copy % len(motions)], out[copy])
 
         return run
 
     def sample(
-        self, x: dict[int, float], clocks: Sequence[int] = (ROOT,), warm: bool = False
+        self, signals: dict[int, float], clocks: Sequence[int] = (ROOT,), warm: bool = False
     ) -> dict[int, Any]:
         """Return values of all instances at one sample of some clocks.
 
         Clocks that they enable run too.
         """
-        on = [False] * len(self.program.parents)
+        on = [False] * len(self.program.parents)  # clocks; an open row turns those of gates on
         for clock in (PARAMS, *clocks):
             on[clock] = True
-        v: dict[int, Any] = dict(x)
-        for i, q in enumerate(self.program.instances):
-            if not on[q.clock] or (warm and not q.autonomous):
+        values: dict[int, Any] = dict(signals)
+        for place, instance in enumerate(self.program.instances):
+            # the order of the program has each gate before what it opens, so one pass
+            # is enough
+            if not on[instance.clock] or (warm and not instance.autonomous):
                 continue
-            if q.kind == "open":
-                on[q.child] = bool(v[q.args[0]] > 0.0)
-            elif q.kind == "close":
-                v[i] = v[q.args[1]] if on[q.child] else np.float64(0.0)
-            elif q.kind == "const":
-                v[i] = np.float64(q.block.value)  # type: ignore[attr-defined]
-            elif q.kind == "pick":
-                v[i] = v[q.args[0]][q.block.place]  # type: ignore[attr-defined]
-            elif q.kind == "block":
-                v[i] = self.step(i, [v[a] for a in q.args])
-        return v
+            if instance.kind == "open":
+                on[instance.child] = bool(values[instance.args[0]] > 0.0)
+            elif instance.kind == "close":
+                values[place] = values[instance.args[1]] if on[instance.child] else np.float64(0.0)
+            elif instance.kind == "const":
+                values[place] = np.float64(instance.block.value)  # type: ignore[attr-defined]
+            elif instance.kind == "pick":
+                values[place] = values[instance.args[0]][instance.block.place]  # type: ignore[attr-defined]
+            elif instance.kind == "block":
+                values[place] = self.step(place, [values[source] for source in instance.args])
+        return values
 
-    def step(self, i: int, x: list[float]) -> Any:
+    def step(self, place: int, signals: list[float]) -> Any:
         """Return one sample of a block, or a tuple of one sample for each output."""
-        block = self.program.instances[i].block
-        if block.resettable and not x.pop() > 0.0:
-            if self.s[i].cold == 0.0:
-                self.s[i] = at_rest(self.design[i][1])
+        block = self.program.instances[place].block
+        # the contact is the last signal, and no step sees it; written so that NaN is no
+        # contact
+        if block.resettable and not signals.pop() > 0.0:
+            if self.states[place].cold == 0.0:
+                self.states[place] = at_rest(self.design[place][1])
             return (np.float64(0.0),) * len(block.outputs) or np.float64(0.0)
-        scratch = (self.work[i],) if block.definition.work else ()
-        y, after = sample(block, self.p[i], self.s[i], x, scratch)
-        self.s[i] = after._replace(cold=np.float64(0.0)) if block.resettable else after
-        return y
+        scratch = (self.work[place],) if block.definition.work else ()
+        outputs, after = sample(block, self.numbers[place], self.states[place], signals, scratch)
+        self.states[place] = after._replace(cold=np.float64(0.0)) if block.resettable else after
+        return outputs
 
-    def process(self, x: np.ndarray, out: np.ndarray) -> int:
+    def process(self, motion: np.ndarray, out: np.ndarray) -> int:
         """Compute ``out`` from x, shape (n_inputs, n); return 1 if they do not fit."""
         inputs, outputs = list(self.program.inputs.values()), list(self.program.outputs.values())
-        if x.shape != (len(inputs), x.shape[1]) or out.shape != (len(outputs), x.shape[1]):
+        if motion.shape != (len(inputs), motion.shape[1]) or out.shape != (
+            len(outputs),
+            motion.shape[1],
+        ):
             return 1
         if (
-            any(a.dtype != np.float64 or not a.flags.c_contiguous for a in (x, out))
+            any(
+                array.dtype != np.float64 or not array.flags.c_contiguous for array in (motion, out)
+            )
             or not out.flags.writeable
         ):
             return 1
-        apart = out.ctypes.data - x.ctypes.data
-        if x.size and -out.nbytes < apart < x.nbytes and apart % (8 * x.shape[1]):
+        apart = out.ctypes.data - motion.ctypes.data
+        if motion.size and -out.nbytes < apart < motion.nbytes and apart % (8 * motion.shape[1]):
             return 1  # as in runtime.process
+        # compiled code divides by 0 without a word, and a warning may be an error in a
+        # caller
         with np.errstate(all="ignore"):
-            for n in range(x.shape[1]):
-                v = self.sample(dict(zip(inputs, x[:, n], strict=True)))
-                out[:, n] = [v[o] for o in outputs]
-        self.count += x.shape[1]
+            for moment in range(motion.shape[1]):
+                values = self.sample(dict(zip(inputs, motion[:, moment], strict=True)))
+                out[:, moment] = [values[output] for output in outputs]
+        self.count += motion.shape[1]
         return 0
 
-    def warm(self, clocks: Sequence[int], n: int) -> None:
+    def warm(self, clocks: Sequence[int], count: int) -> None:
         """Run only blocks that no input reaches, for n samples of some clocks.
 
         None of these clocks may run another.
         """
         with np.errstate(all="ignore"):
-            for _ in range(n):
+            for _ in range(count):
                 self.sample({}, clocks, warm=True)
 
-    def set(self, i: int, target: float, left: float) -> None:
+    def set(self, place: int, target: float, left: float) -> None:
         """Ramp parameter instance i to a target over ``left`` samples, starting now."""
-        assert isinstance(self.program.instances[i].block, Param)
+        assert isinstance(self.program.instances[place].block, Param)
         end = np.float64(target)
         # a jump is there at once: a ramp set at the same sample begins where it ends
-        y, left = (end, 0.0) if left <= 1.0 else (self.s[i].y, left)
-        self.s[i] = ParamState(y, end, np.float64(left))
+        value, left = (end, 0.0) if left <= 1.0 else (self.states[place].y, left)
+        self.states[place] = ParamState(value, end, np.float64(left))
 
     @property
     def words(self) -> np.ndarray:
         """All states in canonical order (a copy)."""
         parts = [
-            pack(s)
-            for s, q in zip(self.s, self.program.instances, strict=True)
-            if q.kind == "block"
+            pack(state)
+            for state, instance in zip(self.states, self.program.instances, strict=True)
+            if instance.kind == "block"
         ]
         return np.concatenate(parts) if parts else np.zeros(0, np.uint64)
 
     @words.setter
-    def words(self, w: np.ndarray) -> None:
-        at = 0
-        for i, q in enumerate(self.program.instances):
-            if q.kind == "block":
-                n = pack(self.s[i]).size
-                self.s[i] = unpack(self.s[i], w[at : at + n])
-                at += n
+    def words(self, words: np.ndarray) -> None:
+        start = 0
+        for place, instance in enumerate(self.program.instances):
+            if instance.kind == "block":
+                end = start + pack(self.states[place]).size
+                self.states[place] = unpack(self.states[place], words[start:end])
+                start = end
 
     def peek(self) -> np.ndarray:
         """Return the states."""

@@ -28,7 +28,7 @@ from . import entry_points, rows
 from .cache import Code, expect, load
 from .segments import Form, kinds, noise_behind, segment, written
 
-TILE = 64
+TILE = 64  # samples at most in one turn; the runtime and the kernels have it spelled out
 _P, _I = ctypes.c_void_p, ctypes.c_int64
 TOGETHER = ctypes.CFUNCTYPE(None, _P, _I, _P, _P, _I, _I, _P, _I, _I)
 
@@ -61,156 +61,188 @@ def _part(piece: tuple[str, str], *kernels: str) -> Code:
 class _Table:
     """The rows of a program, with the indices and parameters that they use.
 
-    A holds indices (slots), P parameter words.
+    ``slots`` and ``numbers`` hold what compiled code knows as A (indices of its signals
+    in W, and what else a row needs) and P (parameter words).
     """
 
     def __init__(self, program: Program, design: list[tuple[Any, Any]]):
         self.program, self.design = program, design
         self.slot: dict[Any, int] = {}
         self.rows: list[tuple[int, ...]] = []
-        self.P: list[np.ndarray] = []
-        self.A: list[int] = []
-        self.p_at, self.scratch = 0, TILE
+        self.numbers: list[np.ndarray] = []
+        self.slots: list[int] = []
+        self.numbers_at, self.scratch = 0, TILE  # words so far; the most that a tile needs
         self.segments = [""] * len(program.instances)
-        self.state = np.cumsum([0, *(pack(s).size for _, s in design)]).tolist()
+        self.state = np.cumsum([0, *(pack(state).size for _, state in design)]).tolist()
         self.still = _still(program, design)
-        self.listened: set[tuple[int, int]] = set()
+        self.listened: set[tuple[int, int]] = set()  # (instance, output) that a pick takes
         outputs = [*program.outputs.values()]
-        self.read = {a for q in program.instances for a in q.args} | {
-            i for i in outputs if outputs.count(i) > 1
+        self.read = {argument for instance in program.instances for argument in instance.args} | {
+            place for place in outputs if outputs.count(place) > 1
         }
         self.at: dict[int, int] = {}  # the row of an instance
-        for i in program.inputs.values():
-            self.place(i)
+        # inputs first: the runtime copies input j to slot j
+        for place in program.inputs.values():
+            self.place(place)
         self.constants = []
-        for i, q in enumerate(program.instances):
-            block: Any = q.block
-            if q.kind == "const":
-                self.constants.append((self.place(i), block.value))
-            elif q.kind == "pick":
-                self.listened.add((q.args[0], block.place))
+        for place, instance in enumerate(program.instances):
+            block: Any = instance.block
+            if instance.kind == "const":
+                self.constants.append((self.place(place), block.value))
+            elif instance.kind == "pick":
+                self.listened.add((instance.args[0], block.place))
         works: list[int] = []
         order = _order(program, design)
         expect(
             written(self.form(group))
             for group in order
-            if (q := program.instances[group[0]]).kind == "block"
-            and q.block.definition not in rows.OPERATIONS
+            if (instance := program.instances[group[0]]).kind == "block"
+            and instance.block.definition not in rows.OPERATIONS
         )
+        # before any segment, which is linked to the kernels
         runtime()
-        ends = {i: (i,) for i in outputs if i not in self.read}
-        for group in (*(g for g in order if g[0] not in ends), *ends.values()):
+        # guards whose output nobody reads run last: they write where the caller wants
+        # it, while their tile is checked. An output that is read, or there twice, needs
+        # a buffer.
+        ends = {place: (place,) for place in outputs if place not in self.read}
+        for group in (*(members for members in order if members[0] not in ends), *ends.values()):
             self.add(group)
             if program.instances[group[0]].block.definition.work:
-                works.append(len(self.A) - 1)
-        self.main, self.outputs_at = len(self.rows) - len(ends), len(self.A)
-        self.A += [self.at[i] for i in outputs]
-        for j in works:
-            self.A[j] = len(self.slot) * TILE
+                works.append(len(self.slots) - 1)
+        self.main, self.outputs_at = len(self.rows) - len(ends), len(self.slots)
+        self.slots += [self.at[place] for place in outputs]
+        # one scratch for all, behind the last slot, which was not known before
+        for word in works:
+            self.slots[word] = len(self.slot) * TILE
 
     def place(self, key: Any) -> int:
         """Return the slot of a signal, assigning one if necessary."""
         return self.slot.setdefault(key, len(self.slot) * TILE)
 
-    def arg(self, i: int, clock: int) -> int:
+    def arg(self, place: int, clock: int) -> int:
         """Return the slot of an argument.
 
         A parameter or an input is first gathered onto a child clock.
         """
-        q = self.program.instances[i]
-        if q.kind == "pick":
-            return self.slot["output", q.args[0], q.block.place]  # type: ignore[attr-defined]
-        if q.kind == "const" or clock <= ROOT or (q.clock != PARAMS and q.kind != "input"):
-            return self.place(i)
-        if (i, clock) not in self.slot:
-            words = [self.place(i), self.place((i, clock))]
-            self.row(rows.GATHER, i, words, 0, clock, q.clock == PARAMS)
-        return self.slot[i, clock]
+        instance = self.program.instances[place]
+        if instance.kind == "pick":
+            return self.slot["output", instance.args[0], instance.block.place]  # type: ignore[attr-defined]
+        if (
+            instance.kind == "const"
+            or clock <= ROOT
+            or (instance.clock != PARAMS and instance.kind != "input")
+        ):
+            return self.place(place)
+        if (place, clock) not in self.slot:
+            words = [self.place(place), self.place((place, clock))]
+            self.row(rows.GATHER, place, words, 0, clock, instance.clock == PARAMS)
+        return self.slot[place, clock]
 
-    def places(self, i: int) -> list[int]:
+    def places(self, place: int) -> list[int]:
         """Return the slots of a block's outputs, in order."""
-        count = len(self.program.instances[i].block.outputs)
-        return [self.place(("output", i, j)) for j in range(count)] or [self.place(i)]
+        count = len(self.program.instances[place].block.outputs)
+        return [self.place(("output", place, output)) for output in range(count)] or [
+            self.place(place)
+        ]
 
-    def row(self, address: int, i: int, words: list[int], p: int, clock: int, stands: bool) -> None:
-        autonomous = self.program.instances[i].autonomous
-        self.at[i], read = len(self.rows), i in self.read
-        self.rows.append((address, p, self.state[i], len(self.A), clock, autonomous, stands, read))
-        self.A.extend(words)
+    def row(
+        self, address: int, place: int, words: list[int], numbers: int, clock: int, stands: bool
+    ) -> None:
+        autonomous = self.program.instances[place].autonomous
+        self.at[place], read = len(self.rows), place in self.read
+        self.rows.append(
+            (address, numbers, self.state[place], len(self.slots), clock, autonomous, stands, read)
+        )
+        self.slots.extend(words)
 
     def add(self, group: tuple[int, ...]) -> None:
         """Add the row of an instance, or of two that run side by side."""
-        i, p = group[0], 0
-        q = self.program.instances[i]
-        cls = q.block.definition
-        if q.kind == "pick":
+        place, numbers = group[0], 0
+        instance = self.program.instances[place]
+        cls = instance.block.definition
+        if instance.kind == "pick":
             return
-        if q.kind == "open":
-            address, words = rows.OPEN, [self.arg(q.args[0], q.clock), q.child]
-        elif q.kind == "close":
+        if instance.kind == "open":
+            address, words = rows.OPEN, [self.arg(instance.args[0], instance.clock), instance.child]
+        elif instance.kind == "close":
             address = rows.CLOSE
-            words = [self.arg(q.args[1], q.child), self.place(i), q.child]
+            words = [self.arg(instance.args[1], instance.child), self.place(place), instance.child]
         elif cls in rows.OPERATIONS:
             address = rows.OPERATION + rows.OPERATIONS.index(cls)
-            words = [*(self.arg(a, q.clock) for a in q.args), self.place(i)]
+            words = [
+                *(self.arg(argument, instance.clock) for argument in instance.args),
+                self.place(place),
+            ]
         else:
-            address, words, p = self.call(group)
-        self.row(address, i, words, p, q.clock, self.still[i])
+            address, words, numbers = self.call(group)
+        self.row(address, place, words, numbers, instance.clock, self.still[place])
 
     def call(self, group: tuple[int, ...]) -> tuple[int, list[int], int]:
         """Return address, words and parameters of a segment of one block or of two."""
-        i, instances = group[0], self.program.instances
-        q, cls = instances[i], instances[i].block.definition
+        place, instances = group[0], self.program.instances
+        instance, cls = instances[place], instances[place].block.definition
         form = self.form(group)
         if "memory" in written(form)[0]:
             _part(SLOW_MODES, "memory", "moving_memory", "chebyshev")
         compiled = segment(form)
-        resets = cls.resettable and not _always(instances[q.args[-1]])
-        rest = pack(at_rest(self.design[i][1])) if resets else np.zeros(0, np.uint64)
+        resets = cls.resettable and not _always(instances[instance.args[-1]])
+        # what a reset copies into the state lies behind the block's own numbers
+        rest = pack(at_rest(self.design[place][1])) if resets else np.zeros(0, np.uint64)
         address, words, starts = compiled.addresses["_sl_segment"], [], []
-        for k, part in zip(group, form.parts, strict=True):
-            self.segments[k] = compiled.name
-            p, s = self.design[k]
-            args = instances[k].args[: part.inputs]
-            words += [*(self.arg(a, q.clock) for a in args), *self.places(k)]
-            sizes = [v.size for v in s if isinstance(v, np.ndarray)]
+        for member, part in zip(group, form.parts, strict=True):
+            self.segments[member] = compiled.name
+            numbers, state = self.design[member]
+            args = instances[member].args[: part.inputs]
+            words += [
+                *(self.arg(argument, instance.clock) for argument in args),
+                *self.places(member),
+            ]
+            sizes = [field.size for field in state if isinstance(field, np.ndarray)]
             if part.cls.work:
-                sizes.append(part.cls.work(p))
+                sizes.append(part.cls.work(numbers))
                 self.scratch = max(self.scratch, sizes[-1])
-            self.P.append(np.concatenate([_parameter_words(p, sizes), rest]))
-            starts.append(self.p_at)
-            self.p_at += self.P[-1].size
-        for k, start in zip(group[1:], starts[1:], strict=True):
-            words += [start - starts[0], self.state[k] - self.state[i]]
+            self.numbers.append(np.concatenate([_parameter_words(numbers, sizes), rest]))
+            starts.append(self.numbers_at)
+            self.numbers_at += self.numbers[-1].size
+        # a segment gets one address of numbers and one of states: those of a second
+        # block are so many words further on, which no text of a segment may depend on
+        for member, start in zip(group[1:], starts[1:], strict=True):
+            words += [start - starts[0], self.state[member] - self.state[place]]
         if noise_behind(form):
             noise = segment(self.form(group[:1])).addresses["_sl_segment"]
-            words += [self.place(("ahead", i)), self.place(("mark", i)), noise, words[0]]
+            # see segments.NOISE_BEHIND: its tile ahead, what that is, and how it is
+            # made if not
+            words += [self.place(("ahead", place)), self.place(("mark", place)), noise, words[0]]
         if resets:
-            outs, at = self.places(i), self.p_at - starts[0] - rest.size
-            contact = self.arg(q.args[-1], q.clock)
-            words = [contact, outs[0], len(outs), at, rest.size, address, *words]
+            outputs, at = self.places(place), self.numbers_at - starts[0] - rest.size
+            contact = self.arg(instance.args[-1], instance.clock)
+            # a segment around the segment: loops over stretches in each class made
+            # springpots 8 to 25 % slower, without a contact too
+            words = [contact, outputs[0], len(outputs), at, rest.size, address, *words]
             address = _part(CONTACT).addresses["stretches"]
         if cls.work:
             words.append(-1)  # the slot of the scratch, which is behind all others
         return address, words, starts[0]
 
     def form(self, group: tuple[int, ...]) -> Form:
-        (p, s), q = self.design[group[0]], self.program.instances[group[0]]
-        cls = q.block.definition
-        f = cls.tile or cls.step
-        assert f is not None, f"{cls.__name__} has neither step nor tile"
-        meaning = () if str(f.__module__).startswith("stimlib.") else steps.meaning(f)
+        (numbers, state), instance = self.design[group[0]], self.program.instances[group[0]]
+        cls = instance.block.definition
+        code = cls.tile or cls.step
+        assert code is not None, f"{cls.__name__} has neither step nor tile"
+        meaning = () if str(code.__module__).startswith("stimlib.") else steps.meaning(code)
+        # a step without the outputs that nobody takes is another segment: these are
+        # few, and what is not computed takes no time
         outputs = range(len(cls.outputs))
-        read = tuple((group[0], j) in self.listened for j in outputs) or (True,)
-        types = type(p), kinds(p), type(s), kinds(s)
-        inputs = q.args[: len(q.args) - cls.resettable]
-        constants = tuple(self.program.instances[a].kind == "const" for a in inputs)
+        read = tuple((group[0], output) in self.listened for output in outputs) or (True,)
+        types = type(numbers), kinds(numbers), type(state), kinds(state)
+        inputs = instance.args[: len(instance.args) - cls.resettable]
+        constants = tuple(self.program.instances[argument].kind == "const" for argument in inputs)
         return Form(
             cls,
-            (f.__code__, meaning),
+            (code.__code__, meaning),
             *types,
             inputs=len(inputs),
-            beside=tuple(self.form((k,)) for k in group[1:]),
+            beside=tuple(self.form((member,)) for member in group[1:]),
             read=read,
             fixed=() if cls.tile else constants,
         )
@@ -223,15 +255,19 @@ class Engine:
         table = _Table(program, design)
         self.segments, self._constants = table.segments, table.constants
         self.table = np.array(table.rows, np.int64).reshape(-1, 8)
-        self.P = np.concatenate(table.P) if table.P else np.zeros(1, np.uint64)
-        self.A = np.array(table.A, np.int64)
+        self.numbers = np.concatenate(table.numbers) if table.numbers else np.zeros(1, np.uint64)
+        self.slots = np.array(table.slots, np.int64)
         self.size = table.state[-1]
-        self._place = {i: table.state[i] for i in program.params.values()}
-        self._param = {i: j for j, i in enumerate(program.params.values())}
+        self._place = {place: table.state[place] for place in program.params.values()}
+        self._param = {place: number for number, place in enumerate(program.params.values())}
         self._empty = np.zeros((len(program.inputs), 0)), np.zeros((len(program.outputs), 0))
-        self._main, self._outs_at, self._clocks = table.main, table.outputs_at, len(program.parents)
-        # a stretch may begin late in its tile
-        self._buffers = len(table.slot) * TILE + table.scratch + TILE
+        self._main, self._outputs_at, self._clocks = (
+            table.main,
+            table.outputs_at,
+            len(program.parents),
+        )
+        # a stretch may begin late in its tile, and its last vector reaches further
+        self._buffer_words = len(table.slot) * TILE + table.scratch + TILE
         self._allot()
 
     def _allot(self) -> None:
@@ -240,25 +276,41 @@ class Engine:
         Threads that run copies then never write to the same line.
         """
         machine, params, clocks = runtime().addresses, len(self._param), self._clocks
-        words = max(self.size, 1), self._buffers, clocks, clocks * 2 * TILE, 8 * max(1, params), 21
-        ends = np.cumsum([-(-n // 8) * 8 for n in words])
+        words = (
+            max(self.size, 1),
+            self._buffer_words,
+            clocks,
+            clocks * 2 * TILE,
+            8 * max(1, params),
+            21,
+        )
+        ends = np.cumsum([-(-count // 8) * 8 for count in words])
         memory = np.zeros(ends[-1] + 8, np.uint64)
         self.nbytes = memory.nbytes
-        first = -memory.ctypes.data // 8 % 8
-        self.S, W, *rest = np.split(memory[first : first + ends[-1]], ends[:-1])
-        self.W = W.view(np.float64)
-        self.N, self.index, pending, self.ctx = (a.view(np.int64) for a in rest)
+        first = -memory.ctypes.data // 8 % 8  # words up to the next line
+        self.states, buffers, *rest = np.split(memory[first : first + ends[-1]], ends[:-1])
+        self.buffers = buffers.view(np.float64)
+        self.counts, self.index, pending, self.ctx = (array.view(np.int64) for array in rest)
         self.index[(2 * ROOT + 1) * TILE : (2 * ROOT + 2) * TILE] = range(TILE)
         self.pending = pending.reshape(-1, 8)
-        for k, v in self._constants:
-            self.W[k : k + TILE] = v
-        for i, j in self._param.items():
-            self.pending[j, 1] = self._place[i]
-        arrays = {1: self.table, 2: self.P, 3: self.S, 4: self.W, 5: self.A, 9: self.N}
-        for k, a in (arrays | {10: self.index, 13: self.pending}).items():
-            self.ctx[k] = a.ctypes.data
+        # constants take no time: nothing writes their slots again
+        for word, value in self._constants:
+            self.buffers[word : word + TILE] = value
+        for place, number in self._param.items():
+            self.pending[number, 1] = self._place[place]
+        # places in the context as runtime.py lists them
+        arrays = {
+            1: self.table,
+            2: self.numbers,
+            3: self.states,
+            4: self.buffers,
+            5: self.slots,
+            9: self.counts,
+        }
+        for word, array in (arrays | {10: self.index, 13: self.pending}).items():
+            self.ctx[word] = array.ctypes.data
         self.ctx[0], self.ctx[14], self.ctx[16] = self._main, params, machine["entry"]
-        self.ctx[6:9] = *(a.shape[0] for a in self._empty), self._outs_at
+        self.ctx[6:9] = *(array.shape[0] for array in self._empty), self._outputs_at
         self.ctx[11:13] = clocks, -1
         known = entry_points.array_words()
         self.ctx[18:20] = known or 0
@@ -291,14 +343,15 @@ class Engine:
         thread has taken. turn is one number, 0 at the start; x (1 or copies, n_inputs,
         n) and out (copies, n_outputs, n) must fit.
         """
-        contexts = np.array([e.ctx.ctypes.data for e in engines])
+        contexts = np.array([engine.ctx.ctypes.data for engine in engines])
         process = TOGETHER(_part(THREADS).addresses["process"])
 
         def run(
             turn: np.ndarray, x: np.ndarray, out: np.ndarray, kept: object = tuple(engines)
         ) -> None:
             """Run copies; the engines live as long as this function."""
-            of_x, of_y = (math.prod(a.shape[1:]) for a in (x, out))
+            # the context of a copy is an address: only ``kept`` keeps its memory alive
+            of_x, of_y = (math.prod(array.shape[1:]) for array in (x, out))
             first, rows = contexts.ctypes.data, (x.ctypes.data, x.shape[0], of_x)
             to = out.ctypes.data, of_y, out.shape[2]
             process(first, contexts.size, turn.ctypes.data, *rows, *to)
@@ -306,34 +359,37 @@ class Engine:
         return run
 
     @staticmethod
-    def start(block: Block, p: Any, s: Any, seed: int) -> Any:
+    def start(block: Block, numbers: Any, state: Any, seed: int) -> Any:
         """Return the first state of a block, drawn from compiled noise."""
         return (
-            block.start(p, s, seed, normals)
+            block.start(numbers, state, seed, normals)
             if isinstance(block, FilteredNoise)
-            else block.start(p, s, seed)
+            else block.start(numbers, state, seed)
         )
 
-    def warm(self, clocks: Sequence[int], n: int) -> None:
+    def warm(self, clocks: Sequence[int], count: int) -> None:
         """Run only blocks that no input reaches, for n samples of some clocks.
 
         None of these clocks may run another.
         """
         early = np.array(clocks, np.int64)
         self.ctx[12], self.ctx[20] = early.size, early.ctypes.data
-        entry_points.ENTRY(self.address[0])(self.address[1], None, None, n)  # without signals
-        self.ctx[12] = -1
+        entry_points.ENTRY(self.address[0])(self.address[1], None, None, count)  # without signals
+        self.ctx[12] = -1  # all rows again
 
-    def set(self, i: int, target: float, left: float) -> None:
+    def set(self, place: int, target: float, left: float) -> None:
         """Ramp parameter instance i to a target over ``left`` samples, starting now."""
-        q, at_once = self.pending[self._param[i]], left <= 1.0  # see runtime: pending
+        # not into the state: another thread may be running, which takes it in when
+        # it is called next
+        waiting, at_once = self.pending[self._param[place]], left <= 1.0  # see runtime: pending
         target, left = np.array([target, left]).view(np.int64)
+        # word 0, which says that something waits, is written last
         if at_once:
-            q[2:5] = target, 0, target
-            q[0] = 2
+            waiting[2:5] = target, 0, target
+            waiting[0] = 2
         else:
-            q[2:4] = target, left
-            q[0] = max(1, q[0])
+            waiting[2:4] = target, left
+            waiting[0] = max(1, waiting[0])  # a jump that still waits stays: the ramp begins there
 
     @property
     def count(self) -> int:
@@ -349,19 +405,19 @@ class Engine:
 
         It is safe while another thread runs the program.
         """
-        return self.S[: self.size].copy()
+        return self.states[: self.size].copy()
 
     @property
     def words(self) -> np.ndarray:
         """All states in canonical order (a copy)."""
         self.process(*self._empty)  # takes pending settings in
-        return self.S[: self.size].copy()
+        return self.states[: self.size].copy()
 
     @words.setter
     def words(self, w: np.ndarray) -> None:
         self.pending[:, 0] = 0
         self.ctx[17] = 0  # parameters may have moved
-        self.S[: self.size] = w
+        self.states[: self.size] = w
 
 
 @cache
@@ -373,7 +429,7 @@ def _white() -> Engine:
     return engine
 
 
-def normals(key: np.uint64, n: int) -> np.ndarray:
+def normals(key: np.uint64, count: int) -> np.ndarray:
     """Return the first n deviates of a stream, as ``stimlib.blocks.noise.normals``.
 
     Examples
@@ -384,17 +440,19 @@ def normals(key: np.uint64, n: int) -> np.ndarray:
     >>> bool(np.all(normals(np.uint64(7), 5) == noise.normals(np.uint64(7), 5)))
     True
     """
-    y = np.empty((1, n))
+    deviates = np.empty((1, count))
     with lock:
         engine = _white()
-        engine.S[0], engine.S[1] = key, 0  # see WhiteState
-        engine.process(np.empty((0, n)), y)
-    return y[0]
+        # one engine for all keys: a key is the state of a noise, no number of its
+        # design
+        engine.states[0], engine.states[1] = key, 0  # see WhiteState
+        engine.process(np.empty((0, count)), deviates)
+    return deviates[0]
 
 
-def _always(q: Instance) -> bool:
+def _always(instance: Instance) -> bool:
     """Return whether a contact is a constant number above 0."""
-    return q.kind == "const" and q.block.value > 0.0  # type: ignore[attr-defined]
+    return instance.kind == "const" and instance.block.value > 0.0  # type: ignore[attr-defined]
 
 
 def _still(program: Program, design: list[tuple[Any, Any]]) -> list[bool]:
@@ -403,16 +461,23 @@ def _still(program: Program, design: list[tuple[Any, Any]]) -> list[bool]:
     Such instances are parameters, constants, and maps of them.
     """
     still: list[bool] = []
-    for q, (_, s) in zip(program.instances, design, strict=True):
-        maps = q.kind in ("block", "pick") and isinstance(q.block, Map | Pick) and not s
-        of_them = maps and bool(q.args) and all(still[a] for a in q.args)
-        still.append(of_them or q.kind == "const" or isinstance(q.block, Param))
+    for instance, (_, state) in zip(program.instances, design, strict=True):
+        maps = (
+            instance.kind in ("block", "pick")
+            and isinstance(instance.block, Map | Pick)
+            and not state
+        )
+        of_them = (
+            maps and bool(instance.args) and all(still[argument] for argument in instance.args)
+        )
+        still.append(of_them or instance.kind == "const" or isinstance(instance.block, Param))
     return still
 
 
 NEAR = 16
 """So many blocks at most run earlier than written, for two recursions to stand side by
-side.
+side.  Further away, the order would leave that of the graph, and what was
+written last would have left the cache.
 """
 
 
@@ -426,89 +491,109 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
     Two instances of one class that step on one clock run in one loop, each during the
     other's latency. So do white noise and the first bank of modes that filters it.
     """
+    # Rows are not fused any further: one function for a run of products and sums would
+    # save loads and stores, and cost a quarter of a second of compiling for every new
+    # run.
     instances = program.instances
-    behind: dict[int, int] = {}
-    for i, q in enumerate(instances):
-        if q.kind == "block" and q.block.definition.tile is BANK:
-            white = instances[q.args[0]]
-            if white.block.definition.tile is NOISE and white.clock == q.clock:
-                behind.setdefault(q.args[0], i)
-    opened = {q.child: i for i, q in enumerate(instances) if q.kind == "open"}
-    done = [q.kind in ("const", "input") for q in instances]
-    keys = [_recursion(program, design, i) for i in range(len(instances))]
+    behind: dict[int, int] = {}  # of a white noise, the modes that filter it
+    for place, instance in enumerate(instances):
+        if instance.kind == "block" and instance.block.definition.tile is BANK:
+            white = instances[instance.args[0]]
+            if white.block.definition.tile is NOISE and white.clock == instance.clock:
+                behind.setdefault(instance.args[0], place)
+    opened = {
+        instance.child: place for place, instance in enumerate(instances) if instance.kind == "open"
+    }
+    done = [instance.kind in ("const", "input") for instance in instances]
+    keys = [_recursion(program, design, place) for place in range(len(instances))]
+    # of each kind of recursion, its instances: the next one last, where pop finds it
     alike: dict[Any, list[int]] = {None: []}
-    for i in reversed(range(len(instances))):
-        if keys[i]:
-            alike.setdefault(keys[i], []).append(i)
+    for place in reversed(range(len(instances))):
+        if keys[place]:
+            alike.setdefault(keys[place], []).append(place)
 
     order: list[tuple[int, ...]] = []
-    for i, key in enumerate(keys):
-        if done[i]:
+    for place, key in enumerate(keys):
+        if done[place]:
             continue
-        group: tuple[int, ...] = (i,)
-        if i in behind:
-            group = i, behind[i]
+        group: tuple[int, ...] = (place,)
+        if place in behind:
+            group = place, behind[place]
+        # a partner is the next of its kind, unless that needs this one
         others = alike[key]
-        while others and (done[others[-1]] or others[-1] <= i):
+        while others and (done[others[-1]] or others[-1] <= place):
             others.pop()
         first = _before(instances, opened, done, others[-1]) if others else None
-        if first is None or i in first:
+        if first is None or place in first:
             first = []
         else:
-            group = i, others.pop()
-        order += [*((k,) for k in first), group]
-        for k in (*first, *group):
-            done[k] = True
+            group = place, others.pop()
+        order += [*((earlier,) for earlier in first), group]
+        for earlier in (*first, *group):
+            done[earlier] = True
     return order
 
 
 def _before(
-    instances: list[Instance], opened: dict[int, int], done: list[bool], j: int
+    instances: list[Instance], opened: dict[int, int], done: list[bool], place: int
 ) -> list[int] | None:
     """Return the instances that must still run before another; None if many."""
     found: set[int] = set()
-    todo = [j]
+    todo = [place]
     while todo and len(found) <= NEAR:
-        q = instances[todo.pop()]
-        need = {*q.args, opened[q.clock]} if q.clock > ROOT else {*q.args}
-        new = {a for a in need - found if not done[a]}
+        instance = instances[todo.pop()]
+        need = (
+            {*instance.args, opened[instance.clock]} if instance.clock > ROOT else {*instance.args}
+        )
+        new = {argument for argument in need - found if not done[argument]}
         found |= new
         todo += new
     return None if todo else sorted(found)
 
 
-def _recursion(program: Program, design: list[tuple[Any, Any]], i: int) -> Any:
+def _recursion(program: Program, design: list[tuple[Any, Any]], place: int) -> Any:
     """Return what two instances must have in common to step side by side.
 
     None if an instance cannot.
     """
-    q, (p, s) = program.instances[i], design[i]
-    cls = q.block.definition
+    instance, (numbers, state) = program.instances[place], design[place]
+    cls = instance.block.definition
+    # two in one loop share a state only as numbers: an array, several outputs or a tile
+    # have loops of their own; and without a state nothing waits
     alone = (
-        q.kind != "block"
+        instance.kind != "block"
         or cls.tile
         or cls.outputs
-        or not s
-        or any(isinstance(v, np.ndarray) for v in s)
+        or not state
+        or any(isinstance(field, np.ndarray) for field in state)
     )
-    if alone or (cls.resettable and not _always(program.instances[q.args[-1]])):
+    if alone or (cls.resettable and not _always(program.instances[instance.args[-1]])):
         return None
-    return cls, type(p), kinds(p), type(s), kinds(s), q.clock, q.autonomous
+    return (
+        cls,
+        type(numbers),
+        kinds(numbers),
+        type(state),
+        kinds(state),
+        instance.clock,
+        instance.autonomous,
+    )
 
 
-def _parameter_words(p: Any, sizes: list[int]) -> np.ndarray:
+def _parameter_words(numbers: Any, sizes: list[int]) -> np.ndarray:
     """Return the parameter words of one row.
 
     They are numbers, (offset, size) of arrays, sizes of state arrays and scratch; then
     the arrays.
     """
-    arrays = [pack((v,)) for v in p if isinstance(v, np.ndarray)]
-    end = len(p) + len(arrays) + len(sizes)
+    arrays = [pack((field,)) for field in numbers if isinstance(field, np.ndarray)]
+    # an array has two words among the numbers; all arrays lie behind all words
+    end = len(numbers) + len(arrays) + len(sizes)
     words: list[np.ndarray] = []
-    for v in p:
-        if isinstance(v, np.ndarray):
-            words.append(np.array([end, v.size], np.uint64))
-            end += v.size
+    for field in numbers:
+        if isinstance(field, np.ndarray):
+            words.append(np.array([end, field.size], np.uint64))
+            end += field.size
         else:
-            words.append(pack((v,)))
+            words.append(pack((field,)))
     return np.concatenate([*words, np.array(sizes, np.uint64), *arrays])
