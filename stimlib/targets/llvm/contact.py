@@ -9,28 +9,33 @@ from stimlib.targets.llvm.values import exported
 
 @exported("void", *SEGMENT)
 def stretches(
-    P,
-    S,
-    W,
-    w,
-    k,
-    # w = (contact, first output, outputs, state at rest in P, its words, segment, the
+    numbers,
+    states,
+    buffers,
+    words,
+    size,
+    # (contact, first output, outputs, state at rest in P, its words, segment, the
     # segment's own ..)
 ):
     """Run the segment of a resettable block, one stretch of contact after another."""
-    by, y, cold = at(W, w[0]), at(W, w[1]), at(S, w[4] - 1)
-    start, n = 0, 0
-    for i in range(k):
-        n += by[i] > 0.0
-    for i in range(k - 1 if n == 0 or n == k else 0, k):
-        on = by[i] > 0.0
-        if i + 1 == k or on != (by[i + 1] > 0.0):
-            if on:
-                call(w[5], P, S, at(W, start), at(w, 6), i + 1 - start)
+    contact, output, cold = at(buffers, words[0]), at(buffers, words[1]), at(states, words[4] - 1)
+    start, found = 0, 0
+    for sample in range(size):
+        found += contact[sample] > 0.0
+    # a tile that is in contact throughout, or not at all, is one stretch: its last
+    # sample ends it
+    for sample in range(size - 1 if found == 0 or found == size else 0, size):
+        touched = contact[sample] > 0.0
+        if sample + 1 == size or touched != (contact[sample + 1] > 0.0):
+            if touched:
+                call(
+                    words[5], numbers, states, at(buffers, start), at(words, 6), sample + 1 - start
+                )
             else:
-                for o in range(w[2]):
-                    for j in range(64 * o + start, 64 * o + i + 1):
-                        y[j] = 0.0
+                for number in range(words[2]):
+                    for place in range(64 * number + start, 64 * number + sample + 1):
+                        output[place] = 0.0
+                # at rest once, not at each tile without contact
                 if cold[0] == 0.0:
-                    move(S, at(P, w[3]), w[4])
-            start = i + 1
+                    move(states, at(numbers, words[3]), words[4])
+            start = sample + 1

@@ -23,39 +23,52 @@ from . import known, lanes, walk
 from .cache import Code, load
 
 
-def _uses(f: types.FunctionType, found: dict[Any, None], lines: list[str]) -> None:
+def _uses(function: types.FunctionType, found: dict[Any, None], lines: list[str]) -> None:
     """Add the source of a function and of what it uses: all that decides its code."""
-    for n, v in steps.names(f).items():
-        line = f"{n} = {_meaning(f, n, v)}"
-        if isinstance(v, types.FunctionType) and v.__module__ != maths.__name__ and v not in found:
-            found[v] = None
-            _uses(v, found, lines)
+    for name, value in steps.names(function).items():
+        line = f"{name} = {_meaning(function, name, value)}"
+        if (
+            isinstance(value, types.FunctionType)
+            and value.__module__ != maths.__name__
+            and value not in found
+        ):
+            found[value] = None
+            _uses(value, found, lines)
         lines.append(line)
-    lines.append(f"{f.__defaults__!r} {f.__kwdefaults__!r}\n{steps.source(f)}")
+    # defaults too: a call that leaves an argument out has their numbers in its code
+    lines.append(f"{function.__defaults__!r} {function.__kwdefaults__!r}\n{steps.source(function)}")
 
 
-def _meaning(f: types.FunctionType, n: str, v: Any) -> str:
+def _meaning(function: types.FunctionType, name: str, value: Any) -> str:
     """Return a text that tells the value of a name that a function uses."""
-    if any(v is one for one in (np, maths, abs, range, np.uint64, np.int64, np.float64)):
-        return v.__name__
-    if getattr(maths, getattr(v, "__name__", n), None) is v:
-        return f"maths.{getattr(v, '__name__', n)}"
-    if isinstance(v, types.FunctionType):
-        return f"{v.__module__}.{v.__qualname__}"
-    if isinstance(v, type) and hasattr(v, "_fields"):
-        more = {n for n in dir(v) if n[0] != "_"} - {*v._fields, "count", "index"}
-        parts = v._fields, getattr(v, "_field_defaults", {}), source_of(v) if more else ""
-        return f"{v.__name__}{parts!r}"
-    if isinstance(v, np.uint64 | float | int):
-        return f"{type(v).__name__}({v!r})"
+    if any(value is one for one in (np, maths, abs, range, np.uint64, np.int64, np.float64)):
+        return value.__name__
+    if getattr(maths, getattr(value, "__name__", name), None) is value:
+        return f"maths.{getattr(value, '__name__', name)}"
+    if isinstance(value, types.FunctionType):
+        return f"{value.__module__}.{value.__qualname__}"
+    if isinstance(value, type) and hasattr(value, "_fields"):
+        more = {other for other in dir(value) if other[0] != "_"} - {
+            *value._fields,
+            "count",
+            "index",
+        }
+        parts = (
+            value._fields,
+            getattr(value, "_field_defaults", {}),
+            source_of(value) if more else "",
+        )
+        return f"{value.__name__}{parts!r}"
+    if isinstance(value, np.uint64 | float | int):
+        return f"{type(value).__name__}({value!r})"
     remedy = (
         "define its NamedTuples outside of the class"
-        if isinstance(v, type)
+        if isinstance(value, type)
         else "put arrays into the parameters that design(fs) returns"
     )
     raise SceneError(
-        f"{f.__qualname__} uses {n!r}, a {type(v).__name__}: a step may use module-level"
-        f" numbers, NamedTuples and helper functions; {remedy}"
+        f"{function.__qualname__} uses {name!r}, a {type(value).__name__}: a step may use"
+        f" module-level numbers, NamedTuples and helper functions; {remedy}"
     )
 
 
@@ -107,12 +120,13 @@ class Form(NamedTuple):
 def written(form: Form) -> tuple[str, str]:
     """Return all that a form's segment is made of, and the class that has it."""
     cls = form.cls
-    f = cls.tile or cls.step
-    steps.source(f)  # an error here names the step, not the first of its helpers
+    code = cls.tile or cls.step
+    steps.source(code)  # an error here names the step, not the first of its helpers
+    # no numbers of a design and no slots: scenes that differ in these share a segment
     lines: list[str] = []
     for part in form.parts if noise_behind(form) else form.parts[:1]:
         _uses(part.cls.tile or part.cls.step, {}, lines)
-        lines += [str(fields(t)) for t in (part.p_type, part.s_type)]
+        lines += [str(fields(kind)) for kind in (part.p_type, part.s_type)]
     lines.append(body(form))
     # all classes on top of the one that wrote the step share one segment
     owner = next(c for c in cls.__mro__ if "tile" in c.__dict__ or "step" in c.__dict__)
@@ -124,8 +138,8 @@ def body(form: Form) -> str:
     """Return the function that runs a block along a stretch of samples, as a source."""
     taken: list[str] = []
     kept: list[str] = []
-    for c in range(len(form.parts)):
-        _take(form, c, taken, kept)
+    for number in range(len(form.parts)):
+        _take(form, number, taken, kept)
     lines = [*taken, *_run(form), *kept]
     return codegen.define("_sl_segment", ["P", "S", "W", "A", "n"], lines)
 
@@ -134,13 +148,15 @@ def made(form: Form) -> walk.Intermediate:
     """Return a form's segment as LLVM's text."""
     cls = form.cls
     of = {"block": cls.tile or cls.step, "one": _one(form), "deviates": deviates}
-    for b, part in zip(["", "1"], form.parts, strict=False):
-        of |= {f"P{b}": part.p_type, f"S{b}": part.s_type}
+    for suffix, part in zip(["", "1"], form.parts, strict=False):
+        of |= {f"P{suffix}": part.p_type, f"S{suffix}": part.s_type}
     if noise_behind(form):
         of["other"] = form.beside[0].cls.tile
     space = {"_sl": known, "_sl_np": np} | {f"_sl_{name}": v for name, v in of.items()}
     made = walk.of_source(body(form), space, {"_sl_segment": ("void", *known.SEGMENT)}, known.TWINS)
-    # nothing writes parameters while a segment runs: LLVM may read them before its loop
+    # Nothing writes parameters while a segment runs, so LLVM may read tables in
+    # vectors: with AVX-512, bump_table and lut2 take 0.4 to 0.5 of the time. The others
+    # are not marked: an output may be written where an input lies.
     return made._replace(llvm=made.llvm.replace("(double* ", "(double* noalias ", 1))
 
 
@@ -150,9 +166,9 @@ def _one(form: Form) -> Any:
     if not form.cls.resettable:
         return step
 
-    def one(p, s, *x):
-        y, s = step(p, s, *x)
-        return y, s._replace(cold=0.0)
+    def one(numbers, state, *signals):
+        output, state = step(numbers, state, *signals)
+        return output, state._replace(cold=0.0)
 
     return one
 
@@ -182,49 +198,52 @@ def noise_behind(form: Form) -> bool:
     return bool(form.beside) and form.beside[0].cls is not form.cls
 
 
-def _take(form: Form, c: int, lines: list[str], after: list[str]) -> None:
+def _take(form: Form, number: int, lines: list[str], after: list[str]) -> None:
     """Add source lines that read a block's numbers, and write its state back.
 
     The words and the state of a second block are at offsets given in A; its names end
     with 1.
     """
-    b, part = str(c or ""), form.parts[c]
-    kind = b if noise_behind(form) else ""
-    slot, at = sum(len(one.signals) for one in form.parts[:c]), 0
-    if c:
+    suffix, part = str(number or ""), form.parts[number]
+    kind = suffix if noise_behind(form) else ""
+    slot, at = sum(len(one.signals) for one in form.parts[:number]), 0
+    if number:
         behind = sum(len(one.signals) for one in form.parts)
-        lines.append(f"P{b} = _sl.at(P, A[{behind}])")
-        lines.append(f"S{b} = _sl.at(S, A[{behind + 1}])")
-    lines += [f"C{b} = _sl.as_u8(P{b})", f"Z{b} = _sl.as_u8(S{b})"]
+        lines.append(f"P{suffix} = _sl.at(P, A[{behind}])")
+        lines.append(f"S{suffix} = _sl.at(S, A[{behind + 1}])")
+    lines += [f"C{suffix} = _sl.as_u8(P{suffix})", f"Z{suffix} = _sl.as_u8(S{suffix})"]
+    # Where a number lies is known as soon as the form is; where a state lies is a sum,
+    # because sizes of arrays are words of the row: a delay of any length has one
+    # segment.
     numbers, state, at_s = [], [], "0"
-    for k in part.p_kinds:
-        memory = _MEMORY[k][0] + b
-        if k.isupper():  # words: place, size
-            start, size = codegen.each(f"_sl_np.int64(C{b}[%d])", (at, at + 1))
+    for letter in part.p_kinds:
+        memory = _MEMORY[letter][0] + suffix
+        if letter.isupper():  # words: place, size
+            start, size = codegen.each(f"_sl_np.int64(C{suffix}[%d])", (at, at + 1))
             numbers.append(f"_sl.array(_sl.at({memory}, {start}), {size})")
             at += 1
         else:
             numbers.append(f"{memory}[{at}]")
         at += 1
-    for k, name in zip(part.s_kinds, fields(part.s_type), strict=True):
-        memory = _MEMORY[k][1] + b
-        if k.isupper():
-            size = f"z{b}_{name}"
-            lines.append(f"{size} = _sl_np.int64(C{b}[{at}])")
+    for letter, name in zip(part.s_kinds, fields(part.s_type), strict=True):
+        memory = _MEMORY[letter][1] + suffix
+        if letter.isupper():
+            size = f"z{suffix}_{name}"
+            lines.append(f"{size} = _sl_np.int64(C{suffix}[{at}])")
             state.append(f"_sl.array(_sl.at({memory}, {at_s}), {size})")
             at_s += f" + {size}"
             at += 1
         else:
             state.append(f"{memory}[{at_s}]")
-            after.append(f"{memory}[{at_s}] = s{b}.{name}")
+            after.append(f"{memory}[{at_s}] = s{suffix}.{name}")
             at_s += " + 1"
-    lines.append(f"p{b} = {codegen.record(f'_sl_P{kind}', numbers)}")
-    lines.append(f"s{b} = {codegen.record(f'_sl_S{kind}', state)}")
+    lines.append(f"p{suffix} = {codegen.record(f'_sl_P{kind}', numbers)}")
+    lines.append(f"s{suffix} = {codegen.record(f'_sl_S{kind}', state)}")
     slots = range(slot, slot + len(part.signals))
-    lines += codegen.each(f"%s{b} = _sl.array(_sl.at(W, A[%d]), n)", part.signals, slots)
+    lines += codegen.each(f"%s{suffix} = _sl.array(_sl.at(W, A[%d]), n)", part.signals, slots)
     if part.cls.tile and part.cls.work:
-        size = f"_sl_np.int64(C{b}[{at}])"
-        lines.append(f"w{b} = _sl.array(_sl.at(W, A[{_scratch(form)}]), {size})")
+        size = f"_sl_np.int64(C{suffix}[{at}])"
+        lines.append(f"w{suffix} = _sl.array(_sl.at(W, A[{_scratch(form)}]), {size})")
 
 
 def _scratch(form: Form) -> int:
@@ -265,9 +284,12 @@ the segment of white noise alone, whose address and words are in A.
 
 def _run(form: Form) -> list[str]:
     """Return source lines that run a step or tile in the fastest possible way."""
-    f: Any = form.cls.tile or form.cls.step
+    code: Any = form.cls.tile or form.cls.step
     inputs, numbers = form.inputs, (form.p_type, form.p_kinds)
     slots = codegen.each("_sl.at(W, A[%d])", range(len(form.parts) * len(form.signals)))
+    # From the fastest way to the one that always works. A tile is what its author wrote
+    # for this; then vectors along the samples, two blocks in two lanes, and last a loop
+    # over a step.
     if noise_behind(form):
         return NOISE_BEHIND.format(*range(_scratch(form) - 4, _scratch(form))).strip().splitlines()
     if form.cls.tile:
@@ -280,29 +302,31 @@ def _run(form: Form) -> list[str]:
         and not form.s_kinds
         and form.p_kinds == form.p_kinds.lower()
     )
-    if flat and lanes.in_vectors(f, *numbers, inputs):
+    if flat and lanes.in_vectors(code, *numbers, inputs):
         x = "".join(codegen.each("%s, ", slots[:inputs]))
         return [f"_sl.steps(_sl_block, p, ({x}), {slots[inputs]}, n)"]
-    if form.beside and lanes.go_abreast(f, *numbers, form.s_type, form.s_kinds, inputs):
-        x, x1 = (f"({', '.join(slots[k : k + inputs])},)" for k in (0, inputs + 1))
+    if form.beside and lanes.go_abreast(code, *numbers, form.s_type, form.s_kinds, inputs):
+        x, x1 = (f"({', '.join(slots[start : start + inputs])},)" for start in (0, inputs + 1))
         pairs = f"(p, p1), (s, s1), ({x}, {x1}), ({slots[inputs]}, {slots[-1]})"
         return [f"s, s1 = _sl.abreast(_sl_one, {pairs.replace('(,)', '()')}, n)"]
+    # Two blocks that cannot go in lanes share the loop as they are: each still runs
+    # while the other waits for its last sample.
     before, lines = [], []
-    for b, part in zip(["", "1"], form.parts, strict=False):
-        samples = codegen.each(f"%s{b}[i]", form.signals)
-        for j, constant in enumerate(part.fixed):
+    for suffix, part in zip(["", "1"], form.parts, strict=False):
+        samples = codegen.each(f"%s{suffix}[i]", form.signals)
+        for signal, constant in enumerate(part.fixed):
             if constant:
-                before.append(f"c{j}{b} = x{j}{b}[0]")
-                samples[j] = f"c{j}{b}"
-        for j, listened in enumerate(form.read, inputs):
+                before.append(f"c{signal}{suffix} = x{signal}{suffix}[0]")
+                samples[signal] = f"c{signal}{suffix}"
+        for signal, listened in enumerate(form.read, inputs):
             if not listened:
-                samples[j] = "_sl_unread"
+                samples[signal] = "_sl_unread"  # a variable: what nobody reads, LLVM leaves out
         made = codegen.several(samples[inputs:], bool(form.cls.outputs))
-        run = codegen.call("_sl_block", f"p{b}", f"s{b}", *samples[:inputs])
-        lines += [f"{made}, s{b} = {run}", *form.warm(f"s{b}")]
+        run = codegen.call("_sl_block", f"p{suffix}", f"s{suffix}", *samples[:inputs])
+        lines += [f"{made}, s{suffix} = {run}", *form.warm(f"s{suffix}")]
     return [*before, "for i in range(n):", *codegen.indented(lines)]
 
 
-def kinds(t: Any) -> str:
+def kinds(numbers: Any) -> str:
     """Return the kinds of fields as letters."""
-    return "".join(kind(v) for v in t)
+    return "".join(kind(field) for field in numbers)

@@ -9,20 +9,28 @@ from stimlib.targets.llvm.values import Value, exported
 
 
 @known
-def take(w, p):
-    """Return the number at p and add one to it, atomically."""
-    return Value(w.b.atomic_rmw("add", p.v, I64(1), "monotonic"), "i8", True)
+def take(walk, place):
+    """Return the number at a place and add one to it, atomically."""
+    return Value(walk.b.atomic_rmw("add", place.v, I64(1), "monotonic"), "i8", True)
 
 
 @exported("void", "i8*", "i8", "i8*", "f8*", "i8", "i8", "f8*", "i8", "i8")
-def process(contexts, copies, turn, x, motions, of_x, y, of_y, n):
-    """Run copies until none is left, for n samples.
+def process(contexts, copies, turn, motion, motions, per_motion, output, per_copy, count):
+    """Run copies until none is left, for count samples.
 
-    There are so many motions of of_x numbers each, and of_y numbers of each copy's
-    outputs.
+    There are so many motions of per_motion numbers each, and per_copy numbers of each
+    copy's outputs.
     """
-    k = take(turn)
-    while k < copies:
-        ctx = i8_at(contexts[k])
-        run(ctx[16], ctx, at(x, k % motions * of_x), at(y, k * of_y), n)
-        k = take(turn)
+    # who is ready takes the next: parallel loops divide the copies in advance, so that
+    # one with an open gate delays all others of its share
+    copy = take(turn)
+    while copy < copies:
+        ctx = i8_at(contexts[copy])
+        run(
+            ctx[16],
+            ctx,
+            at(motion, copy % motions * per_motion),
+            at(output, copy * per_copy),
+            count,
+        )
+        copy = take(turn)
