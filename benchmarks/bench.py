@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from stimlib.speed.timing import interleaved, machine, medians, ratio
+from timing import interleaved, machine, medians, ratio
 
 RESULTS = Path(__file__).parent / "results"
 Job = Callable[[], object]

@@ -11,12 +11,12 @@ from math import pi
 
 import numpy as np
 from bench import TIMES, Row, compared, main, row, under
+from timing import interleaved, medians, ratio
 
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import bump
 from stimlib.scenes.bumps import bumps
-from stimlib.speed.timing import interleaved, medians, ratio
 
 FS, N, BLOCK, CHUNK = 8000, 1 << 18, 8192, 16384  # numpy is fastest in chunks of 16384
 NB, DUTY, A, FREQ = 18, 0.5, 4.0, 158.0

@@ -5,7 +5,7 @@ same, and against the core's limit.
     python benchmarks/chain.py --record    and keep the figures in results/chain.csv
 
 Peers: numpy + scipy in the chunk and the form that is fastest here
-(stimlib.speed.chain), the JAX target; Faust where faust and g++ are installed;
+(noise_chain.py), the JAX target; Faust where faust and g++ are installed;
 pyplnoise, colorednoise, pedalboard and pyo where Python finds them, each for what it
 can express.  The limit is the time of as many independent FMAs as a stage has
 operations.
@@ -22,10 +22,7 @@ from pathlib import Path
 import faust
 import numpy as np
 from bench import TIMES, Row, compared, main, row, under
-
-import stimlib
-from stimlib.scenes import squeeze
-from stimlib.speed.chain import (
+from noise_chain import (
     F_LOW,
     FS,
     SAMPLES,
@@ -36,8 +33,11 @@ from stimlib.speed.chain import (
     puller,
     stages,
 )
-from stimlib.speed.peak import peak
-from stimlib.speed.timing import fastest, interleaved, medians, ratio
+from peak import peak
+from timing import fastest, interleaved, medians, ratio
+
+import stimlib
+from stimlib.scenes import squeeze
 
 Job = Callable[[], object]
 OURS, LIMIT = "stimlib", "as many FMAs"

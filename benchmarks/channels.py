@@ -12,12 +12,12 @@ from functools import partial
 
 import numpy as np
 from bench import NS, TIMES, Row, main, row
+from noise_chain import FS, movements
+from timing import interleaved, medians, ratio
 
 import stimlib
 from stimlib.run.processor import Copies, Processor
 from stimlib.scenes import squeeze
-from stimlib.speed.chain import FS, movements
-from stimlib.speed.timing import interleaved, medians, ratio
 
 COPIES, SAMPLES = 64, 1 << 14
 

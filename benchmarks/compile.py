@@ -18,9 +18,9 @@ import tempfile
 from functools import partial
 
 from bench import Row, main, row
+from timing import interleaved, medians
 
 from stimlib.scenes import SHIPPED
-from stimlib.speed.timing import interleaved, medians
 
 CODE = """
 import tempfile

@@ -17,9 +17,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from noise_chain import FS, design
 from scipy import signal
-
-from stimlib.speed.chain import FS, design
 
 FAUST = "faust -double -lang cpp -vec -vs 1024 -lv 0 -mcd 256".split()
 GCC = "g++ -O3 -march=native -ffast-math -shared -fPIC".split()

@@ -22,6 +22,7 @@ from bench import Job, Row, options, row, save
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
+from timing import interleaved, machine, medians
 
 import stimlib
 from stimlib import Input, Scene
@@ -29,7 +30,6 @@ from stimlib.blocks import first_order
 from stimlib.experiments.fits import psychometrics
 from stimlib.motion.generators import minimum_jerk, sinusoid
 from stimlib.scenes import squeeze
-from stimlib.speed.timing import interleaved, machine, medians
 from stimlib.sweep import grid
 from stimlib.sweep.rows import table_of
 from stimlib.sweep.study import planned

@@ -18,11 +18,11 @@ import time
 import jax
 import numpy as np
 from bench import NS, TIMES, compared, options, row, save, under
+from noise_chain import FS, SAMPLES, fastest_peer, movements, puller, stages
+from timing import interleaved, machine, medians, ratio
 
 import stimlib
 from stimlib.scenes import bumps, squeeze, viscoelastic
-from stimlib.speed.chain import FS, SAMPLES, fastest_peer, movements, puller, stages
-from stimlib.speed.timing import interleaved, machine, medians, ratio
 
 PRECISIONS = ("float64", "float32")
 BATCHES = {"cpu": {64: 8192, 1024: 1024}}  # channels: samples of each

@@ -16,13 +16,13 @@ from collections.abc import Callable
 
 import numpy as np
 from bench import TIMES, Row, main, row
+from noise_chain import FS, caller, movements
 from numba import njit
+from timing import interleaved, medians, ratio
 
 import stimlib
 from stimlib.run.processor import Processor
 from stimlib.scenes import squeeze
-from stimlib.speed.chain import FS, caller, movements
-from stimlib.speed.timing import interleaved, medians, ratio
 
 # of a job, by the samples of a call: a jump back to its beginning disturbs few of them
 SAMPLES = {1: 10_000, 64: 64_000}

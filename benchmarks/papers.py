@@ -26,8 +26,8 @@ from typing import Any
 
 import numpy as np
 from bench import options
+from timing import machine
 
-from stimlib.speed.timing import machine
 from stimlib.system.progress import progress
 
 ROOT = Path(__file__).parents[1]

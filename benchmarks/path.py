@@ -18,11 +18,11 @@ from functools import partial
 
 import numpy as np
 from bench import TIMES, Row, main, row
+from noise_chain import BLOCK, FS, puller
+from timing import interleaved, medians, ratio
 
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
-from stimlib.speed.chain import BLOCK, FS, puller
-from stimlib.speed.timing import interleaved, medians, ratio
 
 SECONDS, HAND = 3600, minimum_jerk(0.02)
 RENDER = (

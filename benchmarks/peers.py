@@ -34,11 +34,11 @@ from bench import RESULTS, Row, options, row, save
 from contract import KNOTS, ROWS, TABLE, VALUES
 from export import COMPILERS, job
 from scipy import ndimage, signal
+from timing import interleaved, machine, medians, ratio
 
 import stimlib
 from stimlib import Input, Scene, blocks as b
 from stimlib.export import export_c
-from stimlib.speed.timing import interleaved, machine, medians, ratio
 
 N, BLOCK, FS = 1 << 14, 4096, 8000.0
 CC = {n: COMPILERS[n] for n in ("gcc -O3 native",) if shutil.which("gcc")}

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 from bench import Row, compared, main, row, under
+from timing import interleaved, medians
 
 import stimlib
 from stimlib import Input, Scene, blocks as b
 from stimlib.plate import Finger, Plate, plate
-from stimlib.speed.timing import interleaved, medians
 
 FS, N = 8000, 1 << 15
 T = np.arange(N) / FS

@@ -29,6 +29,7 @@ import numpy as np
 from bench import Row, options, save
 from faults import scaled
 from matplotlib.figure import Figure
+from timing import machine
 
 import stimlib
 from stimlib import Input, Scene, blocks as b
@@ -42,7 +43,6 @@ from stimlib.checks.power import KINDS, Shows
 from stimlib.motion.generators import constant_speed, minimum_jerk, sinusoid
 from stimlib.motion.text import parse_motion
 from stimlib.scenes import ROWS, SHIPPED, bumps, soft_surface, squeeze, viscoelastic
-from stimlib.speed.timing import machine
 
 PICTURES = Path(__file__).parents[1] / "docs" / "pictures"
 SUMMARY = Path(__file__).parents[1] / "docs" / "explanation" / "power.csv"

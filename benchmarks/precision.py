@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from timing import interleaved, machine, medians
 
 from stimlib.analysis.overview import check_place, save
 from stimlib.core.graph import Block, Input
 from stimlib.core.scene import Scene
 from stimlib.errors import UnknownName
 from stimlib.run.processor import compile
-from stimlib.speed.timing import interleaved, machine, medians
 from stimlib.system import safe_files
 from stimlib.system.progress import progress
 

@@ -15,10 +15,10 @@ import numpy as np
 from bench import Row, main, row
 from scipy.optimize import minimize
 from scipy.special import log_ndtr, ndtr, ndtri
+from timing import interleaved, medians
 
 from stimlib.experiments.fits import psychometric, psychometrics
 from stimlib.experiments.likelihood import Sets, maximum
-from stimlib.speed.timing import interleaved, medians
 
 FITS, LEVELS, ASKED = 32, np.geomspace(0.9, 5.0, 22), 5
 

@@ -28,6 +28,7 @@ from typing import NamedTuple
 import numpy as np
 from bench import Row, options, save
 from scipy.optimize import brentq
+from timing import machine
 
 from stimlib.experiments import (
     Answer,
@@ -41,7 +42,6 @@ from stimlib.experiments.fits import Fit
 from stimlib.experiments.goodness import allowed, dispersion
 from stimlib.experiments.likelihood import PROBIT, Model, Sets, curve, maximum
 from stimlib.experiments.trial import Design
-from stimlib.speed.timing import machine
 
 DOCS = Path(__file__).parents[1] / "docs" / "explanation"
 TRIALS, BLOCK, SEED = 140, 20, 1

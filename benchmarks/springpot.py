@@ -19,11 +19,11 @@ import mpmath
 import numpy as np
 from bench import NS, TIMES, options, row, save
 from scipy import signal
+from timing import interleaved, machine, medians, ratio
 
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks import springpot
-from stimlib.speed.timing import interleaved, machine, medians, ratio
 
 LD = np.longdouble
 Y = Input("y", "m")

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 from bench import TIMES, Row, main, row
+from timing import interleaved, medians, ratio
 
 import stimlib
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
-from stimlib.speed.timing import interleaved, medians, ratio
 from stimlib.sweep import grid, sweep
 from stimlib.sweep.plan import row_keys
 from stimlib.sweep.rows import table_of

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from bench import TIMES, Row, main, row, under
+from timing import interleaved, medians, ratio
 
 import stimlib
 from stimlib import Input, Scene
@@ -22,7 +23,6 @@ from stimlib.blocks import delay, exp, loop
 from stimlib.core import maths
 from stimlib.core.graph import Block
 from stimlib.core.maths import flush, settle
-from stimlib.speed.timing import interleaved, medians, ratio
 
 FS, N, BLOCK = 8000, 1 << 16, 1024
 

@@ -14,11 +14,11 @@ from collections.abc import Callable
 import numpy as np
 from bench import Row, compared, main, row, under
 from scipy import signal
+from timing import interleaved, medians
 
 import stimlib
 from stimlib import Block, Input, Scene, blocks as b, constant
 from stimlib.design.texture import made_up
-from stimlib.speed.timing import interleaved, medians
 
 FS, N, BLOCK = 8000, 1 << 16, 4096
 X, F = Input("x"), Input("f", "Hz")

@@ -161,7 +161,7 @@ COMMANDS = {
     for more, made in getattr(command, "commands", {"": command}).items()
 }
 NEEDED = {"--out": "a.wav", "--participant": "P01", "--jnd": "1", "--pse": "1"}
-ALONE = "demo", "devices", "list", "bench", "render-set", "schema"  # they read no file of a user
+ALONE = "demo", "devices", "list", "render-set", "schema"  # they read no file of a user
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -171,7 +171,6 @@ MISSING = {
         "soft.film(result, 'a.gif')": "a film",
         "soft.image('a.png', width=0.01)": "a map from a picture",
         "psychometric([1, 2, 3], [1, 5, 9], [10] * 3).plot()": "a picture",
-        "bench.picture([], 'a.png')": "a picture",
         "relaxed().plot('a.png')": "a picture",
     },
     "fit": {
@@ -206,7 +205,6 @@ sys.modules |= dict.fromkeys(sum(map(list, EXTRAS.values()), []))
 import stimlib, stimlib.demo, stimlib.sweep
 from stimlib import plate, soft
 from stimlib.experiments import mixed, psychometric, to_pandas
-from stimlib.speed import bench
 def relaxed():
     from stimlib.fitting import fit_generalized_maxwell
     t = np.linspace(0.0, 1.0, 60)

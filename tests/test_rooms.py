@@ -11,7 +11,7 @@ from pathlib import Path
 STIMLIB = Path(__file__).parents[1] / "stimlib"
 ROOMS = (
     "errors version above system core design blocks targets motion run plate soft scenes export"
-    " files devices fitting analysis checks sweep experiments demo speed live cli"
+    " files devices fitting analysis checks sweep experiments demo live cli"
 )
 ORDER = [*ROOMS.split(), "__main__"]
 MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in STIMLIB.rglob("*.py")}

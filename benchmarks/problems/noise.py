@@ -7,6 +7,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from noise_chain import puller
 from precision import Method, Problem, Signal, apart, on, own, response
 from scipy import signal
 
@@ -14,7 +15,6 @@ from stimlib.blocks import differentiator, pinking, white_noise
 from stimlib.core.scene import Scene
 from stimlib.design.filters import differentiator_order, differentiator_taps
 from stimlib.design.noise import NoiseDesign, noise_modes
-from stimlib.speed.chain import puller
 
 FS, SAMPLES = 8000.0, 1 << 16
 LONG = 1 << 18  # of an impulse response: 33 s, for poles below 0.1 Hz

@@ -14,7 +14,6 @@ from . import (  # noqa: I001  each adds its commands, in the order of --help
     experiments,
     verify,
     scenes,
-    speed,
     schemas,
 )
 from .app import app
@@ -30,6 +29,5 @@ __all__ = [
     "verify",
     "schemas",
     "scenes",
-    "speed",
     "sweeps",
 ]

@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import signal
+from timing import fastest
 
-from ..blocks import differentiator, pink_noise, pinking, white_noise
-from ..core.graph import Block, Input
-from ..core.scene import Scene
-from ..design.filters import differentiator_taps
-from ..design.noise import noise_modes
-from ..run.processor import Processor, compile
-from .timing import fastest
+from stimlib.blocks import differentiator, pink_noise, pinking, white_noise
+from stimlib.core.graph import Block, Input
+from stimlib.core.scene import Scene
+from stimlib.design.filters import differentiator_taps
+from stimlib.design.noise import noise_modes
+from stimlib.run.processor import Processor, compile
 
 Job = Callable[[], object]
 FS, BLOCK, SAMPLES = 8000.0, 8192, 1 << 19
@@ -43,21 +43,13 @@ class Stage(NamedTuple):
     scene: Scene
     peers: dict[str, Job]
     operations: float
-    """Operations per sample; ``stimlib.speed.peak.peak(operations * samples)`` is the
-    limit.
-    """
+    """Operations per sample; ``peak(operations * samples)`` is the limit."""
 
 
 def design() -> tuple[np.ndarray, np.ndarray]:
     """Return the sections (n, 6) and taps (129,) that all peers use.
 
     The sections are those of the pink filter, and the taps those of the differentiator.
-
-    Examples
-    --------
-    >>> from stimlib.speed.chain import design
-    >>> [part.shape for part in design()]
-    [(3, 6), (129,)]
     """
     m = noise_modes(FS, F_LOW, TOL_DB)
     poles = 1 - m.e
@@ -77,13 +69,6 @@ class Peer:
         Samples at a time, a multiple of 64.
     way : str
         One of ``WAYS``.
-
-    Examples
-    --------
-    >>> from stimlib.speed.chain import Peer
-    >>> peer = Peer(4096, "matrix")
-    >>> peer.fir(peer.pink(peer.white())).shape
-    (4096,)
     """
 
     def __init__(self, chunk: int, way: str = "convolve"):
@@ -151,13 +136,6 @@ def stages(samples: int = SAMPLES) -> dict[str, Stage]:
     dict of str to Stage
         Each peer with all chunk lengths (and all ways to run the taps);
         ``fastest_peer`` finds the best.
-
-    Examples
-    --------
-    >>> from stimlib.speed.chain import stages
-    >>> [(name, len(stage.peers)) for name, stage in stages().items()]
-    [('white noise', 5), ('pink filter', 5), ('pink noise', 5), ('differentiator', 15),
-     ('noise chain', 15)]
     """
     x, given = Input("x"), np.random.default_rng(0).standard_normal(max(CHUNKS))
     lengths = [c for c in CHUNKS if c <= samples]
@@ -211,22 +189,7 @@ def stages(samples: int = SAMPLES) -> dict[str, Stage]:
 
 
 def fastest_peer(stage: Stage, rounds: int = 3) -> dict[str, Job]:
-    """Return the fastest peer of a stage on this machine, under its name.
-
-    Examples
-    --------
-    >>> from stimlib.speed.chain import Stage, fastest_peer
-    >>> list(
-    ...     fastest_peer(
-    ...         Stage(
-    ...             None,
-    ...             {"slow": lambda: sum(range(100000)), "quick": lambda: None},
-    ...             1.0,
-    ...         )
-    ...     )
-    ... )
-    ['quick']
-    """
+    """Return the fastest peer of a stage on this machine, under its name."""
     name = fastest(stage.peers, rounds)
     return {name: stage.peers[name]}
 
@@ -246,12 +209,6 @@ def puller(
     samples : int
     fs : float
         In Hz.
-
-    Examples
-    --------
-    >>> import stimlib
-    >>> from stimlib.speed.chain import puller
-    >>> puller(stimlib.Scene({"y": 2 * stimlib.Input("x")}), samples=100)()
     """
     proc = compile(scene, fs)
     x = np.zeros((1, samples)) if x is None else np.atleast_2d(x)
@@ -272,14 +229,7 @@ def puller(
 
 
 def movements(samples: int = SAMPLES, fs: float = FS) -> dict[str, np.ndarray]:
-    """Return positions in m for a gate that is open, open in bursts, or closed.
-
-    Examples
-    --------
-    >>> from stimlib.speed.chain import movements
-    >>> [(name, float(x.max())) for name, x in movements(8001).items()]
-    [('gate open', 0.1), ('0.5 s bursts', 0.05), ('gate closed', 0.0)]
-    """
+    """Return positions in m for a gate that is open, open in bursts, or closed."""
     t = np.arange(samples) / fs
     return {
         "gate open": 0.1 * t,
@@ -298,15 +248,6 @@ def caller(proc: Processor, x: np.ndarray, n: int) -> Job:
     x : ndarray, shape (n_inputs, samples)
     n : int
         Samples per call.
-
-    Examples
-    --------
-    >>> import numpy as np, stimlib
-    >>> from stimlib.speed.chain import caller
-    >>> proc = stimlib.compile(stimlib.Scene({"y": 2 * stimlib.Input("x")}), fs=8000)
-    >>> caller(proc, np.zeros((1, 10)), n=1)()
-    >>> proc.index
-    10
     """
     parts = [np.ascontiguousarray(x[:, a : a + n]) for a in range(0, x.shape[1] - n + 1, n)]
     out, process = np.empty((len(proc.outputs), n)), proc.process

@@ -37,18 +37,6 @@ def interleaved(
     -------
     dict of str to list of float
         In s, shape (rounds,) for each job.
-
-    Examples
-    --------
-    >>> from stimlib.speed.timing import interleaved
-    >>> order = []
-    >>> times = interleaved(
-    ...     {"a": lambda: order.append("a"), "b": lambda: order.append("b")},
-    ...     rounds=2,
-    ...     warm_up=1,
-    ... )
-    >>> "".join(order), len(times["a"])
-    ('ababab', 2)
     """
     for _ in range(warm_up):
         for job in jobs.values():
@@ -63,14 +51,7 @@ def interleaved(
 
 
 def medians(times: Times) -> dict[str, float]:
-    """Return the median time of each job in s.
-
-    Examples
-    --------
-    >>> from stimlib.speed.timing import medians
-    >>> medians({"a": [1.0, 9.0, 2.0]})
-    {'a': 2.0}
-    """
+    """Return the median time of each job in s."""
     return {name: statistics.median(t) for name, t in times.items()}
 
 
@@ -78,12 +59,6 @@ def ratio(times: Times, slow: str, fast: str) -> float:
     """Return the ratio of the times that two jobs took.
 
     It is the median of the ratios within a round.
-
-    Examples
-    --------
-    >>> from stimlib.speed.timing import ratio
-    >>> ratio({"a": [2.0, 20.0, 3.0], "b": [1.0, 10.0, 1.0]}, "a", "b")
-    2.0
     """
     return statistics.median(a / b for a, b in zip(times[slow], times[fast], strict=True))
 
@@ -92,26 +67,13 @@ def fastest(jobs: Jobs, rounds: int = 3) -> str:
     """Return the name of the job with the shortest time.
 
     Use it to choose the variant of a peer to compare with.
-
-    Examples
-    --------
-    >>> from stimlib.speed.timing import fastest
-    >>> fastest({"long": lambda: sum(range(100000)), "short": lambda: None})
-    'short'
     """
     times = interleaved(jobs, rounds, 1)
     return min(times, key=lambda name: min(times[name]))
 
 
 def machine() -> str:
-    """Return one line that describes processor, Python and relevant versions.
-
-    Examples
-    --------
-    >>> from stimlib.speed.timing import machine
-    >>> "; Python 3." in machine() and "numpy" in machine()
-    True
-    """
+    """Return one line that describes processor, Python and relevant versions."""
     model = platform.processor() or platform.machine()
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()

@@ -1,1 +1,0 @@
-"""Speed on this machine: the noise chain, numpy + scipy, and the limit of a core."""
