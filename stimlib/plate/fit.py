@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import BadValue, public
 from ..system.packages import package
-from .model import Plate, check_plate
+from .model import Plate
 
 NUMBERS = ("E", "rho", "clamp_stiffness", "in_plane_load")
 
@@ -77,7 +77,6 @@ def fit_frame(
     jax = package("jax", "fit_frame")
     from scipy.optimize import least_squares
 
-    check_plate("fit_frame", model)
     if not isinstance(measured, Mapping) or not all(
         isinstance(k, (int, np.integer)) for k in measured
     ):

@@ -109,10 +109,6 @@ class Plate:
     terms: int | None = None
 
     def __post_init__(self):
-        if not isinstance(self.patches, (tuple, list)):
-            raise BadValue(
-                f"Plate: patches = {self.patches!r:.80} must be a sequence of Patch objects"
-            )
         object.__setattr__(self, "patches", tuple(self.patches))
         self._check_numbers()
         self._check_edges()
@@ -121,9 +117,9 @@ class Plate:
     def _check_numbers(self):
         for name in ("length", "width", "thickness", "E", "rho", "damping"):
             v = getattr(self, name)
-            if not isinstance(v, (int, float)) or not 0 < v < math.inf:
+            if not v > 0:
                 raise BadValue(f"Plate: {name} = {v!r} must be a number above 0")
-        if not isinstance(self.nu, (int, float)) or not -1 < self.nu < 0.5:
+        if not -1 < self.nu < 0.5:
             raise BadValue(f"Plate: nu = {self.nu!r} must be between -1 and 0.5")
         if max(self.length, self.width) > LONGEST or self.E < SOFTEST:
             raise BadValue(
@@ -137,24 +133,16 @@ class Plate:
                 " m: Kirchhoff's theory holds up to a tenth of its sides; give sizes in m"
             )
         k = self.clamp_stiffness
-        if k is not None and not (isinstance(k, (int, float)) and 0 <= k < math.inf):
+        if k is not None and not k >= 0:
             raise BadValue(
                 f"Plate: clamp_stiffness = {k!r} N m/rad/m must be 0 or above, or None where the"
                 " edge cannot turn"
             )
-        if not isinstance(self.in_plane_load, (int, float)) or not math.isfinite(
-            self.in_plane_load
-        ):
-            raise BadValue(
-                f"Plate: in_plane_load = {self.in_plane_load!r} must be a number, in N/m"
-            )
-        if self.terms is not None and not (isinstance(self.terms, int) and 4 <= self.terms <= 40):
+        if self.terms is not None and not 4 <= self.terms <= 40:
             raise BadValue(f"Plate: terms = {self.terms!r} must be from 4 to 40")
-        if not all(isinstance(p, Patch) for p in self.patches):
-            raise BadValue("Plate: patches must be Patch objects")
 
     def _check_edges(self):
-        if not isinstance(self.edges, str) or len(self.edges) != 4 or set(self.edges) - set(HELD):
+        if len(self.edges) != 4 or set(self.edges) - set(HELD):
             raise BadValue(
                 f"Plate: edges = {self.edges!r} must be four letters, for x = 0, y = 0, x = length,"
                 " y = width: C clamped, S simply supported, F free"
@@ -523,12 +511,6 @@ def _place(at, name: str, more: str = "") -> tuple[float, float]:
             f"Plate: {name} = {at!r:.60} must be a place (x, y) in m from the plate's corner{more}"
         ) from None
     return x, y
-
-
-def check_plate(who: str, model: Any) -> None:
-    """Raise BadValue unless an object is a plate."""
-    if not isinstance(model, Plate):
-        raise BadValue(f"{who}: model = {model!r:.80} must be a Plate, such as Plate.paper()")
 
 
 def check_places(plate: Plate) -> None:

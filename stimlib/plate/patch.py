@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Protocol
 
 from ..errors import BadValue, public
@@ -103,15 +103,10 @@ class Patch:
     highest: float = math.inf
 
     def __post_init__(self):
-        for f in fields(self):
-            v = getattr(self, f.name)
-            free = f.name in ("lowest", "highest")  # which may be without bound
-            if not isinstance(v, (int, float)) or not (
-                math.isfinite(v) or (free and not math.isnan(v))
-            ):
-                raise BadValue(f"Patch: {f.name} = {v!r} must be a number")
-            if f.name in ("length", "width", "thickness", "E", "cover_E") and not 0 < v < math.inf:
-                raise BadValue(f"Patch: {f.name} = {v!r} must be above 0")
+        for name in ("length", "width", "thickness", "E", "cover_E"):
+            v = getattr(self, name)
+            if not v > 0:
+                raise BadValue(f"Patch: {name} = {v!r} must be above 0")
         if abs(self.d31) > STRONGEST or self.thickness > min(self.length, self.width):
             raise BadValue(
                 f"Patch: d31 = {self.d31:g} m/V and {self.thickness:g} m through of {self.length:g}"

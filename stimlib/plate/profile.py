@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import BadValue, public
-from .model import Plate, check_plate
+from .model import Plate
 
 KAPPAS = np.geomspace(2.0, 200.0, 9)
 FINE = 65  # places of the table
@@ -70,7 +70,6 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
     >>> equalize(x, (knots, measured), signal=v, kind=mode_fit(plate, origin=0.053)).dim
     unit('V')
     """
-    check_plate("mode_fit, to be called as in kind=mode_fit(model)", model)
     y = model.width / 2 if y is None else y
     _check_line(model, y, clamp)
     fitted = clamp == "fit" and "C" in (model.edges[0], model.edges[2])

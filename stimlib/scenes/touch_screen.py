@@ -18,7 +18,7 @@ from ..core.parameter import Param
 from ..core.pointwise import nonzero
 from ..core.scene import Scene
 from ..errors import BadValue, outside
-from ..plate.model import Plate, check_plate
+from ..plate.model import Plate
 from ..plate.profile import SHIFT, mode_fit
 from ..plate.vibrate import Finger, plate
 from .bumps import pad
@@ -117,7 +117,6 @@ def touch_screen(
     """
     above_zero("touch_screen", bumps=bumps, length=length, gain=gain)
     glass = Plate.paper(measured=True) if model is None else model
-    check_plate("touch_screen", glass)
     resonance, origin, y = glass.carrier(), (glass.length - length) / 2, glass.width / 2
     _check_model(glass, length, resonance)
     profile = length * KNOTS, np.abs(glass.shape(0, origin + length * KNOTS, y))
