@@ -6,7 +6,7 @@ An observer is called with a trial and a random generator.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from numbers import Integral
@@ -390,11 +390,6 @@ def simulate(
     >>> fit.problems, 105 < fit.pse < 130
     ((), True)
     """
-    if isinstance(participants, str) or not isinstance(participants, Integral | Iterable):
-        raise BadValue(
-            f"simulate: participants = {participants!r} must be how many, or a list of codes such"
-            " as ['P01']"
-        )
     codes = (
         [f"P{k + 1:02d}" for k in range(participants)]
         if isinstance(participants, Integral)

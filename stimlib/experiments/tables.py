@@ -40,8 +40,6 @@ def grouped(columns: Columns, by: Sequence[str]) -> dict[tuple[Any, ...], dict[s
     >>> grouped({"who": ["a", "b", "a"], "level": [1, 2, 3]}, ["who"])
     {('a',): {'who': ['a', 'a'], 'level': [1, 3]}, ('b',): {'who': ['b'], 'level': [2]}}
     """
-    if isinstance(by, str):
-        raise BadValue(f"by = {by!r} must be a list of columns: [{by!r}]")
     need("grouped", by, columns)
     rows = {str(name): list(columns[name]) for name in columns}
     if len({len(column) for column in rows.values()}) > 1:

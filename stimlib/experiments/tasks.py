@@ -105,14 +105,6 @@ class TwoInterval:
     asks_less: bool = False
     detection: bool | None = None
 
-    def __post_init__(self):
-        for name in ("standard", "comparison"):
-            if not isinstance(v := getattr(self, name), Stimulus):
-                raise BadValue(
-                    f"TwoInterval {self.condition!r}: {name} = {v!r:.80} must be a Stimulus, such"
-                    " as Stimulus('spring')"
-                )
-
     @property
     def chance(self) -> float | None:
         """Chance level: 0.5 for a detection, None for a comparison."""
