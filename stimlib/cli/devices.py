@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from contextlib import nullcontext
 from dataclasses import asdict
-from itertools import count
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
@@ -15,6 +13,7 @@ from .. import files
 from ..devices import available
 from ..errors import BadValue, FaultError, SinkError
 from ..system.progress import compiling, progress
+from ..system.safe_files import unused
 from . import options as opt
 from .app import Output, command, end, errors, failed, note, print_json, say
 from .motions import given, motions_of, streamed
@@ -274,21 +273,12 @@ def play(
                 how["motion"] = motions(scene_, contact=touching(scene))[0]
             elif scene_.inputs.keys() != made.inputs.keys():
                 how["motion"] = streamed(rows, scene_, motions, limits_of, silence)
-            how |= {"params": params_of(there, scene_), "log": _free(log)}
+            how |= {"params": params_of(there, scene_), "log": log and unused(log)}
             sessions.append(playing.crossfade(scene_, new, seconds=left, **how))
             return "plays"
 
         reloaded = watched.reloaded(played) if watch else nullcontext()
         _played(sessions, place, length, quiet, reloaded)
-
-
-def _free(log: Any) -> Path | None:
-    """Return the folder of the next log beside a log, such as monday-2.stimlog."""
-    if log is None:
-        return None
-    path = Path(log)
-    names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in count(2))
-    return next(p for p in names if not p.exists())
 
 
 def _played(

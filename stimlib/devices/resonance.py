@@ -155,7 +155,7 @@ def record_sweep(
     158.0 Hz, q = 10.0
     """
     amplitude = full_scale if amplitude is None else amplitude
-    _check(sink, full_scale, amplitude, rest, band, channels, points)
+    _check(full_scale, amplitude, rest, band, channels, points)
     places = [None] if points is None else list(np.atleast_1d(points))
     if not places or (len(places) > 1 and ready is None):
         raise BadValue(
@@ -204,7 +204,6 @@ def record_sweep(
 
 
 def _check(
-    sink: Any,
     full_scale: Any,
     amplitude: Any,
     rest: float,
@@ -226,11 +225,6 @@ def _check(
         raise BadValue(
             f"record_sweep: band = {band!r} must be two frequencies in Hz, and channels ="
             f" {channels!r} have the drive"
-        )
-    if not callable(sink):
-        raise BadValue(
-            f"record_sweep: sink = {sink!r:.60} must be what makes one, such as the class JackSink"
-            " itself"
         )
     if points is not None and np.ndim(points) == 0:
         raise BadValue(

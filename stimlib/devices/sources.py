@@ -178,11 +178,6 @@ class Signal:
     offset: float = 0.0
     connect: str | None = None
 
-    def __post_init__(self):
-        for name in ("scale", "offset"):
-            if not np.isfinite(float(getattr(self, name))):
-                raise BadValue(f"Signal: {name} = {getattr(self, name)} must be finite")
-
 
 @public
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from ..devices.sources import Live
 from ..errors import BadValue, SinkError, StimlibError, need
 from ..run.processor import compile
 from ..run.safety import Safety, protect
+from ..system.safe_files import unused
 from .describe import Range, description, full_scales, ranges_of
 from .inputs import SMOOTH, Inputs
 from .protocol import GRACE, HEAD, MESSAGE, PAGES, REPORTS, VERSION, message, samples
@@ -502,8 +503,7 @@ class Stream:
 
     def _new_folder(self) -> Path:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-        names = [f"live-{stamp}{more}.stimlog" for more in ("", *(f"-{k}" for k in range(2, 100)))]
-        return next(p for p in (self.folder / name for name in names) if not p.exists())
+        return unused(self.folder / f"live-{stamp}.stimlog")
 
     # The sink's thread ----------------------------------------------------------------
     def _feed(self, at: int, n: int) -> NDArray[np.float64]:

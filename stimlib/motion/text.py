@@ -48,8 +48,6 @@ def parse_motion(text: str) -> Motion:
     ... ).tolist()
     [0.0, 0.01]
     """
-    if not isinstance(text, str):
-        raise BadValue(f"a motion must be given as text, got {shortened(text)}. {_usage()}")
     if len(text) > MAX_SPEC:
         raise BadValue(
             f"a motion of {len(text)} characters is too long, {MAX_SPEC} at most. {_usage()}"
@@ -159,8 +157,6 @@ def pairs(items: Iterable[str], what: str, form: str) -> dict[str, str]:
 
     BadValue is raised if a text has another form, or a name occurs twice.
     """
-    if isinstance(items, str):
-        raise BadValue(f"{what}: give a list of texts, not one text")
     found: dict[str, str] = {}
     for item in items:
         name, _, value = (part.strip() for part in item.partition("="))

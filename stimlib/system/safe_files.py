@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack, suppress
 from importlib import import_module
 from io import FileIO
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -279,6 +280,12 @@ def publish_all(files: Mapping[Any, bytes | str], error: type[StimlibError] = Si
 def part_of(path: Path) -> Path:
     """Return a temporary name beside a file, which no other run has."""
     return path.with_name(f"{path.name}.{os.getpid()}-{secrets.token_hex(4)}.part")
+
+
+def unused(path: Path) -> Path:
+    """Return a path, or the first of NAME-2, NAME-3, .. that is free."""
+    others = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in count(2))
+    return next(p for p in chain([path], others) if not p.exists())
 
 
 def settle(folder: Path) -> None:
