@@ -1,6 +1,7 @@
 """Limits that a user can raise, texts that can be shown, and files that are regular."""
 
 import os
+from contextlib import ExitStack
 
 import pytest
 from refusals import refused
@@ -98,18 +99,19 @@ def test_publishing_follows_no_link_and_waits_for_no_pipe(tmp_path):
 
 
 @pytest.mark.parametrize("windows", [True, False])
-def test_only_windows_removes_an_open_file_when_it_is_closed(tmp_path, monkeypatch, windows):
-    def denied(path):
-        raise PermissionError
+def test_a_lock_file_goes_with_its_lock(tmp_path, monkeypatch, windows):
+    files, unlink = [], os.unlink
 
-    path = tmp_path / "a"
-    path.touch()
-    monkeypatch.setattr(safe_files, "NOFOLLOW", 0 if windows else 1)
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "unlink", denied)
-        safe_files.remove(path)
-    safe_files.sweep(path)
-    assert path.exists() != windows
+    def removed(path):
+        if windows and not files[0].closed:
+            raise PermissionError
+        unlink(path)
+
+    monkeypatch.setattr(os, "unlink", removed)
+    monkeypatch.setattr(safe_files, "NOFOLLOW", 0 if windows else safe_files.NOFOLLOW)
+    with ExitStack() as stack:
+        files.append(safe_files.taken(stack, tmp_path / "a"))
+    assert not (tmp_path / "a").exists()
 
 
 def test_publishing_leaves_what_was_there_where_it_fails(tmp_path):

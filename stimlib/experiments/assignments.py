@@ -116,7 +116,6 @@ def assign(
             if time.monotonic() > until:
                 raise SinkError(f"{path} is in use by another process; try again when it has ended")
             time.sleep(0.02)
-        stack.callback(safe_files.remove, lock)
         new = {"seed": seed, "orders": known, "participants": {}}
         table = _read(path) if os.path.lexists(path) else new
         if (table["seed"], table["orders"]) != (seed, known):

@@ -24,7 +24,6 @@ from .limits import limits
 NOFOLLOW, NONBLOCK = getattr(os, "O_NOFOLLOW", 0), getattr(os, "O_NONBLOCK", 0)
 BINARY = getattr(os, "O_BINARY", 0)
 FAR = 2**40  # a byte of a file that nobody reads, for the locks of Windows
-_closing: set[str] = set()  # to be removed as soon as it is closed
 
 
 def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = SinkError) -> bytes:
@@ -131,20 +130,22 @@ def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) 
 def taken(
     stack: ExitStack, at: str | os.PathLike[str], error: type[StimlibError] = SinkError
 ) -> FileIO | None:
-    """Open a file for this run alone, or return None if another run has it.
+    """Open a lock file for this run alone, or return None if another run has it.
 
-    It stays open until the stack or the process ends.  The name must be one that
-    belongs to stimlib; its bytes stay.  The stack owns the file before it is locked, so
-    that an interrupt at any moment releases it.
+    It stays open until the stack or the process ends; the stack removes it, too.  The
+    stack owns the file before it is locked, so that an interrupt at any moment releases
+    it.
     """
     while True:
         check(at, error)
-        stack.callback(sweep, at)  # after it is closed
+        if not NOFOLLOW:  # Windows removes no file that is open
+            stack.callback(remove, at)
         f = stack.enter_context(open(opened(at, os.O_RDWR | os.O_CREAT, error), "r+b", buffering=0))
         if not held(f.fileno()):
             return None
         with suppress(FileNotFoundError):  # whoever had it just moved or removed it
             if os.path.samestat(os.fstat(f.fileno()), os.lstat(at)):
+                stack.callback(remove, at)
                 return f
 
 
@@ -176,21 +177,8 @@ def held(fd: int) -> bool:
 
 
 def remove(*paths: str | os.PathLike[str]) -> None:
-    """Remove files if they exist; open ones are removed when they are closed."""
-    for path in [os.fspath(p) for p in paths]:
-        try:
-            os.unlink(path)
-        except PermissionError:  # of Windows, where this run has it alone
-            if not NOFOLLOW:
-                _closing.add(path)
-        except OSError:
-            pass
-
-
-def sweep(path: str | os.PathLike[str]) -> None:
-    """Remove a file that could not be removed while it was open."""
-    if os.fspath(path) in _closing:
-        _closing.discard(os.fspath(path))
+    """Remove files if they exist."""
+    for path in paths:
         with suppress(OSError):
             os.unlink(path)
 

@@ -200,7 +200,6 @@ def _turn(place: Path, text: str) -> Iterator[None]:
     with ExitStack() as stack:
         while not _sound(place, _sums(text)) and time.monotonic() < until:
             if safe_files.taken(stack, at):
-                stack.callback(safe_files.remove, at)
                 break
             stack.close()
             time.sleep(0.02)
