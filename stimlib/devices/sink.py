@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..above import above
+from ..core.program import number
 from ..core.scene import Scene
 from ..errors import BadValue, FaultError, MotionError, SinkError, StimlibError, need
 from ..run.processor import compile
@@ -1073,23 +1074,20 @@ class Sink:
 
 
 def _number(what: str, v: Any) -> float:
-    try:
-        number = float(v)
-    except (TypeError, ValueError, OverflowError):
-        raise BadValue(f"{what} = {str(v)[:40]} must be a number") from None
-    if not math.isfinite(number):
-        raise BadValue(f"{what} = {number} must be finite")
-    return number
+    value = number(v, what)
+    if not math.isfinite(value):
+        raise BadValue(f"{what} = {value} must be finite")
+    return value
 
 
 def _samples(what: str, seconds: Any, rate: float) -> int:
     """Convert a time in s to a number of samples."""
-    number = _number(what, seconds)
-    if not 0 <= number * rate < 2**53:
+    value = _number(what, seconds)
+    if not 0 <= value * rate < 2**53:
         raise BadValue(
-            f"{what} = {number:g} must be a time in seconds, at least 0, of less than 2**53 samples"
+            f"{what} = {value:g} must be a time in seconds, at least 0, of less than 2**53 samples"
         )
-    return round(number * rate)
+    return round(value * rate)
 
 
 def _channel_map(channels: Any, outputs: tuple[str, ...]) -> tuple[int, ...]:

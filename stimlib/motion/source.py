@@ -7,13 +7,13 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import cached_property
-from math import inf, isfinite
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core.graph import NUMBERS
+from ..core.program import number
 from ..errors import BadValue, UnknownName, outside, place
 from .generators import GENERATORS
 
@@ -123,12 +123,7 @@ def check_names(what: str, given: Mapping[str, Any], expected: tuple[str, ...], 
 
 def frames_of(seconds: float | None, fs: float) -> int:
     """Return the number of samples in a duration, at least one."""
-    if not isinstance(seconds, NUMBERS):
-        raise BadValue(f"seconds must be a number, got {seconds!r:.80}")
-    try:
-        frames = float(seconds) * fs
-    except OverflowError:
-        frames = inf
+    frames = number(seconds, "seconds") * fs
     if not isfinite(frames) or round(frames) < 1:
         raise BadValue(
             f"seconds must be finite and at least one sample, got {frames / fs:g} s at fs ="
