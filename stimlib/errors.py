@@ -10,6 +10,7 @@ lists what there is.
 import functools
 import importlib
 import inspect
+import math
 import numbers
 import os
 import re
@@ -278,10 +279,12 @@ def _wrong(name: str, where: str, value: Any, hint: Any, endless: bool) -> BadVa
         wrong = BadValue(f"{name}: {where} = {shortened(value)} must be {_words(hint)}")
         if not (_is(value, "Block") and _fits(1, hint) and "blocks" in PUBLIC[name]):
             raise wrong
-    if isinstance(value, int if endless else int | float):
-        if not abs(value) <= sys.float_info.max:
-            finite = isinstance(value, float)
-            what = "is not finite" if finite else "is beyond what a float can hold"
+    if isinstance(value, numbers.Real):
+        try:
+            what = "" if math.isfinite(value) or endless else "is not finite"
+        except OverflowError:
+            what = "is beyond what a float can hold"
+        if what:
             raise BadValue(f"{name}: {where} = {shortened(value)} {what}; give a finite number")
     return wrong
 

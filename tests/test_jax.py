@@ -515,7 +515,7 @@ def test_other_numbers_compile_nothing_anew(monkeypatch):
 @pytest.mark.parametrize(
     ("call", "error", "text"),
     [
-        (dict(params={"b": 1.0}), UnknownName, "no parameter 'b'; this scene has k"),
+        (dict(params={"b": 1.0}), UnknownName, "no parameter 'b'; there are k"),
         (dict(motion={"x": np.ones(3), "z": np.ones(3)}), UnknownName, "no input 'z'"),
         (dict(motion={}), UnknownName, "lacks the input 'x'"),
         (dict(motion=np.ones((2, 3))), BadValue, r"array \(1, n\)"),

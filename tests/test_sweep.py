@@ -258,7 +258,7 @@ def test_bad_rows_are_told_before_the_first_run(rows, error, says):
     [
         ({"measures": []}, BadValue, "needs measures"),
         ({"measures": "loudness"}, UnknownName, "'loudness'; there are rms, peak"),
-        ({"measures": "rms(force9)"}, UnknownName, "'force9'; it has force"),
+        ({"measures": "rms(force9)"}, UnknownName, "'force9'; there are force"),
         ({"measures": "band(20)"}, BadValue, r"write band\(20, 1000\)"),
         ({"measures": "band(1000, 20)"}, BadValue, "lower edge first"),
         ({"measures": "band(20, 1000"}, BadValue, "is no measure"),

@@ -163,8 +163,7 @@ def check_fields(b, schemes: tuple[str, ...] = soe.SCHEMES) -> None:
     check_onset("springpot", getattr(b, "onset", "step"))
     if hasattr(b, "tol"):
         soe.rates(b.tol, 1e6)
-        if b.scheme not in schemes:
-            raise BadValue(f"springpot: scheme = {b.scheme!r}; choose one of {', '.join(METHODS)}")
+        one_of("springpot: scheme", b.scheme, schemes)
     if hasattr(b, "order") and not 0 <= b.order <= 1:
         raise BadValue(f"springpot: alpha = {b.order:g} must be from 0 (spring) to 1 (dashpot)")
 

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, UnknownName, need, public
+from ..errors import BadValue, UnknownName, need, one_of, public
 from ..system.packages import package
 from .likelihood import numbers
 from .tables import Columns, grouped
@@ -190,8 +190,8 @@ def dunn(
     >>> [(p.a, p.b, round(p.statistic, 3), round(p.p, 4)) for p in pairs]
     [('a', 'b', -0.447, 1.0), ('a', 'c', -2.236, 0.076), ('b', 'c', -1.789, 0.2209)]
     """
-    _one_of("dunn", "sides", sides, SIDES)
-    _one_of("dunn", "adjustment", adjustment, ADJUSTMENTS)
+    one_of("dunn: sides", sides, SIDES)
+    one_of("dunn: adjustment", adjustment, ADJUSTMENTS)
     rows = _groups("dunn", groups)
     ranks = scipy.stats.rankdata(np.concatenate(list(rows.values())))
     N = ranks.size
@@ -759,8 +759,3 @@ def _spread(what: str, values: Array) -> None:
             f"{what}: values or differences from {values.min():g} to {values.max():g} have no sum"
             " of squares that a float can hold; give them in another unit"
         )
-
-
-def _one_of(what: str, name: str, value: str, known: Sequence[str]) -> None:
-    if value not in known:
-        raise BadValue(f"{what}: {name} = {value!r} must be one of {', '.join(known)}")

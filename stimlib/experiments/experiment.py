@@ -18,7 +18,7 @@ import numpy as np
 from ..core.graph import Block, constant
 from ..core.scene import Scene
 from ..core.units import Unit, pretty
-from ..errors import BadValue, UnitError, UnknownName, public
+from ..errors import BadValue, UnitError, UnknownName, need, public
 from ..run.safety import Safety
 from ..system import fields
 from .designs import reach_of
@@ -364,11 +364,8 @@ class Experiment:
                 f"Masking: {self.masking.output!r} is an output of a scene: name a channel of"
                 " its own"
             )
-        if self.cursor and self.cursor.input not in self.inputs:
-            raise UnknownName(
-                f"Cursor: no scene has an input {self.cursor.input!r}; there are"
-                f" {', '.join(self.inputs) or 'none'}"
-            )
+        shown = [self.cursor.input] if self.cursor else []
+        need("Cursor", shown, self.inputs, "input")
         needs = set(
             Scene(
                 {STARTS: constant(0.0) if self.timing.starts is None else self.timing.starts}
@@ -381,12 +378,8 @@ class Experiment:
                 f" theirs can be called {STARTS!r}"
             )
         known = {p for s in self.scenes.values() for p in s.params}
+        need("bounds", self.bounds, sorted(known), "parameter")
         for name, pair in self.bounds.items():
-            if name not in known:
-                raise UnknownName(
-                    f"bounds: no scene has a parameter {name!r}; there are"
-                    f" {', '.join(sorted(known)) or 'none'}"
-                )
             if not (all(map(fields.number, pair)) and pair[0] < pair[1]):
                 raise BadValue(f"bounds: {name} = {pair!r} must be two finite numbers that rise")
 
@@ -512,16 +505,9 @@ class Experiment:
                 " .tolist() make them"
             ) from e
         for s in trial.stimuli:
-            if s.scene not in self.scenes:
-                raise UnknownName(
-                    f"condition {trial.condition!r}: no scene {s.scene!r}; there are"
-                    f" {', '.join(self.scenes)}"
-                )
-            if unknown := set(s.params) - set(self.scenes[s.scene].params):
-                raise UnknownName(
-                    f"condition {trial.condition!r}: scene {s.scene!r} has no parameter"
-                    f" {', '.join(unknown)}"
-                )
+            where = f"condition {trial.condition!r}"
+            need(where, [s.scene], self.scenes, "scene")
+            need(f"{where}: {s.scene}", s.params, self.scenes[s.scene].params, "parameter")
             values = {
                 name: s.params.get(name, p.value) for name, p in self.scenes[s.scene].params.items()
             }

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..core.scene import Scene
-from ..errors import BadValue, UnknownName, public
+from ..errors import BadValue, UnknownName, need, public
 from ..motion.source import frames_of, positions, sources_of
 from ..run.processor import Processor
 from ..run.rendering import Rendering
@@ -207,10 +207,7 @@ class Listener:
 
     def figure_of(self, stimulus: Stimulus) -> float:
         """Return the perceived figure of a stimulus, from its rendering."""
-        if stimulus.scene not in self.scenes:
-            raise UnknownName(
-                f"Listener: no scene {stimulus.scene!r}; there are {', '.join(self.scenes)}"
-            )
+        need("Listener", [stimulus.scene], self.scenes, "scene")
         scene = self.scenes[stimulus.scene]
         motion = {name: self.motion[name] for name in scene.inputs if name in self.motion}
         figures = measured(_again(scene, motion, self.fs, self.seconds, stimulus), self.measure)
@@ -219,10 +216,7 @@ class Listener:
                 f"Listener: the measure has several figures, {', '.join(figures)}: name one as"
                 " figure"
             )
-        if self.figure and self.figure not in figures:
-            raise UnknownName(
-                f"Listener: no figure {self.figure!r}; there are {', '.join(figures)}"
-            )
+        need("Listener", [self.figure] * bool(self.figure), figures, "figure")
         return figures[self.figure] if self.figure else next(iter(figures.values()))
 
     def __call__(self, trial: Trial, rng: np.random.Generator) -> Answer:
@@ -307,10 +301,7 @@ def _answer(trial: Trial, more: bool) -> Answer:
 def _of(v: By, condition: str, name: str) -> float:
     if not isinstance(v, Mapping):
         return v
-    if condition not in v:
-        raise UnknownName(
-            f"observer: no {name} of condition {condition!r}; there are {', '.join(v)}"
-        )
+    need("observer", [condition], v, f"{name} of condition")
     return v[condition]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, UnknownName, public
+from ..errors import BadValue, need, public
 from .compare import Coefficient
 from .likelihood import numbers
 from .signal_detection import quantile
@@ -333,10 +333,7 @@ def bradley_terry(
             )
         whose = np.array([[participants[k] == one for k, _ in stages] for one in people], float)
         inverse = np.cov((whose @ (won - chance) @ inverse).T) * len(people)
-    if reference not in (None, *items):
-        raise UnknownName(
-            f"bradley_terry: there is no item {reference!r}; there are {', '.join(map(str, items))}"
-        )
+    need("bradley_terry", [reference] * (reference is not None), items, "item")
     at = np.array([reference in (None, item) for item in items], float)
     contrast = np.eye(len(items)) - at / at.sum()
     values, errors = contrast @ theta, np.sqrt(np.diag(contrast @ inverse @ contrast.T))

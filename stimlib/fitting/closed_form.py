@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, public
+from ..errors import BadValue, one_of, public
 
 ONSETS = ("steady", "step")
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
@@ -369,8 +369,7 @@ def check_material(chi: float, alpha: float, onset: str) -> None:
         raise BadValue(f"springpot: chi = {chi} must not be below 0")
     if not 0 <= alpha <= 1:
         raise BadValue(f"springpot: alpha = {alpha} must be from 0 (spring) to 1 (dashpot)")
-    if onset not in ONSETS:
-        raise BadValue(f"onset = {onset!r}; choose one of {', '.join(ONSETS)}")
+    one_of("onset", onset, ONSETS)
 
 
 @public

@@ -183,10 +183,7 @@ class Plate:
         >>> Plate.paper("short").modes(2).round(1)  # printed: 158 and 244 Hz
         array([183.5, 251.3])
         """
-        if not isinstance(edges, str) or edges not in PAPER_EDGES:
-            raise BadValue(
-                f"Plate.paper: edges = {edges!r}; choose one of {', '.join(PAPER_EDGES)}"
-            )
+        one_of("Plate.paper: edges", edges, tuple(PAPER_EDGES))
         if isinstance(patches, str):
             one_of("Plate.paper: patches", patches, CONFIGURATIONS)
         elif patches or measured:

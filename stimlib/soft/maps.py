@@ -253,8 +253,7 @@ def sides(left: str, right: str) -> Levels:
     (13, array([1., 0.]))
     """
     for name in (left, right):
-        if name not in tuple(SIDES):
-            raise BadValue(f"sides: {name!r}; choose one of {', '.join(SIDES)}")
+        one_of("sides", name, tuple(SIDES))
     found = ((x, SIDES[name]) for x, name in ((0.03, left), (0.09, right)))
     return nodules([(x, 0.06, b) for x, b in found if b is not None])
 

@@ -16,7 +16,7 @@ from ..checks.local import read_only
 from ..checks.verification import verify
 from ..core.scene import Scene
 from ..core.units import unit
-from ..errors import BadValue, StimlibError, UnknownName, public
+from ..errors import BadValue, StimlibError, UnknownName, need, public
 from ..motion.source import positions, sources_of
 from ..run.rendering import Rendering
 
@@ -296,12 +296,7 @@ def _number(node: ast.expr) -> float:
 # Those with names ---------------------------------------------------------------------
 def _outputs(scene: Scene, names: Sequence[Any], what: str) -> list[str]:
     """Return the named outputs, or all outputs."""
-    for name in names:
-        if name not in scene.outputs:
-            raise UnknownName(
-                f"measures: {what}: the scene has no output {name!r}; it has"
-                f" {', '.join(scene.outputs)}"
-            )
+    need(f"measures: {what}", names, scene.outputs, "output")
     return list(names) or list(scene.outputs)
 
 

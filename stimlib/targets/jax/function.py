@@ -25,7 +25,7 @@ from ...core.loop_code import Cycle
 from ...core.parameter import Param
 from ...core.program import lead, prepare, rate, warn_beyond
 from ...core.subsystems import Segment
-from ...errors import BadValue, SceneError, UnknownName, one_of
+from ...errors import BadValue, SceneError, UnknownName, need, one_of
 from .blockforms import LOWERINGS, Run, latest, running, spread, steady
 from .recurrence import run_step
 
@@ -340,9 +340,7 @@ def _named(what: str, one: str, given: Any, known: Collection[str]) -> dict[str,
     """Return a dict after checking that all its names are known."""
     if given is not None and not isinstance(given, Mapping):
         raise BadValue(f"{what} must be a dict by name, got {type(given).__name__}")
-    for name in given or ():
-        if name not in known:
-            raise UnknownName(f"no {one} {name!r}; this scene has {', '.join(known) or 'none'}")
+    need(what, given or (), known, one)
     return dict(given or {})
 
 

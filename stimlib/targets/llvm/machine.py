@@ -11,7 +11,7 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
-from ...errors import BadValue
+from ...errors import one_of
 
 WIDER = {512: (), 256: ("avx512",), 128: ("avx", "fma", "f16c", "vaes", "vpclmulqdq")}
 """Features, by the beginning of their names, that programs of at most so many bits a
@@ -41,10 +41,7 @@ def features() -> list[str]:
     excludes.
     """
     bits = os.environ.get("STIMLIB_VECTOR_BITS") or "512"
-    if bits not in map(str, WIDER):
-        raise BadValue(
-            f"STIMLIB_VECTOR_BITS = {bits:.20}: choose one of {', '.join(map(str, WIDER))}"
-        )
+    one_of("STIMLIB_VECTOR_BITS", bits, [*map(str, WIDER)])
     have = llvm.get_host_cpu_features().flatten().split(",")
     return ["-" + f[1:] if f[1:].startswith(WIDER[int(bits)]) else f for f in have]
 
