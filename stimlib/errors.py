@@ -123,7 +123,7 @@ class UnknownName(StimlibError, KeyError):
         return said(Exception.__str__(self))
 
 
-def need(where: str, names: Iterable[str], given: Iterable[Any], what: str = "column") -> None:
+def need(where: str, names: Iterable[Any], given: Iterable[Any], what: str = "column") -> None:
     """Raise UnknownName, with the available names, unless all names are available."""
     there = list(given)
     for name in names:

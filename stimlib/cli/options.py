@@ -122,11 +122,9 @@ def senders(texts: list[str]) -> Iterator[list[Any]]:
         yield [stack.enter_context(devices.sender(text)) for text in texts]
 
 
-@contextmanager
-def rows_of(text: str | None) -> Iterator[Any]:
-    """Open the ``--stream`` receiver, or yield None; close it at the end."""
-    with nullcontext() if text is None else devices.receiver(text) as receive:
-        yield receive
+def rows_of(text: str | None) -> Any:
+    """Open the ``--stream`` receiver, as a context that closes it, or one of None."""
+    return nullcontext() if text is None else devices.receiver(text)
 
 
 def calibration(path: Path | None) -> dict[str, Any]:

@@ -485,14 +485,16 @@ def begin_at(c, t):
         c[ORIGIN] = t + c[LEAD]
 
 
-def jack_block(c, n):
-    """Make the block of one JACK cycle in JACK's buffers.
+@exported("i4", "u4", "i8*")
+def jack(frames, c):
+    """Run as JACK's process callback: make the block of one cycle in JACK's buffers.
 
     Frames that JACK skipped are counted first. JACK calls a late client again for the
     cycle that has begun in the meantime, while the clients after it in the graph run
     only once.  A late block is therefore withdrawn, the buffers get the samples of the
     current cycle, and they are left unchanged at JACK's second call.
     """
+    n = whole(frames)
     outs, ports, ins, in_ports = i8_at(c[OUTS]), i8_at(c[PORTS]), i8_at(c[INS]), i8_at(c[IN_PORTS])
     for j in range(c[CHANNELS]):
         outs[j] = get_buffer(c[GET_BUFFER], ports[j], n)
@@ -512,7 +514,7 @@ def jack_block(c, n):
     # a server whose time stands still is played to all the same
     if seen and lost == 0x100000000 - n and c[REPEATS] < 4:
         c[REPEATS] += 1
-        return
+        return 0
     c[REPEATS] = 0
     begin_at(c, t)
     produce(c, n, lost if lost < 0x80000000 else 0)
@@ -527,12 +529,6 @@ def jack_block(c, n):
         late = (frame_time(c[FRAME_TIME], c[CLIENT]) - t) & 0xFFFFFFFF
     c[EXPECTED], c[SEEN] = t + n, paced
     commit(c)
-
-
-@exported("i4", "u4", "i8*")
-def jack(n, c):
-    """Run as JACK's process callback; its argument is the context."""
-    jack_block(c, whole(n))
     return 0
 
 
@@ -584,15 +580,17 @@ def jack_capture(n, c):
     return 0
 
 
-def portaudio_block(c, source, out, n, dac, flags):
-    """Make a block for PortAudio, with interleaved frames at ``source`` and ``out``.
+@exported("i4", "i8", "i8", "i8", "i8", "i8", "i8*")
+def portaudio(source, out, frames, time, flags, c):
+    """Run as PortAudio's stream callback for interleaved float32 samples.
 
-    Argument ``dac`` is the time in s at which its first frame is played. PortAudio
-    reports that frames were skipped, but not how many: their number is derived from how
-    much later than expected the block is played, rounded to whole blocks because
-    PortAudio's clock is not exact.
+    The third number at ``time`` is the time in s at which the first frame is played.
+    PortAudio reports that frames were skipped, but not how many: their number is
+    derived from how much later than expected the block is played, rounded to whole
+    blocks because PortAudio's clock is not exact.
     """
-    outs, ins = i8_at(c[OUTS]), i8_at(c[INS])
+    outs, ins, n = i8_at(c[OUTS]), i8_at(c[INS]), whole(frames)
+    dac = f8_at(time)[2] if time != 0 else 0.0
     for j in range(c[CHANNELS]):
         outs[j] = out + 4 * j
     if c[MOTION] == SIGNALS:
@@ -600,7 +598,7 @@ def portaudio_block(c, source, out, n, dac, flags):
         for a in range(c[N_IN]):
             ins[a] = source + 4 * a if source != 0 else 0
     lost, before, was = 0, c[UNDERRUNS], c[WAS]
-    underflow = flags & 4 != 0 and c[CALLS] > 0
+    underflow = whole(flags) & 4 != 0 and c[CALLS] > 0
     if underflow and dac > 0.0:
         late = (dac - float_of(c[EXPECTED])) * float_of(c[RATE])
         lost = n * whole(round(min(max(late, 0.0), 1e9) / n))
@@ -608,12 +606,6 @@ def portaudio_block(c, source, out, n, dac, flags):
     pump(c, n, lost)
     if underflow and was == RUNNING and load(c, STATE) == RUNNING:
         c[UNDERRUNS] = before + 1
-
-
-@exported("i4", "i8", "i8", "i8", "i8", "i8", "i8*")
-def portaudio(source, out, n, time, flags, c):
-    """Run as PortAudio's stream callback for interleaved float32 samples."""
-    portaudio_block(c, source, out, whole(n), f8_at(time)[2] if time != 0 else 0.0, whole(flags))
     return 0
 
 

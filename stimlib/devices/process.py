@@ -10,10 +10,11 @@ import signal
 import threading
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 from ..errors import SinkError, StimlibError
+from ..system.pool import terminable
 
 # Real time ----------------------------------------------------------------------------
 MCL_CURRENT, MCL_ONFAULT = 1, 4
@@ -92,10 +93,7 @@ open_sinks: set[Any] = set()  # a device may call as long as its sink is open, s
 playing: set[Any] = set()  # from start to close
 # for whoever begins or ends to play: signals and memory are the process's
 _process = threading.RLock()
-
-
-def _end(number, frame) -> None:
-    raise SystemExit(128 + number)
+_ends = ExitStack()  # while somebody plays, termination signals are exceptions
 
 
 def _in_main_thread() -> bool:
@@ -111,10 +109,7 @@ def begin_playing(sink: Any) -> list[str]:
     """
     with _process:
         playing.add(sink)
-        if _in_main_thread():
-            for s in ENDS:
-                if signal.getsignal(s) is signal.SIG_DFL:
-                    signal.signal(s, _end)
+        _ends.enter_context(terminable())
         if sink.realtime:
             gc.collect()
             gc.freeze()
@@ -130,9 +125,7 @@ def end_playing(sink: Any) -> None:
             return
         playing.discard(sink)
         if not playing and _in_main_thread():
-            for s in ENDS:
-                if signal.getsignal(s) is _end:
-                    signal.signal(s, signal.SIG_DFL)
+            _ends.close()
         if sink.realtime and not any(other.realtime for other in playing):
             gc.unfreeze()
             if hasattr(library := libc(), "munlockall"):

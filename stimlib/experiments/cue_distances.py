@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.physical_cues import Cues, cues
-from ..errors import BadValue, UnknownName, public
+from ..errors import BadValue, need, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered, without_inverse
 from ..system.progress import progress as bar
@@ -238,10 +238,7 @@ def recorded(
                     f"{s.folder}, trial {r.number}: it has {len(signals)} intervals; cues are of"
                     " trials with one"
                 )
-            if missing := [name for name in (position, force) if name not in signals[0]]:
-                raise UnknownName(
-                    f"{s.folder}: no signal {missing[0]!r}; there are {', '.join(signals[0])}"
-                )
+            need(str(s.folder), (position, force), signals[0], "signal")
             try:
                 rows.append(
                     cues(signals[0][position], signals[0][force], r.displayed[-1]["fs"], **how)

@@ -9,7 +9,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -383,7 +382,7 @@ def simulate(
     """
     codes = (
         [f"P{k + 1:02d}" for k in range(participants)]
-        if isinstance(participants, Integral)
+        if isinstance(participants, int)
         else list(participants)
     )
     if not codes:

@@ -12,7 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ..errors import BadValue, UnknownName, public
+from ..errors import BadValue, need, public
 from .random_streams import seed_of, stream
 from .trial import Stimulus, Trial
 
@@ -193,11 +193,7 @@ class OneInterval:
 
     def trial(self, level: str, seed: int, n: int) -> Trial:
         """Return the trial with a named stimulus; level 1 means signal, 0 not."""
-        if level not in self.stimuli:
-            raise UnknownName(
-                f"OneInterval {self.condition!r}: no stimulus {level!r}; there are"
-                f" {', '.join(self.stimuli)}"
-            )
+        need(f"OneInterval {self.condition!r}", [level], self.stimuli, "stimulus")
         shown = dc.replace(
             self.stimuli[level], name=level, seed=seed_of(seed, "noise", self.condition, n)
         )

@@ -362,15 +362,15 @@ def check_period(table: TableFile, s: Reports, period: float, time: str) -> None
         text = time
     problem = f"{period:.6g} s from report to report, which is slow for a hand"
     remedy = (
-        f'time in {unit}? write time="{text}*{factor}"; if it is in s, give max_gap={_enough(s)} or'
-        " more"
+        f'time in {unit}? write time="{text}*{factor}"; if it is in s, give'
+        f" max_gap={_enough(np.diff(s.t))} or more"
     )
     raise table.error(problem, remedy)
 
 
-def _enough(s: Reports) -> str:
+def _enough(dt: Array) -> str:
     """Return, as text, a ``max_gap`` that is long enough for all silences."""
-    return f"{ceil(100 * float(np.diff(s.t).max()) - 1e-6) / 100 + 0.01:g}"
+    return f"{ceil(100 * float(dt.max()) - 1e-6) / 100 + 0.01:g}"
 
 
 def check_gaps(
@@ -386,10 +386,9 @@ def check_gaps(
         problem = (
             f"a gap of {dt[i]:.6g} s before this report, in contact, longer than {max_gap:.6g} s"
         )
-        enough = ceil(100 * float(dt.max()) - 1e-6) / 100 + 0.01
         remedy = (
             'use reports="on_change" if silence means that the point stood still, or'
-            f" max_gap={enough:g} to join it"
+            f" max_gap={_enough(dt)} to join it"
         )
         raise table.error(problem, remedy, s.rows[i + 1])
     return s, []

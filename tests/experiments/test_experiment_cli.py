@@ -183,7 +183,7 @@ def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
         (["run", "{}:shorts", "--participant", "P1"], "no 'shorts' in it.*short"),
         (["run", "nothing", "--participant", "P1"], "one of ugrip, bounciness"),
         (["run", "{}:short", "--participant", "Anna"], "must be a code"),
-        (["run", "{}:short", "--participant", "P1", "--sink", "jak"], "--sink jak: choose"),
+        (["run", "{}:short", "--participant", "P1", "--sink", "jak"], "--sink = 'jak'; choose"),
         (["run", "{}:short", "--participant", "P1", "--device", "x"], "--device.*not for null"),
         (["resume", "{}:short", "--participant", "P1"], "no session .* to resume"),
         (["run", "{}:short"], "Missing option '--participant'"),

@@ -135,7 +135,7 @@ def test_a_page_that_is_stopped_leaves_the_old_file_and_nothing_else(clang, tmp_
         (UnknownName, "x is missing", FS, {"motion": {}}),
         (BadValue, "motion of x", FS, {"motion": {"x": 3}}),
         (BadValue, "finite", FS, {"motion": {"x": np.full(9, np.nan)}}),
-        (UnknownName, "range of z", FS, {"ranges": {"z": (0, 1)}}),
+        (UnknownName, "range: there is no input or parameter 'z'", FS, {"ranges": {"z": (0, 1)}}),
         (BadValue, "fs = 0", 0, {}),
         # before a second of samples is made: at 1e9 Hz, 8 GB
         (BadValue, "give at most 768000 Hz", 1e6, {}),

@@ -14,7 +14,7 @@ from math import dist, radians
 
 import numpy as np
 
-from ...errors import UnknownName, need, public
+from ...errors import need, public
 from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import block, buried
@@ -140,8 +140,7 @@ def _surface(name: str) -> ConstantStimuli:
 
 
 def _buried(condition: str) -> dict[str, tuple[float, float]]:
-    if condition not in SURFACES:
-        raise UnknownName(f"no surface {condition!r}; there are {', '.join(SURFACES)}")
+    need("nodule_places", [condition], SURFACES, "surface")
     return buried(radians(SURFACES[condition][1]))
 
 

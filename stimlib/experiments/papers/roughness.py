@@ -15,7 +15,7 @@ from math import log10
 import numpy as np
 
 from ...core.scene import Scene
-from ...errors import BadValue, UnknownName, public
+from ...errors import BadValue, need, public
 from ...motion.generators import constant_speed
 from ...run.rendering import render
 from ...run.safety import Safety
@@ -244,8 +244,7 @@ def swing(name: str) -> float:
 
 def _voltage(who: str, name: str) -> np.ndarray:
     """Return the rendered voltage of a stimulus before the amplifier."""
-    if name not in STIMULI:
-        raise UnknownName(f"{who}: no stimulus {name!r}; there are {', '.join(STIMULI)}")
+    need(who, [name], STIMULI, "stimulus")
     s = STIMULI[name]
     scene: Scene = bumps(s.waveform, s.bumps)
     return render(scene, HAND, FS, SECONDS, {"duty": s.duty, "A": s.amplitude})["voltage"] / GAIN
