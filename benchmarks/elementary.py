@@ -13,7 +13,7 @@ from functools import partial
 
 import numpy as np
 from bench import Row, compared, main, row, under
-from test_elementary import NAMES, compiled, ulps
+from ulps import NAMES, compiled, ulps
 
 import stimlib
 from stimlib import Input, Scene, blocks

@@ -4,17 +4,15 @@ in the interpreter, in compiled code and in vectors.
 
 import math
 
-import mpmath
 import numpy as np
 import pytest
 from laws import STRESS, assert_same
-from walked import compiled as walked
+from ulps import NAMES, compiled, ulps
 
 import stimlib
 from stimlib import Input, Scene, blocks
 from stimlib.core import maths
 
-NAMES = ("exp", "log", "sin", "cos", "tanh")
 MANY = 1_000_000 if STRESS else 4000
 ENDS = [
     *(0.0, 5e-324, 2.0**-1022, 2.0**-1023, 1e-300, 2.0**-27, 2.0**-25, 0.5, 1.0, 22.0, 44.0, 1e308),
@@ -43,21 +41,6 @@ def arguments(name):
     x = np.concatenate([wide, near, tiny, ends, -tiny, -ends])
     x = x[x >= 0] if name == "log" else x
     return x[np.abs(x) <= maths.MOST_SIN] if name in ("sin", "cos") else x
-
-
-@walked
-def compiled(f, x, y):
-    for i in range(x.size):
-        y[i] = f(x[i])
-
-
-def ulps(y, x, name):
-    """Return how far a value is from the exact one, in ulps of that."""
-    with mpmath.workprec(160):
-        exact = getattr(mpmath, name)(mpmath.mpf(float(x))) if x or name != "log" else -mpmath.inf
-        if mpmath.isinf(exact) or abs(exact) > 1.7976931348623157e308:
-            return 0.0 if math.isinf(y) and (y > 0) == (exact > 0) else math.inf
-        return float(abs(mpmath.mpf(float(y)) - exact) / math.ulp(float(exact)))
 
 
 BEYOND = [

@@ -21,7 +21,8 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 precision, noise = importlib.import_module("precision"), importlib.import_module("problems.noise")
 importlib.import_module("bench")
 sys.path.remove(str(ROOT / "benchmarks"))  # it has modules with the names of folders of tests
-from precision import Method, Point, Problem, best, measure, on, problems  # noqa: E402
+from precision import Point, best, measure, problems  # noqa: E402
+from problems.problem import Method, Problem, on  # noqa: E402
 
 RECORDED = ROOT / "benchmarks" / "work_precision"
 ALL = problems()

@@ -1,19 +1,23 @@
-"""The rooms of the house: imports point one way, and nobody takes what a module of
-another room keeps for itself.
+"""The rooms of the house: imports point one way, also around the package, and nobody
+takes what a module of another room keeps for itself.
 """
 
 import ast
 import importlib
 import re
+from collections.abc import Callable, Hashable, Iterable
 from functools import cache
 from pathlib import Path
 
-STIMLIB = Path(__file__).parents[1] / "stimlib"
+ROOT = Path(__file__).parents[1]
+STIMLIB = ROOT / "stimlib"
 ROOMS = (
     "errors version above system core design blocks targets motion run plate soft scenes export"
     " files devices fitting analysis checks sweep experiments demo live cli"
 )
 ORDER = [*ROOMS.split(), "__main__"]
+# what is around the package: each imports only from its own and those to its left
+AROUND = ["docs", "examples", "helpers of tests", "benchmarks", "tests"]
 MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in STIMLIB.rglob("*.py")}
 
 
@@ -59,7 +63,7 @@ def test_every_room_has_its_floor():
 
 def table_of(heading: str) -> str:
     """A table of the page on architecture."""
-    page = (STIMLIB.parent / "docs" / "explanation" / "architecture.rst").read_text()
+    page = (ROOT / "docs" / "explanation" / "architecture.rst").read_text()
     return page.partition(f"\n{heading}\n")[2].partition("\nWhere something new goes\n")[0]
 
 
@@ -100,18 +104,71 @@ def test_no_module_names_another_one_in_a_text():
         assert not texts & named, module
 
 
-def test_no_module_imports_itself_by_a_detour():
-    way: list[str] = []
-    done: set[str] = set()
+def without_detours(modules: Iterable[Hashable], imported: Callable[..., Iterable]) -> None:
+    """Fail where a module imports itself, however many are between."""
+    way: list = []
+    done = set()
 
-    def walk(module: str) -> None:
-        assert module not in way, " -> ".join([*way[way.index(module) :], module])
-        if module in done or module not in MODULES:
+    def walk(module) -> None:
+        assert module not in way, " -> ".join(map(str, [*way[way.index(module) :], module]))
+        if module in done:
             return
         way.append(module)
-        for target, _ in imports(module):
+        for target in imported(module):
             walk(target)
         done.add(way.pop())
 
-    for module in MODULES.keys() - {"__init__"}:
+    for module in modules:
         walk(module)
+
+
+def test_no_module_imports_itself_by_a_detour():
+    without_detours(
+        MODULES.keys() - {"__init__"}, lambda m: {t for t, _ in imports(m)} & MODULES.keys()
+    )
+
+
+def around() -> list[Path]:
+    """The Python files of the repository beside the package."""
+    folders = ("docs", "examples", "tests", "benchmarks")
+    return [p for f in folders for p in (ROOT / f).rglob("*.py") if "_build" not in p.parts]
+
+
+@cache
+def files_of(path: Path) -> set[Path]:
+    """What a file beside the package imports of others beside the package."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names = [a.name for a in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [f"{node.module or ''}.{a.name}".lstrip(".") for a in node.names]
+            names += [node.module] * bool(node.module)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+            names = [a.value for a in node.args if isinstance(a, ast.Constant)]
+        else:
+            continue
+        for place in (path.parent, ROOT / "tests", ROOT / "benchmarks"):
+            parts = [place.joinpath(*name.split(".")) for name in names]
+            files = [f for p in parts for f in (p.with_suffix(".py"), p / "__init__.py")]
+            if there := {f for f in files if f.is_file()}:
+                found |= there
+                break
+    return found - {path}
+
+
+def floor(path: Path) -> int:
+    folder = path.relative_to(ROOT).parts[0]
+    of_pytest = path.name == "conftest.py" or path.name.startswith("test_")
+    return AROUND.index("helpers of tests" if folder == "tests" and not of_pytest else folder)
+
+
+def test_what_is_around_the_package_imports_one_way_and_never_itself():
+    wrong = [
+        f"{path.relative_to(ROOT)} imports {target.relative_to(ROOT)}"
+        for path in around()
+        for target in files_of(path)
+        if floor(target) > floor(path)
+    ]
+    assert not wrong, "\n".join(wrong)
+    without_detours(around(), files_of)

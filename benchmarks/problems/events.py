@@ -8,11 +8,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from precision import Ladder, Method, Problem, Signal, always, apart, on, own
 from scipy import signal
 
 from stimlib.blocks import burst, envelope, grain, ring
 from stimlib.core.graph import Block
+
+from .problem import Ladder, Method, Problem, Signal, always, apart, on, own
 
 FS, SAMPLES = 8000.0, 1 << 15
 LD = np.longdouble

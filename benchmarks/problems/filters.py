@@ -7,11 +7,12 @@ from __future__ import annotations
 from functools import cache, partial
 
 import numpy as np
-from precision import Method, Problem, Signal, always, apart, on, own, response
 from scipy import integrate, signal
 
 from stimlib.blocks import bandpass, lowpass, svf
 from stimlib.core.graph import Block
+
+from .problem import Method, Problem, Signal, always, apart, on, own, response
 
 FS, SAMPLES, ORDER = 8000.0, 1 << 16, 4
 LONG = 1 << 18  # of an impulse response, of a cutoff of 1e-4 fs

@@ -9,10 +9,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from precision import Method, Problem, Signal, apart, on, own
 from scipy import integrate
 
 from stimlib.blocks import friction
+
+from .problem import Method, Problem, Signal, apart, on, own
 
 # LuGre with Stribeck's curve (Canudas de Wit et al. 1995, eqs. 1 to 4): N/m, N s/m, N
 # s/m, N, -, m/s

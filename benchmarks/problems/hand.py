@@ -5,11 +5,12 @@ reported.
 from __future__ import annotations
 
 import numpy as np
-from precision import Method, Problem, Signal, apart, on, own
 from scipy import interpolate, signal
 
 from stimlib.blocks import track_velocity, velocity
 from stimlib.motion.recorded import recording
+
+from .problem import Method, Problem, Signal, apart, on, own
 
 FS, SECONDS = 8000.0, 8.0
 T = np.arange(int(FS * SECONDS)) / FS

@@ -8,10 +8,11 @@ from collections.abc import Callable
 from functools import cache, partial
 
 import numpy as np
-from precision import Ladder, Method, Problem, Signal, apart, on, own
 from scipy import signal
 
 from stimlib.blocks import maxwell, springpot
+
+from .problem import Ladder, Method, Problem, Signal, apart, on, own
 
 FS, SECONDS, ALPHA = 1000.0, 10.0, 0.5
 N = int(FS * SECONDS)

@@ -8,13 +8,14 @@ from functools import partial
 
 import numpy as np
 from noise_chain import puller
-from precision import Method, Problem, Signal, apart, on, own, response
 from scipy import signal
 
 from stimlib.blocks import differentiator, pinking, white_noise
 from stimlib.core.scene import Scene
 from stimlib.design.filters import differentiator_order, differentiator_taps
 from stimlib.design.noise import NoiseDesign, noise_modes
+
+from .problem import Method, Problem, Signal, apart, on, own, response
 
 FS, SAMPLES = 8000.0, 1 << 16
 LONG = 1 << 18  # of an impulse response: 33 s, for poles below 0.1 Hz

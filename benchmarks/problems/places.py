@@ -9,7 +9,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from precision import Method, Problem, Signal, apart, on, own
 from scipy import interpolate, ndimage, signal
 
 from stimlib.blocks import grating, lut2, spatial_noise, texture
@@ -18,6 +17,7 @@ from stimlib.checks.families.surfaces import gratings, roughness
 from stimlib.core.graph import Input
 from stimlib.design.texture import made_up
 
+from .problem import Method, Problem, Signal, apart, on, own
 from .surface import averaged
 
 FS, SAMPLES = 8000.0, 1 << 14

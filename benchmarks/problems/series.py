@@ -12,7 +12,6 @@ from functools import partial
 from math import gamma
 
 import numpy as np
-from precision import Ladder, Method, Problem, Signal, apart, on, own
 from scipy import signal
 from scipy.special import erfcx
 
@@ -22,6 +21,8 @@ from stimlib.blocks import (
     generalized_maxwell,
     springpot_series,
 )
+
+from .problem import Ladder, Method, Problem, Signal, apart, on, own
 
 SECONDS, RATES = 2.0, (500.0, 1000.0, 2000.0, 4000.0, 8000.0, 16000.0)
 ALPHA = 0.5

@@ -7,10 +7,11 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from precision import Ladder, Method, Problem, Signal, always, apart, on, own
 from scipy import interpolate, signal
 
 from stimlib.blocks import chirp, oscillator, playback, pulse_train
+
+from .problem import Ladder, Method, Problem, Signal, always, apart, on, own
 
 FS, SAMPLES = 8000.0, 1 << 16
 LD = np.longdouble

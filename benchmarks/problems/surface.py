@@ -7,10 +7,11 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from precision import Method, Problem, Signal, apart, on, own
 from scipy import interpolate
 
 from stimlib.blocks import bump, lut
+
+from .problem import Method, Problem, Signal, apart, on, own
 
 FS, SAMPLES, DUTY = 8000.0, 1 << 16, 0.6
 LD = np.longdouble
