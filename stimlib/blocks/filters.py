@@ -1,4 +1,4 @@
-"""Filters: delays, FIR, second-order sections, and tracking of slow reports."""
+"""Filters: delays, FIR, moving averages, second-order sections, levels, tracking."""
 
 from __future__ import annotations
 
@@ -514,6 +514,141 @@ def differentiator(
     )
 
 
+# Moving averages ---------------------------------------------------------------------
+# A mean of more samples than TAPPED is the sum of two. The samples are divided into
+# rows as long as the mean; the window has all samples of the present row, and those of
+# the row before that came after this place, whose sums were made when that row ended.
+# Groups of eight samples are added first, and the sum of groups has a second word.
+TAPPED = 63
+
+
+def grown(high, low, group):
+    """Return the two words of a sum to which a group has been added."""
+    new = high + group
+    return new, low + ((high - (new - (new - high))) + (group - (new - high)))
+
+
+def suffix_sums(row):
+    """Replace each sample of a row by the sum of those after it."""
+    high, low = 0.0, 0.0
+    for end in range(row.size, 0, -8):
+        part, base, group = row[end - 8 : end], high + low, 0.0
+        for k in range(7, -1, -1):
+            group, part[k] = group + part[k], base + group
+        high, low = grown(high, low, group)
+
+
+@dataclass(frozen=True, eq=False)
+class MovingAverage(Fir):
+    """The mean of the last samples: an FIR filter with equal taps.
+
+    A long one has a state of its own: a row of samples, then later sums, up to a
+    multiple of eight, and the two words of the sum of the row's whole groups.
+    """
+
+    x: Block
+    seconds: float
+
+    def design(self, fs):
+        limits.check(
+            "state_bytes",
+            64 * self.seconds * fs,
+            f"moving_average: bytes of its samples at fs = {fs:g} Hz",
+        )
+        n = round(self.seconds * fs)
+        if n < 1:
+            raise BadValue(
+                f"moving_average: {self.seconds:g} s is less than half a sample at fs = {fs:g} Hz"
+            )
+        p, _ = line(np.full(n, 1 / n))
+        words = p.taps.size + (2 if n > TAPPED else -1)
+        return p, DelayState(np.zeros(words), NONE)
+
+    @staticmethod
+    def work(p):
+        return 128  # a short row and what comes to it, or whole groups of eight
+
+    @staticmethod
+    def tile(p, s, x, y, w):  # type: ignore[override]
+        size, start, n = np.int64(p.order) + 1, 0, x.size
+        if size <= TAPPED:
+            before = p.taps.size - 1
+            copy(s.line, w[:before])
+            copy(x, w[before : before + n])
+            fir_sum(p.taps, w[: before + n], y)
+            copy(w[n : n + before], s.line)
+            return s
+        row, words = s.line[: p.taps.size], s.line[p.taps.size :]
+        at, high, low = np.int64(s.at % np.uint64(size)), words[0], words[1]
+        for _ in range(2):  # no tile is longer than a row
+            n = x.size - start
+            if n > size - at:
+                n = size - at
+            made, kept, new, first = y[start : start + n], row[at : at + n], x[start:], at & 7
+            for k in range(n):
+                made[k], kept[k] = kept[k], new[k]
+            for k in range(at - first, at + n, 8):
+                part, sums = row[k : k + 8], w[k - at + first : k - at + first + 8]
+                base, group = high + low, 0.0
+                for i in range(8):
+                    group = group + part[i]
+                    sums[i] = base + group
+                if k + 8 <= at + n:
+                    high, low = grown(high, low, group)
+            for k in range(n):
+                made[k] = (w[np.uint64(first + k)] + made[k]) * p.taps[p.taps.size - 1]
+            start, at = start + n, at + n
+            if at == size:
+                suffix_sums(row)
+                high, low, at = 0.0, 0.0, np.int64(0)
+        words[0], words[1] = high, low
+        return DelayState(s.line, np.uint64(at))
+
+    def laws(self, fs):
+        return (responses.mean_of(round(self.seconds * fs)),)
+
+
+@public
+def moving_average(x: Block | float, seconds: float, onset: str = "step") -> Block:
+    """Return the average over the last seconds.
+
+    It is an FIR filter with equal taps: no rounding accumulates over time, and after
+    silence as long as the average it is exactly 0. From 64 samples on its cost does not
+    depend on their number, and the last bit of a sample depends on how many samples
+    were before it. An infinite or NaN sample affects as many outputs as the average has
+    samples; below 64 samples, this number is rounded up to a multiple of eight, as in
+    ``fir``.
+
+    Parameters
+    ----------
+    x : Block
+    seconds : float
+    onset : {"step", "steady"}
+        Whether x was 0 before the first sample, or has always been as it is there.
+
+    Returns
+    -------
+    Block
+        In the unit of x, half the time later.
+
+    Raises
+    ------
+    BadValue
+        An unknown onset; at compile time, less than half a sample.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import moving_average
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": moving_average(stimlib.Input("x"), 0.004)}), fs=1000
+    ... )
+    >>> proc.process(np.array([[4.0, 4.0, 4.0, 4.0, 4.0, 0.0]]))
+    array([[1., 2., 3., 4., 4., 3.]])
+    """
+    return begun("moving_average", x, onset, lambda u: MovingAverage(u, seconds), lambda y: 1.0)
+
+
 # Recursive filters in second-order sections -----------------------------------------
 # Recursive filters: low-pass, high-pass, band-pass and band-stop of four families, and
 # sections given by their numbers.
@@ -975,6 +1110,96 @@ def sos(x: Block | float, rows, onset: str = "step") -> Block:
         lambda u: Sos(u, rows),
         lambda y: np.prod(y.rows[:, :3].sum(axis=1) / y.rows[:, 3:].sum(axis=1)),
     )
+
+
+# Level of a vibration ---------------------------------------------------------------
+# Parameters of `Follower` at a sample rate.
+FollowerParams = namedtuple("FollowerParams", "up down")
+
+# State of `Follower` between samples.
+#   before  y one sample earlier
+FollowerState = namedtuple("FollowerState", "y before")
+
+
+def nearer(g, a, s):
+    """Return (1 - g) y + g a, of which only one product waits for the last y.
+
+    The low word of 1 - g, which is below rounding, multiplies the y before.
+    """
+    keep = 1.0 - g
+    return fma(keep, s.y, fma((1.0 - keep) - g, s.before, g * a))
+
+
+@dataclass(frozen=True, eq=False)
+class Follower(Block):
+    """The level of a signal, with separate attack and release times.
+
+    y += g (|x| - y), g = 1 - exp(-1/(T fs)), where T is the attack time while |x| is
+    above y, else the release time.
+    """
+
+    x: Block
+    attack: float
+    release: float
+
+    def check(self):
+        for name in ("attack", "release"):
+            if not getattr(self, name) >= 0:
+                raise BadValue(
+                    f"envelope_follower: {name} = {getattr(self, name):g} s must be 0 or above"
+                )
+
+    def design(self, fs):
+        up, down = (
+            -math.expm1(-1 / (t * fs)) if t * fs > 1e-3 else 1.0
+            for t in (self.attack, self.release)
+        )
+        return FollowerParams(up, down), FollowerState(0.0, 0.0)
+
+    @staticmethod
+    def step(p, s, x):
+        a = abs(x) + TINY
+        y = where(a > s.y, nearer(p.up, a, s), nearer(p.down, a, s))
+        return flush(y), FollowerState(y, s.y)
+
+
+@public
+def envelope_follower(x: Block | float, attack: float = 0.001, release: float = 0.05) -> Block:
+    """Follow the level of a vibration.
+
+    The output approaches the absolute value, with one time constant for rises and
+    another for falls.
+
+    Parameters
+    ----------
+    x : Block
+    attack, release : float
+        Time constants in s; 0 is at once.
+
+    Returns
+    -------
+    Block
+        In the unit of x, 0 or above; starts at 0.
+
+    Raises
+    ------
+    BadValue
+        A time below 0.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import envelope_follower
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene(
+    ...         {"y": envelope_follower(stimlib.Input("x"), attack=0, release=0.01)}
+    ...     ),
+    ...     fs=1000,
+    ... )
+    >>> proc.process(np.array([[0.0, -2.0, 0.0, 1.0]])).round(3)
+    array([[0.   , 2.   , 1.81 , 1.733]])
+    """
+    return Follower(as_block(x), attack, release)
 
 
 # Tracking of positions that are reported slowly -------------------------------------

@@ -6,20 +6,8 @@ import math
 
 import numpy as np
 
-from ..linear import LONG, Modes, response, straight, taps
+from ..linear import LONG, Modes, response, straight
 from ..rows import Row, law, near, sample_of
-
-
-def _part(n: float) -> float:
-    """Return how much of the way a follower with a time of n samples goes in one."""
-    return 1.0 if n <= 1e-3 else 1 - math.exp(-1 / n)
-
-
-@law("Follower", since=1)
-def _follower(b, fs, x, y):
-    last = np.r_[0.0, y[:-1]]
-    up, down = _part(b.attack * fs), _part(b.release * fs)
-    return near(last + np.where(np.abs(x[0]) > last, up, down) * (np.abs(x[0]) - last), 1e-14)
 
 
 @law("Time", since=0)
@@ -136,12 +124,6 @@ def _envelope(b, fs, x, y):
             last, stage = 1.0, "decay"
         want[n] = last
     return want, tol
-
-
-@response("MovingAverage")
-def _moving_average(b, fs):
-    n = round(b.seconds * fs)
-    return taps(np.full(n, 1 / n))
 
 
 @response("Integrate")

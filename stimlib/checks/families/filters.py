@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from ..linear import LONG, PI, analogue, digital, response, summed, taps
-from ..rows import law
+from ..rows import law, near
 
 
 @law("First", since=1)
@@ -20,6 +20,12 @@ def _first(b, fs, x, y):
 @response("Taps")
 def _taps(b, fs):
     return taps(b.taps)
+
+
+@response("MovingAverage")
+def _moving_average(b, fs):
+    n = round(b.seconds * fs)
+    return taps(np.full(n, 1 / n))
 
 
 @response("Differentiator")
@@ -82,3 +88,15 @@ def _track(b, fs, x, y):
     return want, 1e-12 * (fs if rate else 1.0) * max(
         float(np.abs(place[touching]).max(initial=0.0)), 1e-300
     )
+
+
+def _part(n: float) -> float:
+    """Return how much of the way a follower with a time of n samples goes in one."""
+    return 1.0 if n <= 1e-3 else 1 - math.exp(-1 / n)
+
+
+@law("Follower", since=1)
+def _follower(b, fs, x, y):
+    last = np.r_[0.0, y[:-1]]
+    up, down = _part(b.attack * fs), _part(b.release * fs)
+    return near(last + np.where(np.abs(x[0]) > last, up, down) * (np.abs(x[0]) - last), 1e-14)
