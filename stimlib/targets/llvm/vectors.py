@@ -40,22 +40,22 @@ sample or two.
 """
 
 
-def _steps(b, step, p, x, y, n):
-    """Emit y[i] = step(p, (), x[0][i], x[1][i], ..)[0] for n samples.
+def _steps(b, step, numbers, inputs, output, count):
+    """Emit output[i] = step(numbers, (), inputs[0][i], ..)[0] for count samples.
 
     Samples that fill up the last vector are computed as well.
     """
 
-    def at(i):
-        samples = [Lanes(b, load(b, q, i)) for q in x]
-        store(b, number(b, step(p, (), *samples)[0]), y, i)
+    def write(place):
+        samples = [Lanes(b, load(b, address, place)) for address in inputs]
+        store(b, number(b, step(numbers, (), *samples)[0]), output, place)
 
-    with b.if_else(b.icmp_signed("==", n, I64(64))) as (whole, part):
+    with b.if_else(b.icmp_signed("==", count, I64(64))) as (whole, part):
         with whole:  # no loop, which would take as long as the work
-            for i in range(0, 64, 8):
-                at(i)
-        with part, loop(b, I64(0), n, 8) as i:
-            at(i)
+            for place in range(0, 64, 8):
+                write(place)
+        with part, loop(b, I64(0), count, 8) as place:
+            write(place)
 
 
 def lanes_of(b, t):
@@ -63,15 +63,15 @@ def lanes_of(b, t):
     return type(t)(*(Lanes(b, splat(b, v)) for v in t)) if t else ()
 
 
-def steps(b, step, p, x, y, n):
-    """Run a step without state along slots, of which x and y are the addresses."""
-    _steps(b, step, lanes_of(b, p), x, y, n)
+def steps(b, step, numbers, inputs, output, count):
+    """Run a step without state along slots, of which addresses are given."""
+    _steps(b, step, lanes_of(b, numbers), inputs, output, count)
 
 
-def abreast(b, step, p, s, x, y, n):
+def abreast(b, step, parameters, states, inputs, outputs, count):
     """Run a step along the slots of two blocks, one in each lane.
 
-    p, s, x and y hold what belongs to the one and to the other. The states after n
+    Each argument holds what belongs to the one and to the other. The states after all
     samples are returned.
     """
 
@@ -79,21 +79,27 @@ def abreast(b, step, p, s, x, y, n):
         none = ir.Constant(ir.VectorType(one.type, 2), ir.Undefined)
         return b.insert_element(b.insert_element(none, one, I32(0)), other, I32(1))
 
-    lanes = [Lanes(b, both(*pair)) for pair in zip(*p, strict=True)]
-    numbers = type(p[0])(*lanes) if lanes else ()
-    cells = [variable(b, both(*pair)) for pair in zip(*s, strict=True)]
-    with loop(b, I64(0), n, 1) as i:
+    # in a vector of two, not as scalars: two velocities were 39 instructions a sample,
+    # more than fit into the 8 cycles that each of them waits for itself
+    lanes = [Lanes(b, both(*pair)) for pair in zip(*parameters, strict=True)]
+    numbers = type(parameters[0])(*lanes) if lanes else ()
+    cells = [variable(b, both(*pair)) for pair in zip(*states, strict=True)]
+    with loop(b, I64(0), count, 1) as place:
         samples = [
-            Lanes(b, both(*(b.load(b.gep(q, [i])) for q in pair))) for pair in zip(*x, strict=True)
+            Lanes(b, both(*(b.load(b.gep(address, [place])) for address in pair)))
+            for pair in zip(*inputs, strict=True)
         ]
-        old = type(s[0])(*(Lanes(b, b.load(cell)) for cell in cells))
+        old = type(states[0])(*(Lanes(b, b.load(cell)) for cell in cells))
         out, new = step(numbers, old, *samples)
-        for k in range(2):
-            b.store(b.extract_element(old[0].like(out), I32(k)), b.gep(y[k], [i]))
+        for lane in range(2):
+            b.store(b.extract_element(old[0].like(out), I32(lane)), b.gep(outputs[lane], [place]))
         for cell, value in zip(cells, new, strict=True):
             b.store(old[0].like(value), cell)
     last = [b.load(cell) for cell in cells]
-    return tuple(type(s[0])(*(b.extract_element(v, I32(k)) for v in last)) for k in range(2))
+    return tuple(
+        type(states[0])(*(b.extract_element(vector, I32(lane)) for vector in last))
+        for lane in range(2)
+    )
 
 
 def helper_of(f: Any, p_type: Any, p_kinds: str, kinds: str, s_type: Any = None) -> Callable:
@@ -105,88 +111,109 @@ def helper_of(f: Any, p_type: Any, p_kinds: str, kinds: str, s_type: Any = None)
     if why := fault(call, p_type, p_kinds, kinds):
         raise SceneError(
             f"{f.__name__} cannot run in vectors: {why}. Vectors support arithmetic, comparisons,"
-            f" abs, {', '.join(n for n in TWINS if n[0] != '_')} and helpers of these; else write a"
-            " loop over the samples"
+            f" abs, {', '.join(name for name in TWINS if name[0] != '_')} and helpers of these;"
+            " else write a loop over the samples"
         )
     return helper
 
 
-def each(b, helper, p, x, y, n):
-    """Compute maths.each, from the addresses x to y."""
-    numbers = lanes_of(b, p)
-    few = b.icmp_signed("<", n, I64(8))
-    rooms = [room(b, DOUBLE, 8) for _ in (*x, y)]
+def each(b, helper, given, inputs, output, count):
+    """Compute maths.each, from the addresses of inputs to that of the output."""
+    numbers = lanes_of(b, given)
+    few = b.icmp_signed("<", count, I64(8))
+    rooms = [room(b, DOUBLE, 8) for _ in (*inputs, output)]
     with b.if_then(few):  # what is beyond the end belongs to others
-        for to, q in zip(rooms, x, strict=False):
+        for to, address in zip(rooms, inputs, strict=False):
             store(b, zeros(V8), to)
-            copied(b, to, q, n)
-    *x, out = (b.select(few, to, q) for to, q in zip(rooms, (*x, y), strict=True))
-    last = b.select(few, I64(0), b.sub(n, I64(8)))
+            copied(b, to, address, count)
+    *inputs, out = (
+        b.select(few, to, address) for to, address in zip(rooms, (*inputs, output), strict=True)
+    )
+    last = b.select(few, I64(0), b.sub(count, I64(8)))
     ends = room(b, DOUBLE, 8)
-    # the last eight, which may hold some of those before, first: x may be y
-    with loop(b, I64(0), n, 8) as i:
-        first = b.icmp_signed("==", i, I64(0))
-        i = b.select(first, last, b.sub(i, I64(8)))
-        samples = [Lanes(b, load(b, q, i)) for q in x]
-        store(b, number(b, helper(numbers, *samples)), b.select(first, ends, b.gep(out, [i])))
-    with b.if_then(b.icmp_signed(">", n, I64(0))):
+    # the last eight, which may hold some of those before, first: the output may be an
+    # input
+    with loop(b, I64(0), count, 8) as place:
+        first = b.icmp_signed("==", place, I64(0))
+        place = b.select(first, last, b.sub(place, I64(8)))
+        samples = [Lanes(b, load(b, address, place)) for address in inputs]
+        store(b, number(b, helper(numbers, *samples)), b.select(first, ends, b.gep(out, [place])))
+    with b.if_then(b.icmp_signed(">", count, I64(0))):
         store(b, load(b, ends), out, last)
     with b.if_then(few):
-        copied(b, y, out, n)
+        copied(b, output, out, count)
 
 
-def _masked(b, q, there, v=None):
-    """Load the elements whose mask is set, and 0 for others; with v, store them."""
-    t = ir.VectorType(DOUBLE, there.type.count)
-    place = b.bitcast(q, t.as_pointer())
-    given = [v, place, I32(8), there] if v else [place, I32(8), there, zeros(t)]
-    name = f"llvm.masked.{'store' if v else 'load'}.v{t.count}f64.p0v{t.count}f64"
-    return b.call(function(b, name, ir.VoidType() if v else t, [a.type for a in given]), given)
+def _masked(b, address, there, vector=None):
+    """Load the elements whose mask is set, and 0 for others; store a given vector."""
+    kind = ir.VectorType(DOUBLE, there.type.count)
+    place = b.bitcast(address, kind.as_pointer())
+    given = [vector, place, I32(8), there] if vector else [place, I32(8), there, zeros(kind)]
+    name = f"llvm.masked.{'store' if vector else 'load'}.v{kind.count}f64.p0v{kind.count}f64"
+    return b.call(
+        function(b, name, ir.VoidType() if vector else kind, [argument.type for argument in given]),
+        given,
+    )
 
 
-def _stages(b, W, helper, types, fields, count, x, y, n):
-    """Emit maths.series of ``count`` stages, up to W, one in each lane.
+def _stages(b, width, helper, types, fields, count, signal, output, samples):
+    """Emit maths.series of ``count`` stages, up to width, one in each lane.
 
     Each is one sample behind the one before, which hands its output on by a lane.
     """
-    lanes, behind = ir.Constant(ir.VectorType(I64, W), list(range(W))), b.sub(count, I64(1))
-    there, zero = b.icmp_unsigned("<", lanes, splat(b, count, W)), I64(0)
-    p = [splat(b, v, W) if v.type == DOUBLE else _masked(b, v, there) for v in fields[0]]
+    lanes, behind = ir.Constant(ir.VectorType(I64, width), list(range(width))), b.sub(count, I64(1))
+    there, zero = b.icmp_unsigned("<", lanes, splat(b, count, width)), I64(0)
+    parameters = [
+        splat(b, vector, width) if vector.type == DOUBLE else _masked(b, vector, there)
+        for vector in fields[0]
+    ]
     cells = [  # outputs of the turn before, and states
-        variable(b, v)
-        for v in (
-            zeros(ir.VectorType(DOUBLE, W)),
-            *(_masked(b, q, there) for q in fields[1]),
+        variable(b, vector)
+        for vector in (
+            zeros(ir.VectorType(DOUBLE, width)),
+            *(_masked(b, address, there) for address in fields[1]),
         )
     ]
 
-    def turn(i, part):
-        at, late = i, b.sub(i, behind)  # samples of the first and of the last stage
+    def turn(number_of_turn, part):
+        at, late = (
+            number_of_turn,
+            b.sub(number_of_turn, behind),
+        )  # samples of the first and of the last stage
         if part:  # some stages have no sample yet, or no more
-            at = b.select(b.icmp_signed("<", i, n), i, b.sub(n, I64(1)))
+            at = b.select(
+                b.icmp_signed("<", number_of_turn, samples), number_of_turn, b.sub(samples, I64(1))
+            )
             late = b.select(b.icmp_signed(">", late, zero), late, zero)
-        v, *old = map(b.load, cells)
-        v = shuffle(b, v, splat(b, b.load(b.gep(x, [at])), W), [W, *range(W - 1)])
-        own = (t(*(Lanes(b, u) for u in one)) for t, one in zip(types, (p, old), strict=True))
-        out, new = helper(*own, Lanes(b, v))
-        out, *new = [number(b, u, W) for u in (out, *new)]
+        vector, *old = map(b.load, cells)
+        vector = shuffle(
+            b, vector, splat(b, b.load(b.gep(signal, [at])), width), [width, *range(width - 1)]
+        )
+        own = (
+            record(*(Lanes(b, value) for value in one))
+            for record, one in zip(types, (parameters, old), strict=True)
+        )
+        out, new = helper(*own, Lanes(b, vector))
+        out, *new = [number(b, value, width) for value in (out, *new)]
         if part:
-            runs = b.icmp_unsigned("<", b.sub(splat(b, i, W), lanes), splat(b, n, W))
-            new = [b.select(runs, u, o) for u, o in zip(new, old, strict=True)]
-        for cell, u in zip(cells, (out, *new), strict=True):
-            b.store(u, cell)
-        b.store(b.extract_element(out, behind), b.gep(y, [late]))
+            runs = b.icmp_unsigned(
+                "<", b.sub(splat(b, number_of_turn, width), lanes), splat(b, samples, width)
+            )
+            new = [b.select(runs, value, kept) for value, kept in zip(new, old, strict=True)]
+        for cell, value in zip(cells, (out, *new), strict=True):
+            b.store(value, cell)
+        b.store(b.extract_element(out, behind), b.gep(output, [late]))
 
-    most = b.select(b.icmp_signed(">", n, behind), n, behind)
+    most = b.select(b.icmp_signed(">", samples, behind), samples, behind)
     for start, stop, part in (
         (zero, behind, True),
         (behind, most, False),
-        (most, b.add(n, behind), True),
+        (most, b.add(samples, behind), True),
     ):
-        with loop(b, start, stop, 1) as i:
-            turn(i, part)
-    for q, cell in zip(fields[1], cells[1:], strict=True):
-        _masked(b, q, there, b.load(cell))
+        with loop(b, start, stop, 1) as number_of_turn:
+            turn(number_of_turn, part)
+    for address, cell in zip(fields[1], cells[1:], strict=True):
+        _masked(b, address, there, b.load(cell))
 
 
 # Of numbers of stages for which there is a loop, 1, 2, 4 .. : more than 16 take several
@@ -214,21 +241,24 @@ def series(b, helper, types, fields, size, x, y, n):
         )
 
 
-def operation(b, number, W, A, n):
+def operation(b, number, buffers, slots, count):
     """Run the row of an operation.
 
     A holds the slots of its inputs and that of its output.
     """
 
     def body(cls):
-        *x, y = (b.gep(W, [b.load(b.gep(A, [I64(k)]))]) for k in range(len(signals(cls)) + 1))
-        _steps(b, bind(cls.step), (), x, y, n)
+        *inputs, output = (
+            b.gep(buffers, [b.load(b.gep(slots, [I64(argument)]))])
+            for argument in range(len(signals(cls)) + 1)
+        )
+        _steps(b, bind(cls.step), (), inputs, output, count)
 
     cases(b, number, dict(enumerate(OPERATIONS)), body)
 
 
 def _draw(b, helper, key, first, z, W):
-    """Emit z[2 k : 2 k + 2] = helper(key, first + k) for W pairs."""
+    """Emit deviates[2 k : 2 k + 2] = helper(key, first + k) for width pairs."""
     steps = ir.Constant(ir.VectorType(I64, W), list(range(W)))
     m = b.add(splat(b, first, W), steps)
     one, other = helper(Lanes(b, splat(b, key, W)), Lanes(b, m))
@@ -264,7 +294,7 @@ def _pairs(b, helper, key, first, z, n):
 
 
 def pairs_beside_modes(b, helper, key, first, z, p, r, q, d, x, y):
-    """Compute maths.pairs into z, and maths.modes of 8 from x to y, for a tile each.
+    """Compute maths.pairs, and maths.modes of 8, for a tile each.
 
     Each sample of the modes waits for the one before; the pairs are drawn meanwhile.
     """
