@@ -604,7 +604,6 @@ def _check_search(loss: Any, steps: Any, tol: Any, weight: Any, band: Any) -> No
 
 
 def _targets(target: Any, outputs: tuple[str, ...]) -> dict[str, Any]:
-    """Return the target of each output."""
     if isinstance(target, Mapping):
         for name in target:
             if name not in outputs:

@@ -240,7 +240,6 @@ class Walk:
         return found
 
     def _compared(self, op: type, x: Any, y: Any) -> Any:
-        """Return x op y."""
         if op in (ast.Is, ast.IsNot) and plain(x) and plain(y):
             return (x is y) == (op is ast.Is)
         if op in (ast.In, ast.NotIn) and several(y):
