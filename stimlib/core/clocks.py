@@ -42,25 +42,27 @@ def count(nodes: list[Node], roots: list[int]) -> float:
     """
     reached, todo = set(), list(roots)
     while todo:
-        if (n := todo.pop()) not in reached:
-            reached.add(n)
-            todo += nodes[n].kids
+        if (node := todo.pop()) not in reached:
+            reached.add(node)
+            todo += nodes[node].kids
     # children come first
-    gated = sorted({nodes[n].kids[0] for n in reached if isinstance(nodes[n].block, Subsystem)})
+    gated = sorted(
+        {nodes[node].kids[0] for node in reached if isinstance(nodes[node].block, Subsystem)}
+    )
     # instances on a clock that runs a block, and on all clocks below it
     copy: dict[int, float] = {}
     walked = 0
-    for tops in [*([n] for n in gated), roots]:
+    for tops in [*([node] for node in gated), roots]:
         seen: set[int] = set()
         size, todo = 0.0, list(tops)
         while todo:
-            n = todo.pop()
-            b, kids = nodes[n]
-            if n in seen or isinstance(b, (Param, Const)):
+            node = todo.pop()
+            block, kids = nodes[node]
+            if node in seen or isinstance(block, (Param, Const)):
                 continue
-            seen.add(n)
-            size += 2 + copy[kids[0]] if isinstance(b, Subsystem) else 1
-            todo += kids[1:] if isinstance(b, Subsystem) else kids
+            seen.add(node)
+            size += 2 + copy[kids[0]] if isinstance(block, Subsystem) else 1
+            todo += kids[1:] if isinstance(block, Subsystem) else kids
         copy[tops[0]] = size
         walked += len(seen)
         if walked > limits.scene_blocks:  # every clock is there at least once
@@ -77,17 +79,17 @@ class _Clocks(NamedTuple):
     seeds: list[int | None]
     opened: dict[Any, tuple[int, int]]  # clocks, and the node that opens each
 
-    def below(self, parent: int, b: Block, n: int) -> tuple[int, int]:
+    def below(self, parent: int, block: Block, node: int) -> tuple[int, int]:
         """Return the clock of an enabled or a segment, and the node that opens it."""
-        run, seed = (b.run, b.seed) if isinstance(b, Segment) else ("", None)
-        which = (run or n, parent)  # segments of one time and seed run together
+        run, seed = (block.run, block.seed) if isinstance(block, Segment) else ("", None)
+        which = (run or node, parent)  # segments of one time and seed run together
         if which not in self.opened:
             number = len(self.parents)
             self.names.append(f"{'segment' if run else 'enabled'} {number - ROOT}")
             self.runs.append(self.runs[parent] + run)
             self.seeds.append(self.seeds[parent] if seed is None else seed)
             self.parents.append(parent)
-            self.opened[which] = number, n
+            self.opened[which] = number, node
         return self.opened[which]
 
 
@@ -99,42 +101,49 @@ def layout(nodes: list[Node], roots: list[int]):
     made: dict[tuple[str, int, int], int] = {}
     instances: list[Instance] = []
     clocks = _Clocks([-1, -1], ["params", "root"], ["", ""], [None, None], {})
-    todo = [("block", n, ROOT) for n in reversed(roots)]
+    todo = [("block", node, ROOT) for node in reversed(roots)]
     while todo:
         key = todo[-1]
         if key in made:
             todo.pop()
             continue
-        kind, n, clock = key
-        b, kids = nodes[n]
+        kind, node, clock = key
+        block, kids = nodes[node]
         child = -1
-        if isinstance(b, Subsystem):
-            child, opener = clocks.below(clock, b, n)
+        if isinstance(block, Subsystem):
+            child, opener = clocks.below(clock, block, node)
             need = [("open", opener, clock), ("block", kids[0], child)]
             if kind == "open":
                 need = [("block", kids[1], clock)]
         else:
-            need = [("block", k, clock) for k in kids]
-        need = [(k, m, _home(nodes[m].block, c)) for k, m, c in need]
-        missing = [q for q in need if q not in made]
-        closes = kind == "block" and isinstance(b, Subsystem)
+            need = [("block", kid, clock) for kid in kids]
+        need = [
+            (kid, kid_node, _home(nodes[kid_node].block, its_clock))
+            for kid, kid_node, its_clock in need
+        ]
+        # a stack of our own, not recursion: a chain of blocks may be longer than
+        # Python's stack
+        missing = [needed for needed in need if needed not in made]
+        closes = kind == "block" and isinstance(block, Subsystem)
         if missing:
+            # the opening comes alone first: what it runs is laid out behind it
             todo += reversed(missing[:1] if closes else missing)
             continue
-        args = tuple(made[q] for q in need)
-        kind = "close" if closes else _KINDS.get(type(b), kind)
-        autonomous = b.begins_early and all(instances[a].autonomous for a in args)
+        args = tuple(made[needed] for needed in need)
+        kind = "close" if closes else _KINDS.get(type(block), kind)
+        autonomous = block.begins_early and all(instances[argument].autonomous for argument in args)
         made[key] = len(instances)
-        instances.append(Instance(kind, b, clock, args, autonomous, child))
+        instances.append(Instance(kind, block, clock, args, autonomous, child))
         todo.pop()
-    for q in instances:  # a gate with a loop behind it begins with that, at sample 0
-        if q.kind == "close" and not q.autonomous:
-            instances[q.args[0]] = instances[q.args[0]]._replace(autonomous=False)
+    for instance in instances:  # a gate with a loop behind it begins with that, at sample 0
+        if instance.kind == "close" and not instance.autonomous:
+            opener = instance.args[0]
+            instances[opener] = instances[opener]._replace(autonomous=False)
     return made, instances, clocks
 
 
-def _home(b: Block, clock: int) -> int:
+def _home(block: Block, clock: int) -> int:
     """Return the clock of a node; parameters, constants and inputs have their own."""
-    if isinstance(b, (Param, Const)):
+    if isinstance(block, (Param, Const)):
         return PARAMS
-    return ROOT if isinstance(b, Input) else clock
+    return ROOT if isinstance(block, Input) else clock

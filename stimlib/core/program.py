@@ -68,64 +68,66 @@ class _Graph:
         self.removed: dict[str, None] = {}
         self.bodies: dict[int, int] = {}  # of each Last, the number of what it is the last value of
 
-    def number(self, b: Block, kids: tuple[int, ...]) -> int:
-        key = (type(b), kids, _numbers(b))
-        n = self.numbers.setdefault(key, len(self.nodes))
-        if n == len(self.nodes):
-            self.nodes.append(Node(b, kids))
-        return n
+    def number(self, block: Block, kids: tuple[int, ...]) -> int:
+        key = (type(block), kids, _numbers(block))
+        place = self.numbers.setdefault(key, len(self.nodes))
+        if place == len(self.nodes):
+            self.nodes.append(Node(block, kids))
+        return place
 
     def const(self, value: float, like: Block) -> int:
         return self.number(Const(value, "" if like.dim == un.ONE else str(like.dim)), ())
 
-    def value(self, n: int) -> float | None:
-        b = self.nodes[n].block
-        return b.value if isinstance(b, Const) else None
+    def value(self, node: int) -> float | None:
+        block = self.nodes[node].block
+        return block.value if isinstance(block, Const) else None
 
-    def autonomous(self, n: int) -> bool:
-        return self.nodes[n].block.autonomous
+    def autonomous(self, node: int) -> bool:
+        return self.nodes[node].block.autonomous
 
-    def intern(self, b: Block, kids: tuple[int, ...]) -> int:
+    def intern(self, block: Block, kids: tuple[int, ...]) -> int:
         """Return the number of a block over rewritten inputs.
 
         Numbers are folded, and literal zeros and ones removed.
         """
-        if isinstance(b, Last | Loop | Tap):
-            return self.feedback(b, kids)
-        values = [self.value(k) for k in kids]
-        if foldable(b) and kids and None not in values:
+        if isinstance(block, Last | Loop | Tap):
+            return self.feedback(block, kids)
+        values = [self.value(kid) for kid in kids]
+        if foldable(block) and kids and None not in values:
             with np.errstate(all="ignore"):
-                v = float(steps.sample(b, (), (), [np.float64(v) for v in values])[0])
-            if not math.isfinite(v):
-                raise SceneError(f"{b!r} with the plain numbers {values} is {v}")
-            return self.const(v, b)
-        for here, there in ((0, 1), (1, 0)) if isinstance(b, (Mul, Add)) else ():
-            if values[here] == (1.0 if isinstance(b, Mul) else 0.0):
+                value = float(
+                    steps.sample(block, (), (), [np.float64(value) for value in values])[0]
+                )
+            if not math.isfinite(value):
+                raise SceneError(f"{block!r} with the plain numbers {values} is {value}")
+            return self.const(value, block)
+        for here, there in ((0, 1), (1, 0)) if isinstance(block, (Mul, Add)) else ():
+            if values[here] == (1.0 if isinstance(block, Mul) else 0.0):
                 return kids[there]
-            if isinstance(b, Mul) and values[here] == 0.0 and self.autonomous(kids[there]):
+            if isinstance(block, Mul) and values[here] == 0.0 and self.autonomous(kids[there]):
                 self.removed[f"{self.nodes[kids[there]].block!r}: multiplied by a literal 0"] = None
-                return self.const(0.0, b)
-        if isinstance(b, Subsystem):
+                return self.const(0.0, block)
+        if isinstance(block, Subsystem):
             if values[0] == 0.0 or (values[1] is not None and values[1] <= 0.0):
                 self.removed[
-                    f"{b!r}: {'nothing in it' if values[0] == 0.0 else 'never enabled'}"
+                    f"{block!r}: {'nothing in it' if values[0] == 0.0 else 'never enabled'}"
                 ] = None
-                return self.const(0.0, b)
-        return self.number(b, kids)
+                return self.const(0.0, block)
+        return self.number(block, kids)
 
-    def feedback(self, b: Block, kids: tuple[int, ...]) -> int:
+    def feedback(self, block: Block, kids: tuple[int, ...]) -> int:
         """Return the number of a part of a loop.
 
         A loop has the number of its body, and a tap that of the signal inside.
         """
-        if isinstance(b, Last):  # two loops have two, equal or not
-            self.nodes.append(Node(b, ()))
+        if isinstance(block, Last):  # two loops have two, equal or not
+            self.nodes.append(Node(block, ()))
             return len(self.nodes) - 1
-        if isinstance(b, Loop):
+        if isinstance(block, Loop):
             body, last = kids
             if self.bodies.setdefault(last, body) != body:
                 raise SceneError(
-                    f"{b!r} and another loop share one last value; make each with loop(..)"
+                    f"{block!r} and another loop share one last value; make each with loop(..)"
                 )
             return body
         return kids[1]
@@ -137,28 +139,32 @@ class _Graph:
         return new, closed(self.nodes, self.bodies, roots, new.number)
 
 
-def _numbers(b: Block) -> tuple[Any, ...]:
+def _numbers(block: Block) -> tuple[Any, ...]:
     """Return the design numbers of a block."""
-    if isinstance(b, Cycle):
-        return b.structure(_numbers)
-    return tuple(_key(getattr(b, f.name)) for f in dc.fields(b) if f.name not in signals(type(b)))  # type: ignore[arg-type]
+    if isinstance(block, Cycle):
+        return block.structure(_numbers)
+    return tuple(
+        _key(getattr(block, field.name))
+        for field in dc.fields(block)
+        if field.name not in signals(type(block))
+    )  # type: ignore[arg-type]
 
 
-def foldable(b: Block) -> bool:
+def foldable(block: Block) -> bool:
     """Return whether a block can be folded into a constant if its inputs are constant.
 
     This holds for blocks without memory whose step needs no design.
     """
     return (
-        isinstance(b, Map)
-        and not b.outputs
-        and type(b).step is not None
-        and type(b).design is Block.design
+        isinstance(block, Map)
+        and not block.outputs
+        and type(block).step is not None
+        and type(block).design is Block.design
     )
 
 
-def _key(v: Any) -> Any:
-    return ("array", v.shape, v.tobytes()) if isinstance(v, np.ndarray) else repr(v)
+def _key(value: Any) -> Any:
+    return ("array", value.shape, value.tobytes()) if isinstance(value, np.ndarray) else repr(value)
 
 
 def lower(outputs: dict[str, Block]) -> Program:
@@ -171,17 +177,20 @@ def lower(outputs: dict[str, Block]) -> Program:
         source on two clocks, unless shared; numbers that fold to something non-finite;
         more blocks than ``limits.scene_blocks``.
     """
-    guards = [Guard(b) for b in outputs.values()]
+    guards = [Guard(block) for block in outputs.values()]
     objects = reach(guards)
     limits.check("scene_blocks", len(objects), "blocks of a scene", SceneError)
     _check_names(objects)
     graph = _Graph()
     number: dict[int, int] = {}
-    for b in objects:
-        number[id(b)] = graph.intern(b, tuple(number[id(c)] for c in b.children))
-    roots = [number[id(g)] for g in guards]
-    if graph.bodies or any(isinstance(b, Last) for b in objects):
+    for block in objects:
+        number[id(block)] = graph.intern(
+            block, tuple(number[id(child)] for child in block.children)
+        )
+    roots = [number[id(guard)] for guard in guards]
+    if graph.bodies or any(isinstance(block, Last) for block in objects):
         graph, roots = graph.closed(roots)
+    # counted before any is made: a few gates inside each other would fill the memory
     copies = count(graph.nodes, roots)
     limits.check(
         "scene_blocks",
@@ -189,30 +198,50 @@ def lower(outputs: dict[str, Block]) -> Program:
         "blocks of a scene after each enabled or segment has got its own copies",
         SceneError,
     )
+    # on the objects as they were given: two equal noises are one node of the graph by
+    # now
     _check_noise_objects(guards)
     made, instances, clocks = layout(graph.nodes, roots)
-    blocks = [b for b in objects if not isinstance(b, (Loop, Tap))]
-    merged = len(blocks) - len({number[id(b)] for b in blocks})
+    blocks = [block for block in objects if not isinstance(block, (Loop, Tap))]
+    merged = len(blocks) - len({number[id(block)] for block in blocks})
     removed = list(graph.removed) + (
         [f"{merged} blocks: equal to others, or folded into numbers"] if merged else []
     )
     noises: dict[str, int] = {}
-    for i, q in enumerate(instances):
-        if q.block.noise_key:
-            name = "white({}, {})".format(*q.block.noise_key) + clocks.runs[q.clock]
-            if name in noises and not q.block.shared:
+    for place, instance in enumerate(instances):
+        if instance.block.noise_key:
+            name = "white({}, {})".format(*instance.block.noise_key) + clocks.runs[instance.clock]
+            if name in noises and not instance.block.shared:
                 raise SceneError(
-                    f"noise {q.block!r} is used on two clocks (inside enabled and outside, or in"
-                    " two gates): each clock would run its own copy; give each its own stream, or"
-                    " give shared=True if one noise everywhere is meant"
+                    f"noise {instance.block!r} is used on two clocks (inside enabled and outside,"
+                    " or in two gates): each clock would run its own copy; give each its own"
+                    " stream, or give shared=True if one noise everywhere is meant"
                 )
-            noises.setdefault(name, i)
-    inputs = {q.block.name: i for i, q in enumerate(instances) if isinstance(q.block, Input)}
-    params = {q.block.name: i for i, q in enumerate(instances) if isinstance(q.block, Param)}
+            noises.setdefault(name, place)
+    inputs = {
+        instance.block.name: place
+        for place, instance in enumerate(instances)
+        if isinstance(instance.block, Input)
+    }
+    params = {
+        instance.block.name: place
+        for place, instance in enumerate(instances)
+        if isinstance(instance.block, Param)
+    }
+    # of what runs: names of outputs are not in it
     text = repr(
-        [(type_name(type(q.block)), _numbers(q.block), q.kind, q.clock, q.args) for q in instances]
+        [
+            (
+                type_name(type(instance.block)),
+                _numbers(instance.block),
+                instance.kind,
+                instance.clock,
+                instance.args,
+            )
+            for instance in instances
+        ]
     )
-    ends = {name: made["block", n, ROOT] for name, n in zip(outputs, roots, strict=True)}
+    ends = {name: made["block", node, ROOT] for name, node in zip(outputs, roots, strict=True)}
     own = int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "little")
     parents, names, runs, seeds, _ = clocks
     return Program(
@@ -222,13 +251,13 @@ def lower(outputs: dict[str, Block]) -> Program:
 
 def _check_names(objects: list[Block]) -> None:
     seen: dict[str, Block] = {}
-    for b in objects:
-        if isinstance(b, Named):
-            old = seen.setdefault(b.name, b)
-            if type(old) is not type(b) or repr(old) != repr(b):
+    for block in objects:
+        if isinstance(block, Named):
+            old = seen.setdefault(block.name, block)
+            if type(old) is not type(block) or repr(old) != repr(block):
                 raise SceneError(
-                    f"the name {b.name!r} is used for {old!r} and for {b!r}: give them different"
-                    " names"
+                    f"the name {block.name!r} is used for {old!r} and for {block!r}: give them"
+                    " different names"
                 )
 
 
@@ -242,13 +271,13 @@ def _check_noise_objects(roots: Sequence[Block]) -> None:
     todo = {"": list(roots)}
     while todo:
         run, tops = todo.popitem()
-        for b in reach(tops, Segment):
-            if isinstance(b, Segment):
-                todo.setdefault(run + b.run, []).append(b.block)
-            if (key := b.noise_key) is None:
+        for block in reach(tops, Segment):
+            if isinstance(block, Segment):
+                todo.setdefault(run + block.run, []).append(block.block)
+            if (key := block.noise_key) is None:
                 continue
-            old = seen.setdefault((run, key), b)
-            if old is not b and not (b.shared and old.shared):  # type: ignore[attr-defined]
+            old = seen.setdefault((run, key), block)
+            if old is not block and not (block.shared and old.shared):  # type: ignore[attr-defined]
                 raise SceneError(
                     f"two noise sources have the key seed={key[0]}, stream={key[1]}: they would be"
                     f" one and the same noise; give one another seed (seed={key[0] + 1}) or stream,"
@@ -292,26 +321,29 @@ def design_of(program: Program, fs: float, cost: float = 20.0) -> list[tuple[Any
     block's code is faulty; BadValue before more memory is taken than
     ``limits.state_bytes``, or more work than ``limits.design_work``.
     """
+    # checked block by block, before the next takes its memory
     work = 0.0
     used = 8.0 * lead(fs) * (len(program.inputs) + len(program.outputs))
     made = []
-    for q in program.instances:
-        p, s = steps.designed(q.block, fs) if q.kind == "block" else ((), ())
-        used += 8 * 64 + sum(np.size(v) * 8 for v in (*p, *s))
+    for instance in program.instances:
+        numbers, state = (
+            steps.designed(instance.block, fs) if instance.kind == "block" else ((), ())
+        )
+        used += 8 * 64 + sum(np.size(field) * 8 for field in (*numbers, *state))
         limits.check(
             "state_bytes",
             used,
             f"bytes, at least, of the scene's states, parameters and buffers at fs = {fs:g} Hz",
         )
-        work += lead(fs) * (cost + np.size(getattr(p, "taps", ())) / 20) * q.autonomous
+        work += lead(fs) * (cost + np.size(getattr(numbers, "taps", ())) / 20) * instance.autonomous
         limits.check(
             "design_work",
             work,
             f"operations of the {lead(fs)} samples before sample 0 at fs = {fs:g} Hz; lower fs",
         )
-        if q.kind == "block" and not steps.ours(type(q.block)):
-            steps.rehearse(q.block, p, s)
-        made.append((p, s))
+        if instance.kind == "block" and not steps.ours(type(instance.block)):
+            steps.rehearse(instance.block, numbers, state)
+        made.append((numbers, state))
     return made
 
 
@@ -322,17 +354,19 @@ def _check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) ->
     """
     total = [0] * len(program.instances)
     noisy = [False] * len(program.instances)
-    for i, q in enumerate(program.instances):
-        noisy[i] = q.block.noise_key is not None or any(noisy[a] for a in q.args)
-        if q.autonomous and noisy[i]:
-            total[i] = max((total[a] for a in q.args), default=0) + (
-                q.block.memory(design[i][0]) if q.kind == "block" else 0
+    for place, instance in enumerate(program.instances):
+        noisy[place] = instance.block.noise_key is not None or any(
+            noisy[argument] for argument in instance.args
+        )
+        if instance.autonomous and noisy[place]:
+            total[place] = max((total[argument] for argument in instance.args), default=0) + (
+                instance.block.memory(design[place][0]) if instance.kind == "block" else 0
             )
-            if total[i] > lead(fs):
+            if total[place] > lead(fs):
                 raise SceneError(
-                    f"{q.block!r}: {total[i]} samples of filter memory on the path of a noise, more"
-                    f" than the {lead(fs)} that run before sample 0 at fs = {fs:g} Hz; use lower"
-                    " orders or shorter delays"
+                    f"{instance.block!r}: {total[place]} samples of filter memory on the path of a"
+                    f" noise, more than the {lead(fs)} that run before sample 0 at fs = {fs:g} Hz;"
+                    " use lower orders or shorter delays"
                 )
 
 
@@ -345,19 +379,19 @@ def first_states(
     order.
     """
     own, parts, at = [], [np.zeros(0, np.uint64)], 0
-    for q, (p, s) in zip(program.instances, design, strict=True):
-        if q.kind == "block":
-            if type(q.block).start is not Block.start:
-                own.append((at, q.block, p, s, program.seeds[q.clock]))
-            parts.append(pack(s))
+    for instance, (numbers, state) in zip(program.instances, design, strict=True):
+        if instance.kind == "block":
+            if type(instance.block).start is not Block.start:
+                own.append((at, instance.block, numbers, state, program.seeds[instance.clock]))
+            parts.append(pack(state))
             at += parts[-1].size
     rest = np.concatenate(parts)
 
     def first(seed: int) -> np.ndarray:
         words = rest.copy()
         with np.errstate(all="ignore"):
-            for at, block, p, s, its in own:
-                new = pack(start(block, p, s, seed if its is None else its))
+            for at, block, numbers, state, its in own:
+                new = pack(start(block, numbers, state, seed if its is None else its))
                 words[at : at + new.size] = new
         return words
 
@@ -391,12 +425,13 @@ def warn_beyond(program: Program, fs: float, frames: int) -> None:
 
     The stated accuracy of the block holds only up to its horizon.
     """
-    for q in program.instances:
-        horizon = getattr(q.block, "horizon", None)
+    for instance in program.instances:
+        horizon = getattr(instance.block, "horizon", None)
         if horizon is not None and frames / fs > horizon:
             warnings.warn(
-                f"{q.block!r}: the run of {frames / fs:g} s is longer than horizon = {horizon:g} s,"
-                " up to which its tolerance holds; beyond, the error grows: give a longer horizon",
+                f"{instance.block!r}: the run of {frames / fs:g} s is longer than horizon ="
+                f" {horizon:g} s, up to which its tolerance holds; beyond, the error grows: give a"
+                " longer horizon",
                 RuntimeWarning,
                 stacklevel=outside(),
             )

@@ -257,17 +257,19 @@ def operation(b, number, buffers, slots, count):
     cases(b, number, dict(enumerate(OPERATIONS)), body)
 
 
-def _draw(b, helper, key, first, z, W):
+def _draw(b, helper, key, first, deviates, width):
     """Emit deviates[2 k : 2 k + 2] = helper(key, first + k) for width pairs."""
-    steps = ir.Constant(ir.VectorType(I64, W), list(range(W)))
-    m = b.add(splat(b, first, W), steps)
-    one, other = helper(Lanes(b, splat(b, key, W)), Lanes(b, m))
-    for k in range(0, W, min(4, W)):
-        both = [lane for j in range(k, min(k + 4, W)) for lane in (j, W + j)]
-        store(b, shuffle(b, one.v, other.v, both), z, 2 * k)
+    steps = ir.Constant(ir.VectorType(I64, width), list(range(width)))
+    indices = b.add(splat(b, first, width), steps)
+    one, other = helper(Lanes(b, splat(b, key, width)), Lanes(b, indices))
+    for start in range(0, width, min(4, width)):
+        both = [
+            lane for pair in range(start, min(start + 4, width)) for lane in (pair, width + pair)
+        ]
+        store(b, shuffle(b, one.v, other.v, both), deviates, 2 * start)
 
 
-def pairs(b, helper, key, first, z, n):
+def pairs(b, helper, key, first, deviates, count):
     """Compute maths.pairs."""
     name = f"pairs.{helper.__name__}"
     if name not in b.module.globals:  # one function, however often it is called
@@ -277,36 +279,42 @@ def pairs(b, helper, key, first, z, n):
         once.attributes.add("noinline")
         once.append_basic_block()
         _pairs(ir.IRBuilder(once.blocks[0]), helper, *once.args)
-    b.call(b.module.globals[name], [key, first, z, n])
+    b.call(b.module.globals[name], [key, first, deviates, count])
 
 
-def _pairs(b, helper, key, first, z, n):
-    with b.if_else(b.icmp_signed("==", n, I64(64))) as (tile, part):
+def _pairs(b, helper, key, first, deviates, count):
+    with b.if_else(b.icmp_signed("==", count, I64(64))) as (tile, part):
         with tile:  # no loop, for two turns of which keys and constants would be prepared
-            _draw(b, helper, key, first, z, 32)
+            _draw(b, helper, key, first, deviates, 32)
         with part:
-            whole = b.and_(n, I64(-2 * WIDTHS[0]))
-            for W, start, stop in zip(WIDTHS, (I64(0), whole), (whole, n), strict=True):
-                with loop(b, start, stop, 2 * W) as i:
-                    m = b.add(first, b.lshr(i, I64(1)))
-                    _draw(b, helper, key, m, b.gep(z, [i]), W)
+            whole = b.and_(count, I64(-2 * WIDTHS[0]))
+            for width, start, stop in zip(WIDTHS, (I64(0), whole), (whole, count), strict=True):
+                with loop(b, start, stop, 2 * width) as place:
+                    index = b.add(first, b.lshr(place, I64(1)))
+                    _draw(b, helper, key, index, b.gep(deviates, [place]), width)
     b.ret_void()
 
 
-def pairs_beside_modes(b, helper, key, first, z, p, r, q, d, x, y):
+def pairs_beside_modes(
+    b, helper, key, first, deviates, poles, weights, states, gain, signal, output
+):
     """Compute maths.pairs, and maths.modes of 8, for a tile each.
 
     Each sample of the modes waits for the one before; the pairs are drawn meanwhile.
     """
     done = b.block.instructions
     before = len(done)
-    eight_modes(b, p, r, q, d, x, y)
+    eight_modes(b, poles, weights, states, gain, signal, output)
     between = len(done)
-    _draw(b, helper, key, first, z, 32)
+    _draw(b, helper, key, first, deviates, 32)
     done[before:] = _merged(done[before:between], done[between:])
 
 
 def _merged(one: list, other: list) -> list:
     """Return two lists of independent instructions as one, evenly mixed."""
-    places = [((k + 0.5) / len(v), v is other, k) for v in (one, other) for k in range(len(v))]
-    return [(other if second else one)[k] for _, second, k in sorted(places)]
+    places = [
+        ((position + 0.5) / len(instructions), instructions is other, position)
+        for instructions in (one, other)
+        for position in range(len(instructions))
+    ]
+    return [(other if second else one)[position] for _, second, position in sorted(places)]
