@@ -145,9 +145,9 @@ def _numbers(block: Block) -> tuple[Any, ...]:
         return block.structure(_numbers)
     return tuple(
         _key(getattr(block, field.name))
-        for field in dc.fields(block)
+        for field in dc.fields(block)  # type: ignore[arg-type]
         if field.name not in signals(type(block))
-    )  # type: ignore[arg-type]
+    )
 
 
 def foldable(block: Block) -> bool:
