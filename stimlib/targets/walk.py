@@ -63,6 +63,8 @@ OPEN = ast.For | ast.If | ast.While
 @cache
 def _set_within(node: ast.FunctionDef) -> frozenset[str]:
     """Return the variables that are set in a loop or a branch, loops' own left out."""
+    # A loop's own variable is a register, unless it is used behind its loop or set
+    # elsewhere: then it is memory, like all others that are set here.
     found = set[str]()
     inner = [n for part in node.body if isinstance(part, OPEN) for n in ast.walk(part)]
     loops = [n for n in inner if isinstance(n, ast.For)]
@@ -119,6 +121,8 @@ class Walk:
     def _widen(self, old: str, new: str, key: Any) -> None:
         if old not in WIDER or new not in WIDER:
             raise Unknown(f"{key[1]} is {old} and becomes {new}")
+        # What is written already counts on the narrower kind.  A second walk is simpler
+        # than an analysis of kinds before the first, and hardly ever needed.
         if WIDER.index(new) > WIDER.index(old):
             self.wider[key] = new
             raise Anew
@@ -126,6 +130,7 @@ class Walk:
     def get(self, name: str) -> Any:
         """Return the value of a variable, or of a global name."""
         frame = self.frame
+        # Python's order: variables, globals, builtins
         if name not in frame.names:
             if name in frame.space:
                 return frame.space[name]
@@ -258,6 +263,7 @@ class Walk:
         return cast(self.b, x, "b1")
 
     def _BoolOp(self, node: Any) -> Any:
+        # one at a time: what is not needed must not be written where the first is known
         first, *rest = node.values
         both = isinstance(node.op, ast.And)
         x = self.value(first)
@@ -284,6 +290,7 @@ class Walk:
 
     def call(self, f: Any, given: Sequence[Any], named: Any = None) -> Any:
         """Return the result of a call."""
+        # a twin first: a function of ``maths`` is Python, too, and would be walked
         f = self.twins.get(f, f) if isinstance(f, WITH_TWINS) else f
         if isinstance(f, type) and hasattr(f, "_fields"):
             return f(*given, **(named or {}))
@@ -317,6 +324,8 @@ class Walk:
         except RecursionError:
             why = Unknown("an expression that is too deep: split it into several lines")
             raise why from None
+        # Python's own errors come from arithmetic with what is known now; the author
+        # reads the line of the innermost statement, which is the first to get here
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
             e = why if isinstance(why, Unknown) else Unknown(f"{ast.unparse(node)[:60]}: {why}")
             f = self.frame.f
@@ -400,6 +409,7 @@ class Walk:
         start, stop, by = (
             [number(0), *ends, number(1)] if len(ends) == 1 else [*ends, number(1)][:3]
         )
+        # its sign decides the comparison that ends the loop
         if not isinstance(by.v, ir.Constant) or by.v.constant == 0:
             raise Unknown("the step of a range must be a number, and not 0")
         first, last = (cast(self.b, v, "i8") for v in (start, stop))

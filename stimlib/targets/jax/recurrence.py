@@ -275,8 +275,8 @@ def affine(M: Any, v: Any, first: Any, anew: Any = None) -> Any:
         )[1]
     # Two axes of about sqrt(n): all blocks run side by side from a state of 0, each
     # carrying the product of its matrices; then the states at their starts follow from
-    # one another, and are added. So 2 sqrt(n) turns one after another instead of n: 10
-    # ns a sample instead of 50.
+    # one another, and are added. So velocities, trackers and lags take 10 ns a sample
+    # instead of 50.
     blocks = math.isqrt(n)
     length = -(-n // blocks)
     v = jnp.pad(v, ((0, length * blocks - n), (0, 0))).reshape(blocks, length, k).swapaxes(0, 1)

@@ -108,6 +108,7 @@ def stand_in(v: ir.Value, kind: str) -> Any:
 # Numbers ------------------------------------------------------------------------------
 def plain(x: Any) -> bool:
     """Return whether a number is known now."""
+    # numpy's numbers too: design's constants and np.uint64(1) are such
     return isinstance(x, bool | int | float | np.generic)
 
 
@@ -140,6 +141,8 @@ def cast(b: Any, x: Any, kind: str) -> Value:
 
 def common(x: Value, y: Value) -> str:
     """Return the kind in which two numbers meet."""
+    # as numpy 2 has it, but for a uint64 with a whole number that may be below 0: numpy
+    # makes a float of these two, and here they are refused
     both = {x.kind, y.kind}
     if both & {"f8"}:
         return "f8"
@@ -176,7 +179,7 @@ def binary(b: Any, op: type, x: Any, y: Any) -> Any:
         try:
             with np.errstate(all="ignore"):
                 return PYTHON[op](*(float(v) if isinstance(v, np.floating) else v for v in (x, y)))
-        except ZeroDivisionError:
+        except ZeroDivisionError:  # no error where it runs
             pass
     x, y = number(x), number(y)
     if x.kind == y.kind == "b1" and op not in SIGNS:
@@ -263,6 +266,7 @@ class Builder(ir.IRBuilder):
             return (
                 self.urem(x, by) if op is ast.Mod else self.select(none, I64(0), self.udiv(x, by))
             )
+        # the processor rounds towards 0, Python down
         quotient, rest = self.select(none, I64(0), self.sdiv(x, by)), self.srem(x, by)
         apart = self.icmp_signed("<", self.xor(rest, y), I64(0))
         turned = self.and_(self.icmp_signed("!=", rest, I64(0)), apart)

@@ -55,6 +55,7 @@ class Writer(Walk):
 
     def set(self, name: str, x: Any) -> None:
         """Set a variable."""
+        # set once, in the open: what it stands for is its value, and needs no memory
         frame = self.frame
         if name not in frame.within and name != RESULT:
             frame.names[name] = x
@@ -82,6 +83,8 @@ class Writer(Walk):
 
     def _memory(self, t: ir.Type) -> ir.Value:
         """Return memory that is 0 where no branch sets it."""
+        # it is read back only where Python would say that it has no value; undefined
+        # bits there would depend on LLVM
         p = room(self.b, t)
         with self.b.goto_entry_block():
             self.b.store(ir.Constant(t, None), p)
@@ -140,6 +143,7 @@ class Writer(Walk):
                 with side:
                     found.append(number(one()))
                     ends.append(b.block)
+        # the kind is known after both, and is cast where each ends
         kind = "b1" if found[0].kind == found[1].kind == "b1" else common(*found)
         after = b.block
         values = []
@@ -173,6 +177,8 @@ class Writer(Walk):
     def walk(self, f: Any, given: Sequence[Any], named: Any = None) -> Any:
         """Return the result of a function, written here."""
         node = self.syntax.get(f.__code__) or syntax(f, f.__code__)
+        # a helper is written where it is called: what it gets may be known now.
+        # The path tells its variables from those of another call.
         outer = self.frame
         path = () if outer is None else (*outer.path, outer.calls)
         if outer is not None:
@@ -183,6 +189,7 @@ class Writer(Walk):
             bound.apply_defaults()
             for name, x in bound.arguments.items():
                 self.set(name, x)
+            # a single return at the end needs neither memory nor a branch
             *body, last = node.body
             returns = [n for n in ast.walk(node) if isinstance(n, ast.Return)]
             if returns in ([], [last]):
@@ -326,6 +333,8 @@ def _write(module: ir.Module, f: Any, walk: Writer) -> bool:
     name, result, kinds = f.exported
     of = ir.FunctionType(llvm_type(result), [llvm_type(k) for k in kinds])
     made = module.globals.get(name) or ir.Function(module, of, name)
+    # memory stands in a block of its own, in front: it is asked for in the middle of
+    # others
     entry, start = made.append_basic_block("entry"), made.append_basic_block("start")
     walk.b = Builder(start)
     try:
