@@ -31,12 +31,12 @@ from stimlib.targets.llvm.values import (
 
 
 # Numbers ------------------------------------------------------------------------------
-def _where(w: Any, c: Any, one: Any, other: Any) -> Any:
+def _where(w: Any, condition: Any, one: Any, other: Any) -> Any:
     one, other = number(one), number(other)
     if (one.kind == "u8") != (other.kind == "u8"):
         raise Unknown("where of a uint64 and another number: make both np.uint64, or floats")
     kind = one.kind if one.kind == "u8" else "f8"
-    return Value(w.b.chosen(w.truth(c), cast(w.b, one, kind), cast(w.b, other, kind)), kind)
+    return Value(w.b.chosen(w.truth(condition), cast(w.b, one, kind), cast(w.b, other, kind)), kind)
 
 
 def _rounded(name: str) -> Known:
@@ -46,42 +46,42 @@ def _rounded(name: str) -> Known:
     return Known(f)
 
 
-def _bits(w: Any, x: Any) -> Value:
-    return Value(w.b.bitcast(cast(w.b, x, "f8").v, I64), "u8")
+def _bits(w: Any, given: Any) -> Value:
+    return Value(w.b.bitcast(cast(w.b, given, "f8").v, I64), "u8")
 
 
-def _unbits(w: Any, u: Any) -> Value:
-    u = number(u)
-    if u.kind not in ("u8", "i8"):
+def _unbits(w: Any, given: Any) -> Value:
+    given = number(given)
+    if given.kind not in ("u8", "i8"):
         raise Unknown("unbits converts a np.uint64")
-    return Value(w.b.bitcast(u.v, DOUBLE), "f8")
+    return Value(w.b.bitcast(given.v, DOUBLE), "f8")
 
 
-def _as_float(w: Any, u: Any) -> Value:
-    u = number(u)
-    if u.kind[0] == "f":
+def _as_float(w: Any, given: Any) -> Value:
+    given = number(given)
+    if given.kind[0] == "f":
         raise Unknown("as_float converts a np.uint64, not a float")
-    return Value(w.b.uitofp(u.v, DOUBLE), "f8")
+    return Value(w.b.uitofp(given.v, DOUBLE), "f8")
 
 
-def _flush(w: Any, x: Any) -> Value:
-    return Value(instructions.flush(w.b, cast(w.b, x, "f8").v), "f8")
+def _flush(w: Any, given: Any) -> Value:
+    return Value(instructions.flush(w.b, cast(w.b, given, "f8").v), "f8")
 
 
-def _settle(w: Any, x: Any) -> Value:
-    """With a branch: a comparison and a selection would lengthen the recursion."""
-    b, v = w.b, cast(w.b, x, "f8").v
-    size = instructions.known(b, "fabs", v)
+def _settle(w: Any, given: Any) -> Value:
+    """With a branch: a selection would lengthen the recursion, by 2.3 ns in a loop."""
+    b, value = w.b, cast(w.b, given, "f8").v
+    size = instructions.known(b, "fabs", value)
     start, rare, done = b.block, b.append_basic_block("silent"), b.append_basic_block("settled")
     silent = b.fcmp_ordered("<=", size, ir.Constant(DOUBLE, SILENT))
     b.cbranch(silent, rare, done).set_weights([1, 1000000])
     b.position_at_end(rare)
     b.branch(done)
     b.position_at_end(done)
-    y = b.phi(DOUBLE)
-    y.add_incoming(v, start)
-    y.add_incoming(ir.Constant(DOUBLE, 0.0), rare)
-    return Value(y, "f8")
+    settled = b.phi(DOUBLE)
+    settled.add_incoming(value, start)
+    settled.add_incoming(ir.Constant(DOUBLE, 0.0), rare)
+    return Value(settled, "f8")
 
 
 # Memory -------------------------------------------------------------------------------
@@ -156,11 +156,11 @@ def search(knots, x):
     """Return the index of the piece that contains a position."""
     low, high = 0, knots.size - 2
     while low < high:
-        k = (low + high + 1) >> 1
-        if x >= knots[counted(k)]:
-            low = k
+        middle = (low + high + 1) >> 1
+        if x >= knots[counted(middle)]:
+            low = middle
         else:
-            high = k - 1
+            high = middle - 1
     return counted(low)
 
 
@@ -180,29 +180,71 @@ def kernel(name: str, kinds: tuple[str, ...], *given: Any) -> Any:
 
 
 @known
-def fir(w, taps, v, y):
+def fir(w, taps, signal, output):
     """Compute an FIR filter with the runtime's kernel."""
-    kernel("fir", FIR, w, taps, taps.size, v, y, y.size)
+    kernel("fir", FIR, w, taps, taps.size, signal, output, output.size)
 
 
 @known
-def modes(w, p, r, q, d, x, y, v):
+def modes(w, poles, weights, states, gain, signal, output, sums):
     """Compute a bank of modes with the runtime's kernel."""
-    kernel("modes", MODES, w, p, r, q, p.size, d, x, v, y, y.size)
+    kernel(
+        "modes",
+        MODES,
+        w,
+        poles,
+        weights,
+        states,
+        poles.size,
+        gain,
+        signal,
+        sums,
+        output,
+        output.size,
+    )
 
 
 @known
-def steady(w, e, r, q, low, x, y, v):
+def steady(w, leaks, weights, states, low, signal, output, sums):
     """Compute a bank of slow modes with the runtime's kernel."""
-    kernel("memory", MEMORY, w, e, r, q, low, e.size, low.size, x, v, y, y.size)
+    kernel(
+        "memory",
+        MEMORY,
+        w,
+        leaks,
+        weights,
+        states,
+        low,
+        leaks.size,
+        low.size,
+        signal,
+        sums,
+        output,
+        output.size,
+    )
 
 
 @known
-def moving(w, e, r, q, low, x, y, v):
+def moving(w, leaks, weights, states, low, signal, output, sums):
     """Compute a bank of slow modes, with weights for each sample."""
-    kernel("moving_memory", MEMORY, w, e, r, q, low, e.size, low.size, x, v, y, y.size)
+    kernel(
+        "moving_memory",
+        MEMORY,
+        w,
+        leaks,
+        weights,
+        states,
+        low,
+        leaks.size,
+        low.size,
+        signal,
+        sums,
+        output,
+        output.size,
+    )
 
 
+# names of arguments as in maths: a step may give them by name, because this is walked
 def memory(e, r, q, low, x, y, w):
     """Compute a bank of slow modes, whose states have second words."""
     if r.size == e.size:
@@ -212,9 +254,11 @@ def memory(e, r, q, low, x, y, w):
 
 
 @known
-def series_at(w, c, terms, t, y, m):
+def series_at(w, coefficients, terms, numbers, values, series_count):
     """Compute Chebyshev series with the runtime's kernel."""
-    kernel("chebyshev", CHEBYSHEV, w, c, terms, t, y, m, t.size)
+    kernel(
+        "chebyshev", CHEBYSHEV, w, coefficients, terms, numbers, values, series_count, numbers.size
+    )
 
 
 def chebyshev(c, t, y):
@@ -224,43 +268,51 @@ def chebyshev(c, t, y):
 
 
 # Vectors ------------------------------------------------------------------------------
-def _numbers(w: Any, t: Any) -> Any:
+def _numbers(w: Any, record: Any) -> Any:
     """Return the numbers of a NamedTuple as LLVM's, or ()."""
-    return type(t)(*(number(v).v for v in t)) if t else ()
+    return type(record)(*(number(field).v for field in record)) if record else ()
 
 
-def _kinds(t: Any) -> str:
+def _kinds(record: Any) -> str:
     kinds = {"f8": "f", "u8": "u"}
     return "".join(
-        kinds.get(number(v).kind, "?") if plain(v) or isinstance(v, Value) else "?" for v in t
+        kinds.get(number(field).kind, "?") if plain(field) or isinstance(field, Value) else "?"
+        for field in record
     )
 
 
 def _floats(*arrays: Any) -> bool:
-    return all(isinstance(a, Array) and a.p.kind == "f8" for a in arrays)
+    return all(isinstance(array, Array) and array.p.kind == "f8" for array in arrays)
 
 
 @known
-def steps(w, f, p, x, y, n):
+def steps(w, step, numbers, inputs, output, count):
     """Run a step without state along slots."""
-    vectors.steps(w.b, lanes.twin(f), _numbers(w, p), [q.v for q in x], y.v, n.v)
+    vectors.steps(
+        w.b,
+        lanes.twin(step),
+        _numbers(w, numbers),
+        [address.v for address in inputs],
+        output.v,
+        count.v,
+    )
 
 
 @known
-def abreast(w, f, p, s, x, y, n):
+def abreast(w, step, numbers, states, inputs, outputs, count):
     """Run a step on lanes along the slots of two blocks, one in each lane."""
-    kinds = [[v.kind for v in map(number, one)] for one in s]
+    kinds = [[value.kind for value in map(number, one)] for one in states]
     made = vectors.abreast(
         w.b,
-        f,
-        [_numbers(w, one) for one in p],
-        [_numbers(w, one) for one in s],
-        [[q.v for q in one] for one in x],
-        [q.v for q in y],
-        n.v,
+        step,
+        [_numbers(w, one) for one in numbers],
+        [_numbers(w, one) for one in states],
+        [[address.v for address in one] for one in inputs],
+        [address.v for address in outputs],
+        count.v,
     )
     return tuple(
-        type(one)(*(Value(v, k) for v, k in zip(one, kind, strict=True)))
+        type(one)(*(Value(value, letter) for value, letter in zip(one, kind, strict=True)))
         for one, kind in zip(made, kinds, strict=True)
     )
 
@@ -297,10 +349,10 @@ def series(w, f, p, s, x, y):
 
 
 @known
-def pairs(w, f, key, first, z):
+def pairs(w, given, key, first, deviates):
     """Compute maths.pairs."""
-    helper = vectors.helper_of(f, (), "", "uu")
-    vectors.pairs(w.b, helper, number(key).v, number(first).v, z.p.v, z.n.v)
+    helper = vectors.helper_of(given, (), "", "uu")
+    vectors.pairs(w.b, helper, number(key).v, number(first).v, deviates.p.v, deviates.n.v)
 
 
 @known

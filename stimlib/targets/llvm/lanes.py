@@ -70,14 +70,14 @@ class Lanes:
 
 
 def _operator(of_floats: str, of_words: str, swapped: bool) -> Callable:
-    def f(self, other):
-        x, y = self.v, self.like(other)
+    def operate(self, other):
+        left, right = self.v, self.like(other)
         name = of_floats if self.kind == DOUBLE else of_words
         if not name or (self.kind == TRUTH and name not in ("and_", "or_", "xor")):
             raise TypeError("a truth value is no number: write where(c, 1.0, 0.0)")
-        return Lanes(self.b, getattr(self.b, name)(*((y, x) if swapped else (x, y))))
+        return Lanes(self.b, getattr(self.b, name)(*((right, left) if swapped else (left, right))))
 
-    return f
+    return operate
 
 
 def _comparison(sign: str) -> Callable:
@@ -110,29 +110,34 @@ for _name, _sign in (
     setattr(Lanes, f"__{_name}__", _comparison(_sign))
 
 
-def _one_of(*v: Any) -> Lanes:
-    for x in v:
-        if isinstance(x, Lanes):
-            return x
+def _one_of(*given: Any) -> Lanes:
+    for value in given:
+        if isinstance(value, Lanes):
+            return value
     raise TypeError("nothing but numbers")
 
 
+# names of arguments as in maths: a step may give them by name
 def _where(c: Any, x: Any, y: Any) -> Lanes:
     truth = _one_of(c).are(TRUTH)
-    words = all(isinstance(v, np.uint64) for v in (x, y))
-    some = _one_of(x, y, Lanes(c.b, ir.Constant(c.of(I64 if words else DOUBLE), ir.Undefined)))
+    words = all(isinstance(value, np.uint64) for value in (x, y))
+    some = _one_of(
+        x,
+        y,
+        Lanes(c.b, ir.Constant(c.of(I64 if words else DOUBLE), ir.Undefined)),
+    )
     if some.kind == TRUTH:
         raise TypeError("a truth value is no number")
     return Lanes(c.b, c.b.select(truth, some.like(x), some.like(y)))
 
 
 def _known(name: str) -> Callable:
-    def f(*v):
-        some = _one_of(*v)
+    def call(*given):
+        some = _one_of(*given)
         some.are(DOUBLE)
-        return Lanes(some.b, known(some.b, name, *map(some.like, v)))
+        return Lanes(some.b, known(some.b, name, *map(some.like, given)))
 
-    return f
+    return call
 
 
 def _of(kind: ir.Type, code: Callable) -> Callable:
@@ -174,25 +179,30 @@ def twin(v: Any) -> Any:
     )
 
 
-def bind(f: python.FunctionType) -> Callable | None:
+def bind(function: python.FunctionType) -> Callable | None:
     """Return a step or helper as a function on lanes.
 
     None if it uses something that has no replacement.
     """
     scope = {
-        name: twin(f.__globals__[name]) for name, _ in used(f.__code__) if name in f.__globals__
+        name: twin(function.__globals__[name])
+        for name, _ in used(function.__code__)
+        if name in function.__globals__
     }
     of_maths = (
-        [name for name in f.__code__.co_names if hasattr(maths, name)]
+        [name for name in function.__code__.co_names if hasattr(maths, name)]
         if NAMESPACE in scope.values()
         else []
     )
     if not all(hasattr(NAMESPACE, name) for name in of_maths):
         return None
-    if None in scope.values() or f.__closure__:
+    if None in scope.values() or function.__closure__:
         return None
     return python.FunctionType(
-        f.__code__, {"__builtins__": {"abs": abs, "range": range}, **scope}, None, f.__defaults__
+        function.__code__,
+        {"__builtins__": {"abs": abs, "range": range}, **scope},
+        None,
+        function.__defaults__,
     )
 
 
@@ -208,15 +218,19 @@ def fault(helper: Callable | None, p_type: Any, p_kinds: str, kinds: str) -> str
 
     f: a float, u: np.uint64. The answer comes from trying it.
     """
+    # Tried on a module that is thrown away: the operations themselves know what lanes
+    # can do, and a list of what they can would be a second one.
     if helper is None:
         return "it uses something that they do not support"
-    vectors = [ir.VectorType(I64 if k == "u" else DOUBLE, 8) for k in p_kinds + kinds]
+    vectors = [ir.VectorType(I64 if letter == "u" else DOUBLE, 8) for letter in p_kinds + kinds]
     trial = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), vectors), "trial")
     b = ir.IRBuilder(trial.append_basic_block())
-    v = [Lanes(b, x) for x in trial.args]
+    stand_ins = [Lanes(b, x) for x in trial.args]
     try:
-        y = helper(p_type(*v[: len(p_kinds)]) if p_kinds else (), *v[len(p_kinds) :])
-        for part in y if isinstance(y, tuple) else (y,):
+        result = helper(
+            p_type(*stand_ins[: len(p_kinds)]) if p_kinds else (), *stand_ins[len(p_kinds) :]
+        )
+        for part in result if isinstance(result, tuple) else (result,):
             for one in part if isinstance(part, tuple) else (part,):
                 number(b, one)
     except Exception as e:  # of an author's code
@@ -237,6 +251,6 @@ def go_abreast(
 
     Their state must consist of floats.
     """
-    run, k = twin(step), len(s_kinds)
-    call = run and (lambda p, *v: run(p, s_type(*v[:k]), *v[k:]))
-    return set(s_kinds) == {"f"} and not fault(call, p_type, p_kinds, "f" * (k + inputs))
+    run, count = twin(step), len(s_kinds)
+    call = run and (lambda p, *given: run(p, s_type(*given[:count]), *given[count:]))
+    return set(s_kinds) == {"f"} and not fault(call, p_type, p_kinds, "f" * (count + inputs))
