@@ -162,13 +162,13 @@ class Walk:
     def several(self, nodes: Sequence[Any]) -> list[Any]:
         """Return the values of expressions, of which some are unpacked."""
         found: list[Any] = []
-        for n in nodes:
-            if not isinstance(n, ast.Starred):
-                found.append(self.value(n))
-            elif several(x := self.value(n.value)):
-                found += x
+        for node in nodes:
+            if not isinstance(node, ast.Starred):
+                found.append(self.value(node))
+            elif several(unpacked := self.value(node.value)):
+                found += unpacked
             else:
-                raise Unknown(f"{ast.unparse(n)}: only a tuple can be unpacked")
+                raise Unknown(f"{ast.unparse(node)}: only a tuple can be unpacked")
         return found
 
     def _Attribute(self, node: Any) -> Any:
@@ -249,10 +249,15 @@ class Walk:
             return (x is y) == (op is ast.Is)
         if op in (ast.In, ast.NotIn) and several(y):
             found: Any = False
-            for v in y:
-                if not (plain(x) or plain(v)) and number(x).kind == number(v).kind == "f8":
+            for element in y:
+                if (
+                    not (plain(x) or plain(element))
+                    and number(x).kind == number(element).kind == "f8"
+                ):
                     raise Unknown("`in` with numbers of the signal, which may be nan: use ==")
-                found = binary(self.b, ast.BitOr, found, x is v or binary(self.b, ast.Eq, x, v))
+                found = binary(
+                    self.b, ast.BitOr, found, x is element or binary(self.b, ast.Eq, x, element)
+                )
             return found if op is ast.In else binary(self.b, ast.Eq, found, False)
         if op not in SIGNS:
             raise Unknown("`is` and `in` with a number of the signal: compare with ==")
@@ -327,12 +332,16 @@ class Walk:
         # Python's own errors come from arithmetic with what is known now; the author
         # reads the line of the innermost statement, which is the first to get here
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
-            e = why if isinstance(why, Unknown) else Unknown(f"{ast.unparse(node)[:60]}: {why}")
-            f = self.frame.f
-            if not e.where and f.__code__ not in self.syntax and not steps.ours(f):
-                line = node.lineno + steps._source(f, f.__code__)[1]
-                e.where = f"{f.__code__.co_filename}:{line}: "
-            raise e from None
+            error = why if isinstance(why, Unknown) else Unknown(f"{ast.unparse(node)[:60]}: {why}")
+            function = self.frame.f
+            if (
+                not error.where
+                and function.__code__ not in self.syntax
+                and not steps.ours(function)
+            ):
+                line = node.lineno + steps._source(function, function.__code__)[1]
+                error.where = f"{function.__code__.co_filename}:{line}: "
+            raise error from None
 
     def _Expr(self, node: Any) -> None:
         if not isinstance(node.value, ast.Constant):  # a docstring
@@ -349,8 +358,10 @@ class Walk:
     def _AugAssign(self, node: Any) -> None:
         target = node.target
         if isinstance(target, ast.Subscript):
-            p = self.place(self.value(target.value), self.value(target.slice))
-            self.put(p, binary(self.b, type(node.op), self.b.loaded(p), self.value(node.value)))
+            place = self.place(self.value(target.value), self.value(target.slice))
+            self.put(
+                place, binary(self.b, type(node.op), self.b.loaded(place), self.value(node.value))
+            )
         else:
             self.set(
                 target.id,
@@ -422,13 +433,13 @@ class Walk:
 
 
 # What is known everywhere -------------------------------------------------------------
-def _abs(w: Walk, x: Any) -> Any:
-    if plain(x):
-        return abs(x)
-    if x.kind == "u8":
-        return x
-    kind = "f8" if x.kind in FLOATS else "i8"
-    return Value(w.b.size(cast(w.b, x, kind)), kind, kind == "i8")
+def _abs(walk: Walk, given: Any) -> Any:
+    if plain(given):
+        return abs(given)
+    if given.kind == "u8":
+        return given
+    kind = "f8" if given.kind in FLOATS else "i8"
+    return Value(walk.b.size(cast(walk.b, given, kind)), kind, kind == "i8")
 
 
 def _extreme(op: type) -> Known:
@@ -450,14 +461,14 @@ def _extreme(op: type) -> Known:
 
 
 def _to(kind: str, of: Callable[[Any], Any]) -> Known:
-    return Known(lambda w, x: of(x) if plain(x) else cast(w.b, x, kind))
+    return Known(lambda walk, given: of(given) if plain(given) else cast(walk.b, given, kind))
 
 
-def _word(w: Walk, x: Any) -> Any:
+def _word(walk: Walk, given: Any) -> Any:
     """Return a uint64: of an author's float beyond, what numpy on x86 makes."""
-    if plain(x) or number(x).kind not in FLOATS or steps.ours(w.frame.f):
-        return np.uint64(x) if plain(x) else cast(w.b, x, "u8")
-    return Value(w.b.word(cast(w.b, x, "f8")), "u8")
+    if plain(given) or number(given).kind not in FLOATS or steps.ours(walk.frame.f):
+        return np.uint64(given) if plain(given) else cast(walk.b, given, "u8")
+    return Value(walk.b.word(cast(walk.b, given, "f8")), "u8")
 
 
 WITH_TWINS = types.FunctionType | types.BuiltinFunctionType | type

@@ -78,27 +78,30 @@ class Function:
         self.seed = int(_key("seed", seed))
         self.program, self.design, _ = prepare(scene, self.fs)
         instances = self.program.instances
-        for q in instances:
-            if q.kind == "block" and not isinstance(q.block, Param):
-                _lowering(q.block)
+        for instance in instances:
+            if instance.kind == "block" and not isinstance(instance.block, Param):
+                _lowering(instance.block)
         self.inputs, self.outputs = tuple(self.program.inputs), tuple(self.program.outputs)
-        self.params = {n: instances[i].block.value for n, i in self.program.params.items()}  # type: ignore[attr-defined]
+        self.params = {
+            name: instances[place].block.value  # type: ignore[attr-defined]
+            for name, place in self.program.params.items()
+        }
         self._decisions = {
-            f"gate {i}": i
-            for i, q in enumerate(instances)
-            if q.clock == ROOT
+            f"gate {place}": place
+            for place, instance in enumerate(instances)
+            if instance.clock == ROOT
             and (
-                isinstance(q.block, (Gate, Compare))
-                or (q.kind == "open" and not isinstance(q.block, Segment))
+                isinstance(instance.block, (Gate, Compare))
+                or (instance.kind == "open" and not isinstance(instance.block, Segment))
             )
         }
         self.gates = tuple(self._decisions)
         self.units = {
-            n: str(instances[i].block.dim)
-            for g in (self.program.inputs, self.program.params)
-            for n, i in g.items()
+            name: str(instances[place].block.dim)
+            for group in (self.program.inputs, self.program.params)
+            for name, place in group.items()
         }
-        self.units |= {n: str(b.dim) for n, b in scene.outputs.items()}
+        self.units |= {name: str(block.dim) for name, block in scene.outputs.items()}
         self._jitted = jax.jit(self._signals, static_argnames=("n", "wanted"))
 
     def __repr__(self):
@@ -252,77 +255,83 @@ class _Signals:
             here = above[above.shape[0] - size :][self.place[clock]]
         return jnp.concatenate([jnp.broadcast_to(param[0], (self.early,)), here])
 
-    def signal(self, a: int, clock: int) -> Any:
+    def signal(self, source: int, clock: int) -> Any:
         """Return an instance's signal on a clock."""
-        v = self.value[a]
-        if jnp.ndim(v) and self.instances[a].clock == PARAMS:
-            return self.row(v, clock)
-        if self.instances[a].kind == "input" and clock != ROOT:  # only segments have inputs
-            return self.signal(a, self.parents[clock])[slice(*self.span[clock])]
-        return v
+        signal = self.value[source]
+        if jnp.ndim(signal) and self.instances[source].clock == PARAMS:
+            return self.row(signal, clock)
+        if self.instances[source].kind == "input" and clock != ROOT:  # only segments have inputs
+            return self.signal(source, self.parents[clock])[slice(*self.span[clock])]
+        return signal
 
-    def add(self, i: int) -> None:
+    def add(self, place: int) -> None:
         """Compute an instance's signal, or the samples of a clock that it opens."""
-        q = self.instances[i]
-        clock = max(q.clock, ROOT)
+        instance = self.instances[place]
+        clock = max(instance.clock, ROOT)
         if clock in self.silent:
-            self.silent.add(q.child)
+            self.silent.add(instance.child)
             return
-        size = self.total.get(clock, 0) - (0 if q.autonomous else self.early)
-        block: Any = q.block
-        if q.kind == "input":
-            self.value[i] = spread(self.motion[block.name], self.n)
+        size = self.total.get(clock, 0) - (0 if instance.autonomous else self.early)
+        block: Any = instance.block
+        if instance.kind == "input":
+            self.value[place] = spread(self.motion[block.name], self.n)
         elif isinstance(block, Const):
-            self.value[i] = np.float64(block.value)
+            self.value[place] = np.float64(block.value)
         elif isinstance(block, Param):
-            self.value[i] = self.params[block.name]
-        elif q.kind == "pick":
-            self.value[i] = self.value[q.args[0]][block.place]
-        elif isinstance(block, Segment) and q.kind == "open":
-            p = self.f.design[q.args[0]][0]
-            a, end = self.span[q.child] = int(min(p.first, size)), int(min(p.end, size))
-            self.total[q.child] = self.early + end - a
-            if a == end:
-                self.silent.add(q.child)
-        elif q.kind == "close":
-            self.value[i] = self.closed(q, size)
+            self.value[place] = self.params[block.name]
+        elif instance.kind == "pick":
+            self.value[place] = self.value[instance.args[0]][block.place]
+        elif isinstance(block, Segment) and instance.kind == "open":
+            numbers = self.f.design[instance.args[0]][0]
+            first, end = self.span[instance.child] = (
+                int(min(numbers.first, size)),
+                int(min(numbers.end, size)),
+            )
+            self.total[instance.child] = self.early + end - first
+            if first == end:
+                self.silent.add(instance.child)
+        elif instance.kind == "close":
+            self.value[place] = self.closed(instance, size)
         else:
-            self.value[i] = self.computed(i, clock, size)
+            self.value[place] = self.computed(place, clock, size)
 
-    def closed(self, q: Instance, size: int) -> Any:
+    def closed(self, instance: Instance, size: int) -> Any:
         """Return the signal inside a child clock, and 0 elsewhere."""
-        if q.child in self.silent:
+        if instance.child in self.silent:
             return jnp.zeros(size)
-        if isinstance(q.block, Segment):
-            a, end = self.span[q.child]
-            return jnp.pad(_tail(self.signal(q.args[1], q.child), end - a), (a, size - end))
-        by, inside = self.opened[q.child], self.value[q.args[1]]
+        if isinstance(instance.block, Segment):
+            first, end = self.span[instance.child]
+            return jnp.pad(
+                _tail(self.signal(instance.args[1], instance.child), end - first),
+                (first, size - end),
+            )
+        by, inside = self.opened[instance.child], self.value[instance.args[1]]
         if jnp.ndim(inside):
-            inside = inside[self.early * self.instances[q.args[1]].autonomous + running(by)]
+            inside = inside[self.early * self.instances[instance.args[1]].autonomous + running(by)]
         return jnp.where(by, inside, 0.0)
 
-    def computed(self, i: int, clock: int, size: int) -> Any:
+    def computed(self, place: int, clock: int, size: int) -> Any:
         """Return the output of a block, or the gate of a child clock.
 
         A given decision replaces the computed one.
         """
-        q, n, x = self.instances[i], self.n, []
-        for a in q.args:
-            v = self.signal(a, clock)
-            x.append(v[v.shape[0] - size :] if jnp.ndim(v) else v)
-        given = self.gates.get(f"gate {i}")
-        if q.kind == "open":
-            by = spread(jnp.asarray(x[0]) > 0, size)
+        instance, n, signals = self.instances[place], self.n, []
+        for source in instance.args:
+            signal = self.signal(source, clock)
+            signals.append(signal[signal.shape[0] - size :] if jnp.ndim(signal) else signal)
+        given = self.gates.get(f"gate {place}")
+        if instance.kind == "open":
+            by = spread(jnp.asarray(signals[0]) > 0, size)
             if given is not None:
                 by = jnp.concatenate([by[: size - n], spread(given > 0, n)])
-            self.opened[q.child], self.total[q.child] = by, self.early + size
+            self.opened[instance.child], self.total[instance.child] = by, self.early + size
             return by.astype(jnp.float64)
         if given is not None:
             return jnp.concatenate([jnp.zeros(size - n), spread(given, n)])
-        f, seed = self.f, self.f.program.seeds[clock]
+        owner, seed = self.f, self.f.program.seeds[clock]
         key = self.key if seed is None else np.uint64(seed)
-        run = Run(size, f.fs, key, jnp.dtype(f.dtype), f.surrogate)
-        return _run_block(q.block, *f.design[i], x, run)
+        run = Run(size, owner.fs, key, jnp.dtype(owner.dtype), owner.surrogate)
+        return _run_block(instance.block, *owner.design[place], signals, run)
 
 
 # What is given ------------------------------------------------------------------------

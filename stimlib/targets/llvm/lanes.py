@@ -117,7 +117,6 @@ def _one_of(*given: Any) -> Lanes:
     raise TypeError("nothing but numbers")
 
 
-# names of arguments as in maths: a step may give them by name
 def _where(c: Any, x: Any, y: Any) -> Lanes:
     truth = _one_of(c).are(TRUTH)
     words = all(isinstance(value, np.uint64) for value in (x, y))

@@ -61,40 +61,46 @@ class Writer(Walk):
             frame.names[name] = x
             return
         if name not in frame.names:
-            leaves = [self._kept(v, (frame.path, name, k)) for k, v in enumerate(parts(x))]
-            memory = [self._memory(v.v.type) if hasattr(v, "v") else v for v in leaves]
+            leaves = [
+                self._kept(new_part, (frame.path, name, part))
+                for part, new_part in enumerate(parts(x))
+            ]
+            memory = [
+                self._memory(new_part.v.type) if hasattr(new_part, "v") else new_part
+                for new_part in leaves
+            ]
             frame.names[name] = Slot(like(x, iter(leaves)), memory)
         slot = frame.names[name]
         old, new = [*parts(slot.like)], [*parts(x)]
         if len(old) != len(new):
             raise Unknown(f"{name} changes what it is made of")
-        for k, (a, v, to) in enumerate(zip(old, new, slot.memory, strict=True)):
-            if isinstance(a, Value):
-                v = number(v)
-                if v.kind != a.kind:
-                    self._widen(a.kind, v.kind, (frame.path, name, k))
-                self.b.store(cast(self.b, v, a.kind).v, to)
-            elif isinstance(a, Pointer):
-                if not isinstance(v, Pointer) or v.kind != a.kind:
+        for part, (old_part, new_part, to) in enumerate(zip(old, new, slot.memory, strict=True)):
+            if isinstance(old_part, Value):
+                new_part = number(new_part)
+                if new_part.kind != old_part.kind:
+                    self._widen(old_part.kind, new_part.kind, (frame.path, name, part))
+                self.b.store(cast(self.b, new_part, old_part.kind).v, to)
+            elif isinstance(old_part, Pointer):
+                if not isinstance(new_part, Pointer) or new_part.kind != old_part.kind:
                     raise Unknown(f"{name} changes its kind")
-                self.b.store(v.v, to)
-            elif a is not v:
+                self.b.store(new_part.v, to)
+            elif old_part is not new_part:
                 raise Unknown(f"{name} is one function or another")
 
-    def _memory(self, t: ir.Type) -> ir.Value:
+    def _memory(self, kind: ir.Type) -> ir.Value:
         """Return memory that is 0 where no branch sets it."""
         # it is read back only where Python would say that it has no value; undefined
         # bits there would depend on LLVM
-        p = room(self.b, t)
+        place = room(self.b, kind)
         with self.b.goto_entry_block():
-            self.b.store(ir.Constant(t, None), p)
-        return p
+            self.b.store(ir.Constant(kind, None), place)
+        return place
 
-    def _kept(self, v: Any, key: Any) -> Any:
-        if not plain(v) and not isinstance(v, Value):
-            return v
-        v = number(v)
-        kind = self.wider.get(key, v.kind)
+    def _kept(self, part: Any, key: Any) -> Any:
+        if not plain(part) and not isinstance(part, Value):
+            return part
+        part = number(part)
+        kind = self.wider.get(key, part.kind)
         return Value(ir.Constant(KINDS[kind], ir.Undefined), kind)
 
     @property
@@ -109,12 +115,15 @@ class Writer(Walk):
         pairs = zip(parts(slot.like), slot.memory, strict=True)
         return like(
             slot.like,
-            (a._replace(v=self.b.load(m)) if hasattr(a, "v") else a for a, m in pairs),
+            (
+                part._replace(v=self.b.load(place)) if hasattr(part, "v") else part
+                for part, place in pairs
+            ),
         )
 
-    def put(self, p: Pointer, x: Any) -> None:
+    def put(self, place: Pointer, given: Any) -> None:
         """Write a number to its place."""
-        self.b.store(cast(self.b, x, p.kind).v, p.v)
+        self.b.store(cast(self.b, given, place.kind).v, place.v)
 
     def part(self, of: Array, ends: Iterator[tuple[Value | None, Value]]) -> Array:
         """Return a slice of an array: its ends, each with that of the array."""
@@ -147,32 +156,32 @@ class Writer(Walk):
         kind = "b1" if found[0].kind == found[1].kind == "b1" else common(*found)
         after = b.block
         values = []
-        for end, x in zip(ends, found, strict=True):
+        for end, side_value in zip(ends, found, strict=True):
             b.position_before(end.terminator)
-            values.append(cast(b, x, kind).v)
+            values.append(cast(b, side_value, kind).v)
         b.position_at_start(after)
         made = b.phi(KINDS[kind])
-        for end, v in zip(ends, values, strict=True):
-            made.add_incoming(v, end)
+        for end, cast_value in zip(ends, values, strict=True):
+            made.add_incoming(cast_value, end)
         b.position_at_end(after)
         return Value(made, kind)
 
-    def outside(self, f: Outer, given: Sequence[Any]) -> Any:
+    def outside(self, outer: Outer, given: Sequence[Any]) -> Any:
         """Return the result of a function that is called by its name."""
-        of = ir.FunctionType(llvm_type(f.result), [llvm_type(k) for k in f.kinds])
-        found = self.b.module.globals.get(f.name)
-        return self.called(found or ir.Function(self.b.module, of, f.name), f, given)
+        of = ir.FunctionType(llvm_type(outer.result), [llvm_type(kind) for kind in outer.kinds])
+        found = self.b.module.globals.get(outer.name)
+        return self.called(found or ir.Function(self.b.module, of, outer.name), outer, given)
 
-    def called(self, function: ir.Value, f: Outer, given: Sequence[Any]) -> Any:
+    def called(self, function: ir.Value, outer: Outer, given: Sequence[Any]) -> Any:
         """Return the result of a function of LLVM: of 32 bits, as one of 64."""
         arguments = [
-            v.v if isinstance(v, Pointer) else cast(self.b, v, kind).v
-            for v, kind in zip(given, f.kinds, strict=True)
+            argument.v if isinstance(argument, Pointer) else cast(self.b, argument, kind).v
+            for argument, kind in zip(given, outer.kinds, strict=True)
         ]
-        y = self.b.call(function, arguments)
-        if f.result in ("i4", "u4"):
-            return cast(self.b, Value(y, f.result), "i8")
-        return None if f.result == "void" else stand_in(y, f.result)
+        result = self.b.call(function, arguments)
+        if outer.result in ("i4", "u4"):
+            return cast(self.b, Value(result, outer.result), "i8")
+        return None if outer.result == "void" else stand_in(result, outer.result)
 
     def walk(self, f: Any, given: Sequence[Any], named: Any = None) -> Any:
         """Return the result of a function, written here."""
@@ -300,9 +309,9 @@ class Writer(Walk):
         b.position_at_end(end)
 
 
-def _round(w: Walk, x: Any) -> Any:
-    nearest = w.b.module.declare_intrinsic("llvm.rint", [DOUBLE])
-    return cast(w.b, Value(w.b.call(nearest, [cast(w.b, x, "f8").v]), "f8"), "i8")
+def _round(walk: Walk, given: Any) -> Any:
+    nearest = walk.b.module.declare_intrinsic("llvm.rint", [DOUBLE])
+    return cast(walk.b, Value(walk.b.call(nearest, [cast(walk.b, given, "f8").v]), "f8"), "i8")
 
 
 def written(
@@ -379,6 +388,6 @@ def _of_text(text: str, name: str, space: dict[str, Any]) -> tuple[dict[str, Any
     """Return the functions of a source, and their syntax trees by their code."""
     tree = ast.parse(text)
     exec(compile(tree, f"<{name}>", "exec", dont_inherit=True), space)
-    nodes = {n.name: n for n in tree.body if isinstance(n, ast.FunctionDef)}
-    functions = {n: space[n] for n in nodes if isinstance(space[n], types.FunctionType)}
-    return functions, {f.__code__: nodes[n] for n, f in functions.items()}
+    nodes = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+    functions = {own: space[own] for own in nodes if isinstance(space[own], types.FunctionType)}
+    return functions, {function.__code__: nodes[own] for own, function in functions.items()}
