@@ -205,7 +205,7 @@ def test_a_copy_is_not_verified_as_the_stimulus(heard, tmp_path):
     ("error", "says", "name", "cutoff"),
     [
         (BadValue, "still has nothing above", "still", CUTOFF),
-        (UnknownName, "there is force, still", "x", CUTOFF),
+        (UnknownName, "there are force, still", "x", CUTOFF),
         (BadValue, "cutoff = .*below fs/2", "force", 0),
         (BadValue, "cutoff = .*below fs/2", "force", FS / 2),
         (BadValue, "cutoff = .*not finite", "force", float("nan")),
