@@ -21,7 +21,7 @@ from bench import Row, main, row
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid
-from stimlib.sweep.plan import row_keys
+from stimlib.sweep.keys import row_keys
 from stimlib.sweep.rows import table_of
 from stimlib.sweep.scheduler import QUEUED, Scheduler, job_rows, joined
 from stimlib.sweep.store import Store

@@ -22,7 +22,7 @@ import stimlib
 from stimlib.motion.generators import minimum_jerk
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid, sweep
-from stimlib.sweep.plan import row_keys
+from stimlib.sweep.keys import row_keys
 from stimlib.sweep.rows import table_of
 from stimlib.sweep.scheduler import Scheduler, joined
 from stimlib.sweep.store import LARGEST, Store

@@ -29,7 +29,7 @@ from stimlib import BadValue, Block, Input, Param, Scene, UnknownName, constant
 from stimlib.motion.generators import minimum_jerk
 from stimlib.sweep import grid, measure, sweep
 from stimlib.sweep.identity import identity
-from stimlib.sweep.plan import motion_digest, row_keys
+from stimlib.sweep.keys import motion_digest, row_keys
 from stimlib.sweep.rows import table_of
 from stimlib.sweep.store import Store
 from stimlib.sweep.study import planned
@@ -415,7 +415,7 @@ def test_each_column_of_a_row_counts_with_its_type(monkeypatch):
     assert len(set(found)) == 5
     assert keys(dict(reversed(rows.items()))) == found
     assert keys({"a": [0], "k": [0.0]}) != keys({"a": [0.0], "k": [0.0]}) == found[:1]
-    monkeypatch.setattr("stimlib.sweep.plan.CHUNK", 2)
+    monkeypatch.setattr("stimlib.sweep.keys.CHUNK", 2)
     assert keys(rows) == found
 
 
@@ -442,7 +442,7 @@ def test_other_versions_are_another_sweep_and_the_folder_tells_its_motions(tmp_p
         sweep(SPRING, {"motion": [name], "k": [1.0]}, **words | {"motion": {name: motion}})
     told = json.loads((tmp_path / "_sweep.json").read_text())
     assert set(told["motion"]) == {"a", "b"} and repr(hand) in told["motion"]["b"]
-    monkeypatch.setattr("stimlib.sweep.plan.version", lambda package: "0")
+    monkeypatch.setattr("stimlib.sweep.keys.version", lambda package: "0")
     refused(BadValue, "other versions: name", sweep, SPRING, {"k": [1.0]}, **words)
 
 

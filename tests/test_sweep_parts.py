@@ -21,8 +21,8 @@ from stimlib.blocks import springpot
 from stimlib.core.units import unit
 from stimlib.motion.generators import minimum_jerk
 from stimlib.sweep import measure, rendering, sweep
+from stimlib.sweep.keys import row_keys
 from stimlib.sweep.measures import CUE_UNITS, measures_of
-from stimlib.sweep.plan import row_keys
 from stimlib.sweep.rows import table_of
 from stimlib.sweep.scheduler import DEATHS, Scheduler
 from stimlib.sweep.store import Store

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from ..errors import BadValue, SinkError, StimlibError, outside
 from ..system import safe_files
-from .plan import KEY
+from .keys import KEY
 from .rows import arrow
 
 if TYPE_CHECKING:

@@ -23,19 +23,9 @@ from ..run.rendering import Rendering
 from ..system.limits import limits
 from ..system.pool import Pool, WorkerDied, ended, note, terminable
 from ..system.progress import progress as bar
+from .keys import code_keys, measure_keys, motion_digest, row_keys, shared_key, versions
 from .measures import NAMED, Measure, measures_of
-from .plan import (
-    Plan,
-    code_keys,
-    frames,
-    in_order,
-    measure_keys,
-    motion_digest,
-    motion_of,
-    row_keys,
-    shared_key,
-    versions,
-)
+from .plan import Plan, frames, in_order, motion_of
 from .resume import confirmed, missing, places
 from .rows import MADE, OWN, arguments_of, arrow, checked, name_of, roles_of, table_of
 from .scheduler import Scheduler, joined

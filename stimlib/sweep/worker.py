@@ -25,8 +25,9 @@ from ..run.rendering import Rendering
 from ..system import pool
 from ..system.limits import limits
 from ..system.packages import package
+from .keys import KEY, code_keys, measure_keys, scene_digest, versions
 from .measures import Measure, figures_of, measures_of, prepared, unwritable
-from .plan import KEY, Plan, code_keys, frames, measure_keys, motion_of, scene_digest, versions
+from .plan import Plan, frames, motion_of
 from .rows import arrow
 
 T = TypeVar("T")
