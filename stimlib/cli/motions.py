@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -27,9 +26,10 @@ def motions_of(
         typer.Option(
             help=(
                 "A motion for all inputs: a generator such as [bold]'minimum_jerk(depth=0.02)'[/]"
-                " ([bold]stimlib list[/]), or a recording (.csv or .npz; needs --map). With a "
-                "name, a motion for one input: [bold]'press=sinusoid(0.5, 1)'[/], "
-                "[bold]x=my.csv[/]. Repeatable. A motion copied from a sidecar works too."
+                " ([bold]stimlib list[/]), or a recording (.csv, .tsv, .txt, .dat, also .gz, or "
+                ".npz; needs --map). With a name, a motion for one input: "
+                "[bold]'press=sinusoid(0.5, 1)'[/], [bold]x=my.csv[/]. Repeatable. A motion "
+                "copied from a sidecar works too."
             )
         ),
     ] = [],
@@ -100,6 +100,47 @@ def motions_of(
             show_default=False,
         ),
     ] = None,
+    missing: Annotated[
+        Literal["refuse", "gap", "hold", "interpolate"],
+        typer.Option(
+            help=(
+                "What a missing number (NaN, n/a, an empty cell) is: an error "
+                "([bold]refuse[/]), no contact ([bold]gap[/]), or bridged up to --max-gap "
+                "([bold]hold[/], [bold]interpolate[/])."
+            )
+        ),
+    ] = "refuse",
+    sentinel: Annotated[
+        list[str],
+        typer.Option(help="A cell that stands for a missing number: [bold]-9999[/]. Repeatable."),
+    ] = [],
+    wrap: Annotated[
+        float | None,
+        typer.Option(
+            help="Count at which the recording's clock begins again at 0: [bold]4294967296[/].",
+            show_default=False,
+        ),
+    ] = None,
+    clock: Annotated[
+        str | None,
+        typer.Option(
+            help=(
+                "Column of a second clock without jitter, in s, to which the times are fitted: "
+                "[bold]t_us*1e-6[/]."
+            ),
+            show_default=False,
+        ),
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            help=(
+                "Nominal rate of the recording's rows in Hz, if they come evenly and their times "
+                "do not."
+            ),
+            show_default=False,
+        ),
+    ] = None,
 ) -> tuple[dict[str, Any], float | None]:
     """Return the motion of every input, and the duration if it was recorded.
 
@@ -130,6 +171,11 @@ def motions_of(
             repeats=repeats,
             max_speed=_max_speed(max_speed, list(used), in_metres, columns),
             max_gap=max_gap,
+            missing=missing,
+            sentinels=tuple(sentinel),
+            wrap=wrap,
+            clock=clock,
+            rate=rate,
         )
 
     motions, recordings = _read(texts, scene.inputs, contact, read)
@@ -218,7 +264,7 @@ def _contact(recordings: Sequence[Recording]) -> Any:
 
 
 def _is_file(text: str) -> bool:
-    return Path(text).suffix.lower() in (".csv", ".npz")
+    return text.lower().removesuffix(".gz").endswith((".csv", ".tsv", ".txt", ".dat", ".npz"))
 
 
 def _assigned(motion: Sequence[str], inputs: Sequence[str]) -> tuple[dict[str, str], str]:

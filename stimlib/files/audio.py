@@ -48,7 +48,7 @@ from .formats import (
     interleaved,
     physical,
 )
-from .sidecar import FileReport, describe, load, sidecar_of
+from .sidecar import FileReport, describe, load, read_of, sidecar_of
 from .sound_file import PIECE, reading, reason, sha256, soundfile
 
 STEP = 1.0  # s of signal that is written at once, at most
@@ -319,6 +319,7 @@ def _write(
         "index": proc.index,
         "log": [change._asdict() for change in proc.log],
         "motion": {name: describe(source) for name, source in sources.items()},
+        **read_of(sources),
         "scene": proc.scene.to_dict(),
         "scene_hash": proc.scene.hash,
         "definitions": definitions.definitions(proc.scene),

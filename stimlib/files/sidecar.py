@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -152,6 +153,13 @@ def describe(source: Any) -> str:
         return f"array({len(source)})"
     # the address in the repr of a function would make two equal runs differ
     return re.sub(r" at 0x[0-9A-Fa-f]+", "", repr(source))
+
+
+def read_of(sources: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what was skipped or assumed in the files of recordings, if anything."""
+    notes = {name: getattr(s, "info", {}).get("read") for name, s in sources.items()}
+    found = {name: list(texts) for name, texts in notes.items() if texts}
+    return {"motion_read": found} if found else {}
 
 
 def versions() -> dict[str, str]:

@@ -1,16 +1,38 @@
-"""Linear conversions of a column to an input's unit, as text.
+"""Conversions of columns to an input's unit, as text.
 
-Examples are ``force_N*5e-4`` and ``(x_raw - 1472)*2e-5``.
+Examples are ``force_N*5e-4``, ``(x_raw - 1472)*2e-5`` and ``hypot(vx, vy)*1e-3``. No
+text is executed.
 """
 
 import ast
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from math import isfinite
 
+import numpy as np
+
 from ..errors import BadValue
+from .rows import Array
 
 MAX_EXPRESSION = 1000  # characters
+FUNCTIONS: dict[str, np.ufunc] = {
+    "hypot": np.hypot,
+    "sqrt": np.sqrt,
+    "abs": np.abs,
+    "sin": np.sin,
+    "cos": np.cos,
+    "atan2": np.arctan2,
+    "radians": np.radians,
+    "min": np.minimum,
+    "max": np.maximum,
+}
+OPERATORS: dict[type, np.ufunc] = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
+    ast.Div: np.divide,
+    ast.Pow: np.power,
+}
 
 
 @dataclass(frozen=True)
@@ -21,21 +43,77 @@ class Linear:
     scale: float
     offset: float
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return () if self.column is None else (self.column,)
 
-def expression(what: str, text: str, names: Iterable[str]) -> Linear:
-    """Parse a linear conversion of a column.
+    def of(self, cells: Mapping[str, Array]) -> Array:
+        """Return the values for the cells of the columns."""
+        if self.column is None:
+            return np.array(self.offset)
+        return cells[self.column] * self.scale + self.offset
+
+    def renamed(self, name: Callable[[str], str]) -> "Linear":
+        """Return the conversion with other names of columns."""
+        return self if self.column is None else replace(self, column=name(self.column))
+
+
+@dataclass(frozen=True)
+class Combined:
+    """A function of several columns, or one that is not linear."""
+
+    function: np.ufunc
+    parts: tuple["Linear | Combined", ...]
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the columns, each once."""
+        return tuple(dict.fromkeys(name for part in self.parts for name in part.columns))
+
+    def of(self, cells: Mapping[str, Array]) -> Array:
+        """Return the values for the cells of the columns."""
+        values: Array = self.function(*(part.of(cells) for part in self.parts))
+        return values
+
+    def renamed(self, name: Callable[[str], str]) -> "Combined":
+        """Return the function with other names of columns."""
+        return replace(self, parts=tuple(part.renamed(name) for part in self.parts))
+
+
+Expression = Linear | Combined
+
+
+def linear(what: str, text: str, names: Iterable[str]) -> Linear:
+    """Parse a linear conversion of one column, as `expression` does.
+
+    Raises
+    ------
+    BadValue
+        The text is anything else.
+    """
+    found = expression(what, text, names)
+    if not isinstance(found, Linear):
+        raise BadValue(f"{what}: {text!r:.80} is not linear in one column; write such as f*5e-4")
+    return found
+
+
+def expression(what: str, text: str, names: Iterable[str]) -> Expression:
+    """Parse a conversion of columns.
 
     A text that equals a column name means that column.
 
     Raises
     ------
     BadValue
-        The text is not a single column multiplied by and added to finite numbers.
+        The text is no expression of columns, finite numbers and the known functions.
 
     Examples
     --------
     >>> expression("x", "(x_raw - 1472)*2e-5", ["t_s", "x_raw"])
     Linear(column='x_raw', scale=2e-05, offset=-0.02944)
+    >>> expression("x", "hypot(x2 - x1, y)*1e-3", []).columns
+    ('x2', 'x1', 'y')
     """
     text = text.strip()
     if text in names:
@@ -43,47 +121,62 @@ def expression(what: str, text: str, names: Iterable[str]) -> Linear:
     try:
         if len(text) > MAX_EXPRESSION or "\\" in text:  # an escape would be a warning of Python's
             raise ValueError
-        linear = _linear(ast.parse(text, mode="eval").body)
-        if (
-            linear.column is None
-            or linear.scale == 0
-            or not isfinite(linear.scale)
-            or not isfinite(linear.offset)
-        ):
+        found = _parsed(ast.parse(text, mode="eval").body)
+        if not found.columns:
+            raise ValueError
+        if isinstance(found, Linear) and not (found.scale and isfinite(found.scale)):
+            raise ValueError
+        if isinstance(found, Linear) and not isfinite(found.offset):
             raise ValueError
     except (SyntaxError, ValueError, ArithmeticError, RecursionError, MemoryError):
         shown = repr(text) if len(text) <= 80 else f"a text of {len(text)} characters"
         raise BadValue(
-            f"{what}: cannot read {shown}: write one column, times and plus finite numbers, such as"
-            " force_N*5e-4 or (x_raw - 1472)*2e-5, with quotes around a name that is not a word,"
-            " such as 'Force (N)'*5e-4"
+            f"{what}: cannot read {shown}: write columns and finite numbers with + - * / ** and"
+            f" {', '.join(FUNCTIONS)}, such as force_N*5e-4, (x_raw - 1472)*2e-5 or hypot(vx, vy),"
+            " with quotes around a name that is not a word, such as 'Force (N)'*5e-4"
         ) from None
-    return linear
+    return found
 
 
-def _linear(node: ast.expr) -> Linear:
-    """Return the linear conversion that a node of the syntax tree stands for.
+def names_in(text: str) -> frozenset[str]:
+    """Return the columns of an expression; none if it cannot be read."""
+    try:
+        return frozenset(expression("", text, ()).columns)
+    except BadValue:
+        return frozenset()
 
-    ValueError is raised if it is not linear in one column.
-    """
-    if isinstance(node, ast.Name):
-        return Linear(node.id, 1.0, 0.0)
-    if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        return Linear(node.value, 1.0, 0.0)
-    if (
-        isinstance(node, ast.Constant)
-        and isinstance(node.value, int | float)
-        and not isinstance(node.value, bool)
-    ):
-        return Linear(None, 0.0, float(node.value))
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
-        return _times(_linear(node.operand), -1.0 if isinstance(node.op, ast.USub) else 1.0)
-    if isinstance(node, ast.BinOp):
-        return _binary(node.op, _linear(node.left), _linear(node.right))
+
+def _parsed(node: ast.expr) -> Expression:
+    """Return what a node of the syntax tree stands for, or raise ValueError."""
+    match node:
+        case ast.Name(id=name) | ast.Constant(value=str(name)):
+            return Linear(name, 1.0, 0.0)
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            return Linear(None, 0.0, float(number))
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd() as sign, operand=operand):
+            factor = -1.0 if isinstance(sign, ast.USub) else 1.0
+            return _binary(ast.Mult(), Linear(None, 0.0, factor), _parsed(operand))
+        case ast.BinOp():
+            return _binary(node.op, _parsed(node.left), _parsed(node.right))
+        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
+            function, parts = FUNCTIONS[name], tuple(map(_parsed, args))
+            if len(parts) == function.nin:
+                return Combined(function, parts)
     raise ValueError
 
 
-def _binary(op: ast.operator, a: Linear, b: Linear) -> Linear:
+def _binary(op: ast.operator, a: Expression, b: Expression) -> Expression:
+    if isinstance(a, Linear) and isinstance(b, Linear) and (found := _linear(op, a, b)):
+        return found
+    if isinstance(op, ast.Pow) and b.columns:
+        raise ValueError
+    if type(op) not in OPERATORS or not (a.columns or b.columns):
+        raise ValueError
+    return Combined(OPERATORS[type(op)], (a, b))
+
+
+def _linear(op: ast.operator, a: Linear, b: Linear) -> Linear | None:
+    """Return the result of an operator if it is linear in one column."""
     if isinstance(op, ast.Sub):
         op, b = ast.Add(), _times(b, -1.0)
     if isinstance(op, ast.Add) and (a.column is None or b.column is None):
@@ -94,7 +187,7 @@ def _binary(op: ast.operator, a: Linear, b: Linear) -> Linear:
         return _times(a, b.offset)
     if isinstance(op, ast.Div) and b.column is None:
         return Linear(a.column, a.scale / b.offset, a.offset / b.offset)
-    raise ValueError
+    return None
 
 
 def _times(a: Linear, factor: float) -> Linear:

@@ -23,16 +23,20 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import BadValue, UnknownName, public, shown
+from .cells import Missing
+from .gaps import filled
 from .generators import Motion
 from .pchip import cubics
 from .reports import (
     FASTEST,
+    Clock,
     Mask,
     Reports,
     check_gaps,
     check_period,
     hold_silences,
     joined,
+    known_in,
     lifts,
     series,
 )
@@ -114,7 +118,10 @@ class Recording:
         (Hz, 1/period), silences (number held, with reports="on_change"), gaps (list of
         row and s: those silences that are longer than max_gap), lifts (list of row and
         time in s), jumps (list of row and speed, largest of the inputs, in the input's
-        unit per second), lifted (input to what it is off contact, as it was stated).
+        unit per second), lifted (input to what it is off contact, as it was stated),
+        read (texts: what was skipped or assumed in the file), clock (with wrap, clock
+        or rate: wraps, drift, residual_rms and residual_max in s, rate in Hz, set_back
+        as a list of row and s).
     text : callable
         Returns the call that recreates the recording, with another ``lifted``.
 
@@ -139,9 +146,10 @@ class Recording:
         counts = {"equal times": i["repeats"], "silences held": i["silences"]}
         counts |= {"lifts": len(i["lifts"]), "jumps": len(i["jumps"])}
         extra = "".join(f", {what}: {count}" for what, count in counts.items() if count)
+        read = f" ({shown('; '.join(i['read']))})" if i["read"] else ""
         return (
             f"{shown(i['file'])}: {i['reports']} reports, {self.duration:.6g} s, median"
-            f" {i['rate']:.4g} Hz{extra}"
+            f" {i['rate']:.4g} Hz{extra}{read}"
         )
 
     def motion_for(self, inputs: Iterable[str], contact: str = "") -> dict[str, Motion]:
@@ -240,6 +248,11 @@ def recording(
     repeats: Literal["last", "mean", "spread"] | None = None,
     max_speed: float | Mapping[str, float | None] | None = HAND,
     max_gap: float | None = None,
+    missing: Missing = "refuse",
+    sentinels: Collection[float | str] = (),
+    wrap: float | None = None,
+    clock: str | None = None,
+    rate: float | None = None,
     lifted: Mapping[str, Literal["hold", "zero"]] | None = None,
     sha256: str | None = None,
 ) -> Recording:
@@ -260,20 +273,23 @@ def recording(
     ----------
     source : path, DataFrame or mapping of str to array
         A ``.npz`` file holds one-dimensional arrays of equal length, by name; row
-        numbers are their indices. Any other file is read as CSV: UTF-8 text, commas,
-        names in the first line; row numbers are line numbers. If the names are
-        separated by semicolons, so are the values, and a comma in a number is the
-        decimal point. A table in memory (pandas, or any mapping of names to
-        one-dimensional arrays) is treated like an npz file.
+        numbers are their indices. Any other file is read as text, packed by gzip or
+        not: columns are separated by commas, semicolons, tabs, ``|`` or spaces, and a
+        line above the rows has their names; row numbers are line numbers. Comments,
+        lines above the names and a row of units are skipped, see ``info["read"]``. A
+        table in memory (pandas, or any mapping of names to one-dimensional arrays) is
+        treated like an npz file.
     columns : mapping of str to str
-        For each input of the scene, a column in the input's unit, or a linear
-        conversion of one: ``"force_N*5e-4"``, ``"(x_raw - 1472)*2e-5"``. Inputs may
+        For each input of the scene, a column in the input's unit, or a conversion:
+        ``"force_N*5e-4"``, ``"(x_raw - 1472)*2e-5"``, ``"hypot(vx, vy)*1e-3"``. It has
+        + - * / **, hypot, sqrt, abs, sin, cos, atan2, radians, min and max. Inputs may
         share a column. Quote names that are not words: ``"'Force (N)'*5e-4"``.
     where : mapping of column to value, optional
         Rows to use; numbers are compared as numbers, anything else as text.
     time : str
-        Column of the time stamps, in s, or a linear conversion such as ``"t_ms*1e-3"``.
-        The first report used is moved to time 0.
+        Column of the time stamps, in s, or a conversion such as ``"t_ms*1e-3"`` or
+        ``"sec + nsec*1e-9"``, or a column of times such as 12:30:00.5 or
+        2026-05-01T12:30:00Z. The first report used is moved to time 0.
     contact : str or bool, optional
         Column that is 1 in contact and 0 in the air; by default "contact", if it
         exists. With False, the motion follows the position in the air as well.
@@ -289,7 +305,25 @@ def recording(
         Longest silence that is interpolated if reports="always"; by default 10 median
         periods, at least 0.1 s. By default, a median period above 0.5 s is rejected
         because the time unit is probably wrong; a max_gap of at least the median period
-        confirms the unit.
+        confirms the unit. It is also the longest time without a number, see
+        ``missing``.
+    missing : {"refuse", "gap", "hold", "interpolate"}
+        The meaning of NaN, an empty cell, n/a, NA, null and ``sentinels`` in a column
+        in use. "refuse": an error. "gap": no contact. "hold" and "interpolate": the
+        input is held or interpolated, up to ``max_gap``. A row without a time is left
+        out, and one without contact is as the row before ("gap": no contact).
+    sentinels : collection of float or str
+        Numbers and texts that stand for a missing number, such as ``(-9999, ".")``.
+    wrap : float, optional
+        Count at which the time, or ``clock``, begins again at 0, in the column's unit:
+        ``2**32``.
+    clock : str, optional
+        Column of a second clock in s, or a conversion such as ``"device_us*1e-6"``,
+        without jitter. The times are then those of this clock, with the offset and the
+        rate of ``time`` by least squares.
+    rate : float, Hz, optional
+        Nominal rate of rows that come evenly, although their time stamps have jitter or
+        go back. The times are then even, and their rate is fitted to the stamps.
     lifted : mapping of input to {"hold", "zero"}, optional
         What an input is off contact and during jumps: held, or 0. By default
         ``motion_for(scene.inputs)`` decides by the input's unit.
@@ -333,7 +367,9 @@ def recording(
     dict in memory: 3 reports, 0.02 s, median 100 Hz
     """
     _check_options(columns, where, max_speed, max_gap, lifted)
-    table = read_table(source, sha256)
+    _check_clock(wrap, clock, rate)
+    texts = [*columns.values(), time, *(t for t in (clock, contact) if isinstance(t, str))]
+    table = read_table(source, sha256, known_in([*texts, *map(str, where or ())]))
     text = partial(
         _spec,
         table.file,
@@ -346,14 +382,23 @@ def recording(
         repeats=repeats,
         max_speed=max_speed,
         max_gap=max_gap,
+        missing=missing,
+        sentinels=tuple(sentinels),
+        wrap=wrap,
+        clock=clock,
+        rate=rate,
     )
     spec = text(lifted=lifted or None)
-    found = series(table, columns, where or {}, time, contact, repeats)
-    table = table.closed()
+    times = Clock(time, wrap, clock, rate)
+    found = series(table, columns, where or {}, times, contact, repeats, missing, sentinels)
+    table, read = table.closed(), [*found.notes]
     period = float(np.median(np.diff(found.t)))
     if max_gap is None or max_gap < period or period < FASTEST:
         check_period(table, found, period, time)
     gap = max(GAP_PERIODS * period, GAP_SECONDS) if max_gap is None else float(max_gap)
+    if missing != "refuse":
+        found, notes = filled(table, found, missing, gap)
+        read += notes
     if reports == "always":
         held, gaps = check_gaps(table, found, gap)
     else:
@@ -378,6 +423,8 @@ def recording(
         "jumps": jumps,
         "duration": duration,
         "lifted": dict(lifted or {}),
+        "read": read,
+        "clock": dict(found.clock),
     }
     del found
     motion = _tracks(table, held, whole, spec)
@@ -540,6 +587,14 @@ def _check_options(columns: Any, where: Any, max_speed: Any, max_gap: Any, lifte
         raise BadValue(f"max_gap must be finite and above 0, in s, got {max_gap!r}")
 
 
+def _check_clock(wrap: Any, clock: Any, rate: Any) -> None:
+    for name, value in (("wrap", wrap), ("rate", rate)):
+        if value is not None and not 0 < value < float("inf"):
+            raise BadValue(f"{name} must be finite and above 0, got {value!r}")
+    if clock is not None and rate is not None:
+        raise BadValue("give either clock or rate: both make the times even")
+
+
 def _spec(file: str, sha256: str, columns: Mapping[str, str], **options: Any) -> str:
     """Return the call, on one line, that recreates this recording."""
     usual = inspect.signature(recording).parameters
@@ -552,4 +607,6 @@ def _plain(value: Any) -> Any:
     """Return a value with plain Python numbers, whose repr any program can read."""
     if isinstance(value, Mapping):
         return {name: _plain(v) for name, v in value.items()}
+    if isinstance(value, tuple):
+        return tuple(map(_plain, value))
     return value.item() if isinstance(value, np.generic) else value

@@ -3,10 +3,9 @@
 The steps are selection, conversion, repeats, silence and jumps.
 """
 
-import re
 import unicodedata
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import ceil
 from typing import Any, NoReturn
 
@@ -14,11 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadValue
-from .expression import Linear, expression
-from .rows import Array, Batch, Rows
+from .cells import Cells, Missing
+from .clocks import evened, fitted, step_back, unwrapped
+from .expression import Expression, Linear, expression, linear, names_in
+from .layout import are_numbers
+from .rows import Array, Batch, Known, Rows
 from .table import TableFile
 
 Mask = NDArray[np.bool_]
+Touch = NDArray[np.int8]  # contact, or -1 where it is not known
 
 FASTEST = 1e-7  # s from report to report
 # median periods without a report; up to 2 also come from the device's clock, in the
@@ -45,39 +48,75 @@ class Reports:
     contact_column: str | None = None
     repeats: int = 0
     start: float = 0.0
+    notes: tuple[str, ...] = ()
+    clock: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How times are made of one or two columns; see `recording`."""
+
+    time: str
+    wrap: float | None = None
+    clock: str | None = None
+    rate: float | None = None
 
 
 def series(
     table: TableFile,
     columns: Mapping[str, str],
     where: Mapping[str, Any],
-    time: str,
+    how: Clock,
     contact: str | bool | None,
     repeats: str | None,
+    missing: Missing,
+    sentinels: Collection[float | str],
 ) -> Reports:
-    """Validate the arguments of `recording` and return its reports."""
-    clock = column_of(table, "time", time)
-    if clock.scale < 0:
-        raise BadValue(f"time: {time!r} runs backwards")
-    linear = {name: column_of(table, name, text) for name, text in columns.items()}
+    """Validate the arguments of `recording` and return its reports.
+
+    Numbers that are missing are NaN.
+    """
+    time = expression_of(table, "time", how.time)
+    if isinstance(time, Linear) and time.scale < 0:
+        raise BadValue(f"time: {how.time!r} runs backwards")
+    wanted = {name: expression_of(table, name, text) for name, text in columns.items()}
+    second = [expression_of(table, "clock", how.clock)] if how.clock is not None else []
     flag = _contact_column(table, contact)
     chosen = _selected(table, where) if where else None
-    t, x, touch, rows = _converted(table, [clock, *linear.values()], flag, chosen)
+    alone = isinstance(time, Linear) and (time.scale, time.offset) == (1.0, 0.0)
+    cells = Cells(table, time.columns[0] if alone else "", missing, sentinels)
+    t, x, touch, rows = _converted(table, [time, *second, *wanted.values()], flag, chosen, cells)
     if not len(t):
         raise table.error(
             "there are names of columns and no rows", "give a file with at least two rows"
         )
-    _check_rising(
-        table, t, rows, chosen, {clock.column, flag, *(a.column for a in linear.values())}
-    )
-    start = float(t[0])
-    t -= start
-    found = _repeats(table, Reports(tuple(linear), t, x, touch, rows, flag, 0, start), repeats)
-    if len(found.t) < 2:
-        raise table.error(
-            "one report is not a motion", "give at least two rows with rising time", rows[0]
+    known = ~np.isnan(t) if not second else ~np.isnan(t + x[0])
+    notes = [*table.notes(), *cells.note()]
+    if not known.all():
+        notes.append(f"{np.count_nonzero(~known)} rows without a time left out")
+        t, x, touch, rows = t[known], x[:, known], touch[known], rows[known]
+    used = {flag, *(name for e in (time, *second, *wanted.values()) for name in e.columns)}
+    t, x, facts = _times(table, t, x, rows, how, [*second, time], chosen, used)
+    if "drift" in facts:
+        notes.append(
+            f"times fitted: drift {1e6 * facts['drift']:+.4g} ppm, residual"
+            f" {facts['residual_rms']:.3g} s rms, {facts['residual_max']:.3g} s at most"
         )
-    if not touch.any():
+    notes += [f"{facts['wraps']} wraps of the clock"] if facts.get("wraps") else []
+    notes += [f"clock set back in {len(facts['set_back'])} rows"] if facts.get("set_back") else []
+    if missing != "refuse":
+        touch = _touch_known(touch, missing)
+        shared(t, x)
+    start = float(t[0]) if len(t) else 0.0
+    t -= start
+    found = Reports(tuple(wanted), t, x, touch == 1, rows, flag, 0, start, tuple(notes), facts)
+    found = _repeats(table, found, repeats)
+    if len(found.t) < 2:
+        where_ = rows[0] if len(rows) else None
+        raise table.error(
+            "one report is not a motion", "give at least two rows with rising time", where_
+        )
+    if not found.contact.any():
         raise table.error(
             "never in contact", "use contact=False to follow the point in the air", None, flag
         )
@@ -89,30 +128,45 @@ def series(
 
 def column_of(table: TableFile, what: str, text: str) -> Linear:
     """Return the column and its conversion for a text such as ``t_ms*1e-3``."""
-    linear = expression(what, text, table.names)
-    assert linear.column is not None
-    return replace(linear, column=_find(table, linear.column, what))
+    return linear(what, text, table.names).renamed(lambda name: _find(table, name, what))
+
+
+def expression_of(table: TableFile, what: str, text: str) -> Expression:
+    """Return a conversion of the table's columns."""
+    return expression(what, text, table.names).renamed(lambda name: _find(table, name, what))
+
+
+def known_in(texts: Iterable[str]) -> Known:
+    """Return a function that counts the conversions with their columns among names."""
+    wanted = [({text.strip()}, names_in(text)) for text in texts]
+
+    def known(names: Sequence[str]) -> int:
+        there = {unicodedata.normalize("NFKC", name) for name in names}.union(names)
+        return sum(any(n and n <= there for n in either) for either in wanted)
+
+    return known
 
 
 def _find(table: TableFile, column: str, what: str) -> str:
     """Return the table's column with a given name.
 
     Names are compared in NFKC form, as in Python, where the two Unicode micro signs are
-    equal.
+    equal. The sign before the first name in a comment is left out.
     """
     names = table.names
-    for name in names:
-        if column in (name, unicodedata.normalize("NFKC", name)):
-            return name
+    same = [name for name in names if column in (name, unicodedata.normalize("NFKC", name))]
+    if len(same) > 1 and len({*same}) == 1:
+        problem = f"{len(same)} columns have this name, and {what} needs one"
+        raise table.error(problem, "rename all but one", None, column)
+    if same or column.lstrip("#% ") in names:
+        return [*same, column.lstrip("#% ")][0]
     remedy = (
         f'use one of those, with its factor to s, such as time="{names[0]}*1e-3" for ms'
         if what == "time" and names
         else "use one of those"
     )
-    if all(table.number(name) is not None for name in names):
+    if are_numbers(names):
         remedy = "the first line must name the columns"
-    elif len(names) == 1 and (mark := re.search(r"[\t|]", names[0])):
-        remedy = f"separate columns by commas, not by {mark.group()!r}"
     raise table.error(
         f"{what} needs column {column}, and there is none; the columns are: {_list(names)}", remedy
     )
@@ -180,37 +234,44 @@ def _values(
 
 
 def _converted(
-    table: TableFile, linear: Sequence[Linear], flag: str | None, chosen: Mask | None
-) -> tuple[Array, Array, Mask, Rows]:
+    table: TableFile,
+    wanted: Sequence[Expression],
+    flag: str | None,
+    chosen: Mask | None,
+    read: Cells,
+) -> tuple[Array, Array, Touch, Rows]:
     """Return times, positions, contact and row numbers of the chosen rows."""
     most = table.most if chosen is None else int(chosen.sum())
-    values, touch = np.empty((len(linear), most)), np.ones(most, dtype=bool)
+    values, touch = np.empty((len(wanted), most)), np.ones(most, dtype=np.int8)
     rows = np.empty(most, dtype=np.int64)
-    used = list(dict.fromkeys(str(a.column) for a in linear))
+    used = list(dict.fromkeys(name for e in wanted for name in e.columns))
     if flag and flag not in used:
         used.append(flag)
-    at = read = 0
+    at = passed = 0
     for batch in table.batches():
         which = np.arange(len(batch.rows))
         if chosen is not None:
-            which = np.flatnonzero(chosen[read : read + len(batch.rows)])
-        read += len(batch.rows)
+            which = np.flatnonzero(chosen[passed : passed + len(batch.rows)])
+        passed += len(batch.rows)
         if not len(which):
             continue
-        found = dict(zip(used, numbers_of(table, batch, used, which), strict=True))
+        found = dict(zip(used, read.numbers(batch, used, which), strict=True))
         end = at + len(which)
         rows[at:end] = batch.rows[which]
-        for row, a in zip(values, linear, strict=True):
-            with np.errstate(over="ignore"):
-                row[at:end] = found[str(a.column)] * a.scale + a.offset
-            for i in np.flatnonzero(~np.isfinite(row[at:end])):
-                problem = (
-                    f"{batch.texts(str(a.column))[which[i]]} * {a.scale:g} + {a.offset:g} overflows"
-                )
-                raise table.error(problem, "check the unit", rows[at + i], a.column)
+        for row, e in zip(values, wanted, strict=True):
+            with np.errstate(all="ignore"):
+                row[at:end] = e.of(found)
+            lost = np.isnan([found[name] for name in e.columns]).any(axis=0)
+            row[at:end][lost] = np.nan
+            for i in np.flatnonzero(~np.isfinite(row[at:end]) & ~lost):
+                cells = " and ".join(f"{name} = {found[name][i]:g}" for name in e.columns)
+                problem = f"the result is {row[at + i]:g} for {cells}"
+                remedy = "check the unit and the expression"
+                raise table.error(problem, remedy, rows[at + i], ", ".join(e.columns))
         for i in np.flatnonzero(np.abs(values[0, at:end]) > LATEST):
+            column = ", ".join(wanted[0].columns)
             raise table.error(
-                f"time {values[0, at + i]:g} s", "check the unit", rows[at + i], linear[0].column
+                f"time {values[0, at + i]:g} s", "check the unit", rows[at + i], column
             )
         if flag is not None:
             touch[at:end] = _touch(table, flag, found[flag], rows[at:end])
@@ -218,66 +279,81 @@ def _converted(
     return values[0, :at], values[1:, :at], touch[:at], rows[:at]
 
 
-def numbers_of(table: TableFile, batch: Batch, columns: Sequence[str], which: Rows) -> Array:
-    """Return the selected cells of a batch as finite numbers, (columns, selected)."""
-    try:
-        values = batch.numbers(columns)
-        values = values if len(which) == values.shape[1] else values[:, which]
-    except ValueError:
-        values = np.array([_cells(table, batch, name, which) for name in columns])
-    for name, row in zip(columns, values, strict=True):
-        for i in np.flatnonzero(~np.isfinite(row)):
-            raise table.error(
-                f"{row[i]} is not finite", "correct or remove the row", batch.rows[which[i]], name
-            )
-    return values
-
-
-def _cells(table: TableFile, batch: Batch, column: str, which: Rows) -> Array:
-    texts = batch.texts(column)
-    values = np.empty(len(which))
-    for k, i in enumerate(which):
-        if (number := table.number(texts[i])) is None:
-            text = texts[i].rstrip("\r")
-            shown = repr(text if len(text) <= 40 else text[:37] + "...")
-            problem = f"{shown} is not a number" if text.strip() else "there is no number"
-            raise table.error(problem, "correct or remove the row", batch.rows[i], column)
-        values[k] = number
-    return values
-
-
-def _touch(table: TableFile, column: str, values: Array, rows: Rows) -> Mask:
-    for i in np.flatnonzero((values != 0) & (values != 1)):
+def _touch(table: TableFile, column: str, values: Array, rows: Rows) -> Touch:
+    """Return contact as 0 and 1, -1 where it is missing."""
+    lost = np.isnan(values)
+    for i in np.flatnonzero(~lost & (values != 0) & (values != 1)):
         raise table.error(
             f"contact is {values[i]:g}",
             "use a column of 0 and 1, or contact=False",
             rows[i],
             column,
         )
-    return values == 1
+    return np.where(lost, -1, values).astype(np.int8)
+
+
+def _touch_known(touch: Touch, missing: Missing) -> Touch:
+    """Return contact where it was missing: none, or that of the row before."""
+    if missing == "gap":
+        return np.maximum(touch, 0)
+    at = np.maximum.accumulate(np.where(touch < 0, 0, np.arange(len(touch))))
+    return np.maximum(touch[at], 0)
 
 
 # -- time
 
 
-def _check_rising(
-    table: TableFile, t: Array, rows: Rows, chosen: Mask | None, used: set[str | None]
-) -> None:
-    back = np.flatnonzero(t[1:] < t[:-1])
+def _times(
+    table: TableFile,
+    t: Array,
+    x: Array,
+    rows: Rows,
+    how: Clock,
+    clocks: Sequence[Expression],
+    chosen: Mask | None,
+    used: set[str | None],
+) -> tuple[Array, Array, Mapping[str, Any]]:
+    """Return times that rise, the positions, and facts about the clock.
+
+    The first row of ``x`` is the second clock, if there are two clocks; the first of
+    these is the one that wraps and must rise.
+    """
+    many = len(clocks) > 1
+    first, wraps = unwrapped(table, x[0] if many else t, rows, clocks[0], how.wrap)
+    facts: dict[str, Any] = {"wraps": wraps} if how.wrap is not None else {}
+    if how.rate is not None:
+        t, found = evened(table, first, how.rate, rows)
+        return t, x, facts | {**found}
+    back = np.flatnonzero(first[1:] < first[:-1])
     if len(back):
         i = back[0]
         values = {n: _values(table, n, chosen, 21) for n in table.names if n not in used}
         # of few values: they may separate recordings
         several = [f"{n} ({_list(found)})" for n, found in values.items() if 1 < len(found) <= 20]
-        remedy = "put the rows into the order of time"
+        problem, remedy = step_back(first, i, clocks[0])
         if several:
             remedy = (
                 "if there are several recordings in the file, select one with where:"
                 f" {', '.join(several)}; else {remedy}"
             )
         raise table.error(
-            f"time goes back from {t[i]:.9g} to {t[i + 1]:.9g} s", remedy, rows[i + 1]
+            f"time goes back from {first[i]:.9g} to {first[i + 1]:.9g} s{problem}",
+            remedy,
+            rows[i + 1],
         )
+    if many:
+        t, found = fitted(table, t, first, rows)
+        return t, x[1:], facts | {**found}
+    return first, x, facts
+
+
+def shared(t: Array, x: Array) -> None:
+    """Give rows of one time each other's values where they have none, in place."""
+    for row, times in ((x, t), (x[:, ::-1], t[::-1])):
+        for values in row:
+            at = np.maximum.accumulate(np.where(np.isnan(values), 0, np.arange(len(t))))
+            same = times[at] == times
+            values[same] = values[at[same]]
 
 
 def _repeats(table: TableFile, s: Reports, how: str | None) -> Reports:
@@ -308,7 +384,7 @@ def _repeats(table: TableFile, s: Reports, how: str | None) -> Reports:
 def _check_equal(table: TableFile, s: Reports, again: Mask) -> None:
     differs = s.contact[1:] != s.contact[:-1]
     for row in s.x:
-        differs |= row[1:] != row[:-1]
+        differs |= (row[1:] != row[:-1]) & ~(np.isnan(row[1:]) & np.isnan(row[:-1]))
     differs &= again[1:]
     for i in np.flatnonzero(differs):
         problem = f"the same time as row {s.rows[i]} and other values"

@@ -1,6 +1,6 @@
 """Batches of rows of a table in any format, and the errors about them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -10,6 +10,8 @@ from ..errors import RecordingError
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
+# counts, among some names, the columns that will be used
+Known = Callable[[Sequence[str]], int]
 
 
 class Batch(Protocol):

@@ -9,11 +9,11 @@ csv reader continues row by row, so that errors can be located exactly.
 
 import csv
 import hashlib
-import io
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,11 +21,22 @@ import numpy as np
 from ..errors import BadValue, RecordingError
 from ..system import safe_files
 from ..system.limits import limits
+from .layout import (
+    EMPTY,
+    PIECE,
+    THOUSANDS,
+    decimal_sign,
+    is_blank,
+    is_comment,
+    is_row,
+    layout_of,
+    lines_of,
+    records,
+    text_of,
+)
 from .npz import ArrayBatch, read_npz
-from .rows import Array, Batch, Rows, table_error
+from .rows import Array, Batch, Known, Rows, table_error
 
-EMPTY = "give a file with a line of column names and at least two rows"
-PIECE = 1 << 20  # bytes of text that are read at once
 BATCH = 10_000  # rows of the exact reader
 # characters of a line of the fast reader; the exact one takes longer lines, but no
 # longer fields
@@ -46,6 +57,11 @@ class TableFile:
         Returns the rows from the first on; it can be called repeatedly.
     decimal : str
         Decimal sign of numbers.
+    read : tuple of str
+        What was skipped or assumed to find names and rows.
+    skipped : dict of str to (int, int)
+        What was skipped between the rows when they were read: how often, and the first
+        row.
     """
 
     file: str
@@ -54,6 +70,15 @@ class TableFile:
     most: int
     batches: Callable[[], Iterator[Batch]]
     decimal: str = "."
+    read: tuple[str, ...] = ()
+    skipped: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+    def notes(self) -> list[str]:
+        """Return what was skipped or assumed, in words."""
+        skipped = [
+            f"{n} {what} skipped, the first in row {at}" for what, (n, at) in self.skipped.items()
+        ]
+        return [*self.read, *skipped]
 
     def error(
         self, problem: str, remedy: str, row: Any = None, column: str | None = None
@@ -67,16 +92,21 @@ class TableFile:
 
     def number(self, text: str) -> float | None:
         """Return a cell as a number, or None if it is not one."""
-        return number(text.replace(self.decimal, "."))
+        return number(text, self.decimal)
 
 
-def number(text: str) -> float | None:
+def number(text: str, decimal: str = ".") -> float | None:
     """Return a cell as a number, or None if it is not one.
 
-    Unlike float(), it rejects underscores and digits of other scripts.
+    Unlike float(), it rejects underscores and digits of other scripts. With a decimal
+    comma, 1.234 may be a thousand, and is rejected.
     """
     if not text.isascii() or "_" in text:
         return None
+    if decimal == ",":
+        if "." in text and THOUSANDS.fullmatch(text.strip()):
+            return None
+        text = text.replace(",", ".")
     try:
         return float(text)
     except ValueError:
@@ -95,17 +125,24 @@ class Columns(Protocol):
     def __getitem__(self, name: Any, /) -> Any: ...
 
 
-def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = None) -> TableFile:
-    r"""Open a table in a CSV or npz file, or in memory.
+def read_table(
+    source: str | os.PathLike[str] | Columns,
+    sha256: str | None = None,
+    known: Known = lambda names: 0,
+) -> TableFile:
+    r"""Open a table in a text or npz file, or in memory.
 
     Parameters
     ----------
     source : path or Columns
-        A file whose name ends in .npz is read as npz, any other as CSV; or arrays of
-        equal length under their names.
+        A file whose name ends in .npz is read as npz, any other as text, packed by gzip
+        or not; or arrays of equal length under their names.
     sha256 : str, optional
         First 8 to 64 hex digits of the SHA-256 of the file, or of the table's names and
         values, which must match.
+    known : function, optional
+        Counts, among some names, the columns that will be used. It helps to find the
+        line of the names.
 
     Raises
     ------
@@ -144,12 +181,10 @@ def read_table(source: str | os.PathLike[str] | Columns, sha256: str | None = No
     digest = hashlib.sha256(data).hexdigest()
     if sha256 is not None:
         _check_digest(file, digest, sha256)
-    if not data[:PIECE].strip() and not data.strip():
-        raise table_error(file, "the file is empty", EMPTY)
     if file.lower().endswith(".npz"):
         names, most, batches = read_npz(file, data)
         return TableFile(file, digest, names, most, batches)
-    return _read_csv(file, digest, data)
+    return _read_text(file, digest, data, known)
 
 
 def _in_memory(source: Columns, sha256: str | None) -> TableFile:
@@ -205,45 +240,52 @@ def _check_digest(file: str, digest: str, sha256: str) -> None:
         raise table_error(file, f"SHA-256 is {digest[:16]}..., not {sha256}", remedy)
 
 
-# -- CSV
+# -- text
 
 
 @dataclass(frozen=True)
 class _Form:
-    """The format of a CSV file: separator, decimal sign and header."""
+    """The format of the rows of a text file."""
 
     file: str
     names: tuple[str, ...]
     separator: str
     decimal: str
-    row: int  # line of the names
+    signs: str  # that begin a comment
+    surplus: bool  # the last field of a row is empty, and no column
 
 
-def _read_csv(file: str, digest: str, data: bytes) -> TableFile:
-    _check_text(file, data)
-    start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
+def _read_text(file: str, digest: str, data: bytes, known: Known) -> TableFile:
+    data, notes = text_of(file, data)
+    if not data.strip():
+        raise table_error(file, "the file is empty", EMPTY)
     most = 1 + sum(_ends(data[at : at + PIECE]) for at in range(0, len(data), PIECE))
     limits.check("recording_rows", most, f"{file}: rows", RecordingError)
-    start, first, separator = _leading(file, data, start)
-    decimal = "," if separator == ";" else "."
-    names, last = _header(file, data, start, first, separator)
-    form = _Form(file, names, separator, decimal, first)
-    after = data.find(b"\n", start) + 1
-    plain = last == first and after and b"\r" not in data[start:after].rstrip(b"\r\n")
+    found = layout_of(file, data, known)
+    lines = islice(lines_of(file, data, 0, 1), found.end)
+    start, row = sum(len(line.encode()) for line in lines), found.end + 1
+    if found.separator == " ":
+        data, start = _squeezed(data[start:]), 0
+    decimal = decimal_sign(data, start, found.separator)
+    if decimal == "," and found.separator != ";":
+        notes.append("decimal commas")
+    form = _Form(file, found.names, found.separator, decimal, found.signs, found.surplus)
+    skipped: dict[str, tuple[int, int]] = {}
 
     def batches() -> Iterator[Batch]:
-        at, row = (after, first + 1) if plain else (start, first)
-        if plain:
-            while at < len(data):
-                end = data.rfind(b"\n", at, at + PIECE) + 1
-                batch = _plain(data[at:end], row, form) if end else None
-                if batch is None:
-                    break
-                yield batch
-                at, row = end, row + len(batch.rows)
-        yield from _exact(data, at, row, form)
+        at, line = start, row
+        while at < len(data):
+            end = data.rfind(b"\n", at, at + PIECE) + 1
+            batch = _plain(data[at:end], line, form) if end else None
+            if batch is None:
+                break
+            yield batch
+            at, line = end, line + len(batch.rows)
+        yield from _exact(data, at, line, form, skipped)
 
-    return TableFile(file, digest, names, most, batches, decimal)
+    return TableFile(
+        file, digest, found.names, most, batches, decimal, (*notes, *found.notes), skipped
+    )
 
 
 def _ends(piece: bytes) -> int:
@@ -252,123 +294,27 @@ def _ends(piece: bytes) -> int:
     return int(np.count_nonzero(text == 10)) + (piece.count(b"\r") if b"\r" in piece else 0)
 
 
-def _check_text(file: str, data: bytes) -> None:
-    remedy = "save it as CSV text in UTF-8"
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise table_error(file, "UTF-16 text", remedy)
-    if b"\0" in data:
-        raise table_error(file, "not a text file", f"{remedy}, or as .npz")
-    if data.isascii():
-        return
-    at = 0
-    while at < len(data):
-        end = data.rfind(b"\n", at, at + PIECE) + 1 or len(data)
-        try:
-            data[at:end].decode()
-        except UnicodeDecodeError as error:
-            row = data.count(b"\n", 0, at + error.start) + 1
-            raise table_error(
-                file, f"not UTF-8 text, byte 0x{data[at + error.start]:02x}", remedy, row
-            ) from None
-        at = end
+def _squeezed(text: bytes) -> bytes:
+    """Return lines with single spaces, and none at their beginning and end."""
+    text = re.sub(rb"[ \t]+", b" ", text).removeprefix(b" ").removesuffix(b" ")
+    for end in (b"\n", b"\r"):
+        text = text.replace(b" " + end, end).replace(end + b" ", end)
+    return text
 
 
-def _records(
-    file: str, data: bytes, at: int, row: int, separator: str
-) -> Iterator[tuple[list[str], int]]:
-    """Yield the fields and the line number of every record, from a byte offset on.
-
-    The offset must be the start of a line.
-    """
-    with io.BytesIO(data) as raw:
-        raw.seek(at)
-        lines = csv.reader(
-            _lines(file, raw, row), delimiter=separator, strict=True, skipinitialspace=True
-        )
-        try:
-            for fields in lines:
-                yield fields, lines.line_num + row - 1
-        except csv.Error as error:
-            raise table_error(
-                file, f"not CSV ({error})", "correct the row", lines.line_num + row - 1
-            ) from None
-
-
-def _lines(file: str, raw: io.BytesIO, row: int) -> Iterator[str]:
-    text = io.TextIOWrapper(raw, encoding="utf-8", newline="")
-    most = int(min(limits.recording_columns, 2**30)) * 1024  # a line without an end is no table
-    while line := text.readline(most):
-        yield line
-        if len(line) == most:
-            raise table_error(
-                file, f"not CSV (a line of {most} characters or more)", "correct the row", row
-            )
-        row += 1
-
-
-def _leading(file: str, data: bytes, at: int) -> tuple[int, int, str]:
-    """Return where the column names begin, and the separator of columns.
-
-    The names come after comments and Excel's separator line; their line is returned as
-    byte offset and line number.
-    """
-    hint, row, above = "", 1, ""
-    with io.BytesIO(data) as raw:
-        raw.seek(at)
-        for line in _lines(file, raw, row):
-            separator = hint or _separator(above)
-            number_follows = (
-                number(line.split(separator)[0].strip('"').replace(",", ".")) is not None
-            )
-            if above and number_follows and line.count(separator) == above.count(separator):
-                # no comment: the first name begins with #
-                return at - len(above.encode()), row - 1, separator
-            if row == 1 and (declared := re.fullmatch('(?i:"?sep=([,;|\t])"?)[\r\n]*', line)):
-                hint = declared[1]
-            elif line.startswith("#"):
-                above = line
-            else:
-                return at, row, hint or _separator(line)
-            at, row = at + len(line.encode()), row + 1
-    return at, row, ","
-
-
-def _separator(line: str) -> str:
-    return ";" if ";" in line and "," not in line else ","
-
-
-def _header(
-    file: str, data: bytes, start: int, first: int, separator: str
-) -> tuple[tuple[str, ...], int]:
-    """Return the column names and the number of their last line."""
-    blank = 0
-    for fields, row in _records(file, data, start, first, separator):
-        if _is_blank(fields):
-            blank = blank or row
-            continue
-        if blank:
-            raise table_error(
-                file, "the line is blank", "put the names of the columns there", blank
-            )
-        limits.check("recording_columns", len(fields), f"{file}: columns", RecordingError)
-        names = [f.strip() for f in fields]
-        if twice := [name for i, name in enumerate(names) if name in names[:i]]:
-            problem = f"{names.count(twice[0])} columns have this name"
-            raise table_error(file, problem, "rename all but one", first, twice[0] or "''")
-        return tuple(names), row
-    raise table_error(file, "the file is empty", EMPTY)
-
-
-def _is_blank(fields: list[str]) -> bool:
-    return len(fields) <= 1 and not any(f.strip() for f in fields)
+def _signs(signs: str) -> list[bytes]:
+    return [before + sign.encode() for sign in signs for before in (b"", b" ")]
 
 
 def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
     """Return complete lines if all have the right number of fields and no quotes."""
+    returns = piece.count(b"\r")
     if (
         b'"' in piece
         or len(form.names) < 2
-        or (b"\r" in piece and piece.count(b"\r") != piece.count(b"\r\n"))
+        or (form.decimal == "," and b"." in piece)
+        or any(piece.startswith(s) or b"\n" + s in piece for s in _signs(form.signs))
+        or returns != piece.count(b"\r\n")
     ):
         return None
     text = np.frombuffer(piece, np.uint8)
@@ -379,6 +325,10 @@ def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
     last = ends[marks].reshape(-1, len(form.names))
     lines = marks[len(form.names) - 1 :: len(form.names)]
     if last[:, :-1].any() or not last[:, -1].all() or np.diff(lines, prepend=-1).max() > LONGEST:
+        return None
+    if form.surplus and np.any(
+        np.diff(marks)[len(form.names) - 2 :: len(form.names)] > 1 + bool(returns)
+    ):
         return None
     return _Plain(piece, np.arange(row, row + len(lines), dtype=np.int64), form)
 
@@ -407,31 +357,50 @@ class _Plain:
         ]
 
 
-def _exact(data: bytes, at: int, row: int, form: _Form) -> Iterator["_Exact"]:
-    """Yield the rows from a byte offset on, each one checked, without the header."""
+def _exact(
+    data: bytes, at: int, row: int, form: _Form, skipped: dict[str, tuple[int, int]]
+) -> Iterator["_Exact"]:
+    """Yield the rows from a byte offset on, each one checked."""
     cells: list[list[str]] = []
     rows: list[int] = []
-    blank = 0  # the first blank line since the last row; at the end they do no harm
-    skip = row == form.row
-    for fields, line in _records(form.file, data, at, row, form.separator):
-        if _is_blank(fields):
-            blank = blank or line
-        elif skip:
-            skip = False
-        else:
-            _check_fields(form, fields, line, blank)
+    comments: list[int] = []
+    blank: list[int] = []  # at the end of the file they do no harm
+    ended = 0
+
+    def skip(line: str, number: int) -> bool:
+        if not is_comment(line, form.signs):
+            return False
+        if is_row(line, form.separator, len(form.names)):
+            problem = f"begins with {line.lstrip()[:1]} and has the fields of a row"
+            remedy = "remove it if it is a comment; otherwise remove the sign"
+            raise table_error(form.file, problem, remedy, number)
+        comments.append(number)
+        return True
+
+    lines = lines_of(form.file, data, at, row)
+    try:
+        for fields, first, last in records(lines, row, form.separator, skip):
+            if is_blank(fields):
+                blank.append(first)
+                continue
+            ended = len(blank)
+            _check_fields(form, fields, last)
             cells.append(fields)
-            rows.append(line)
+            rows.append(last)
             if len(rows) == BATCH:
                 yield _Exact(cells, np.array(rows, dtype=np.int64), form)
                 cells, rows = [], []
+    except csv.Error as error:
+        problem, where = error.args
+        raise table_error(form.file, f"not CSV ({problem})", "correct the row", where) from None
     if rows:
         yield _Exact(cells, np.array(rows, dtype=np.int64), form)
+    for what, found in (("blank lines", blank[:ended]), ("comments", comments)):
+        if found:
+            skipped[what] = len(found), found[0]
 
 
-def _check_fields(form: _Form, fields: list[str], row: int, blank: int) -> None:
-    if blank:
-        raise table_error(form.file, "the line is blank", "remove it", blank)
+def _check_fields(form: _Form, fields: list[str], row: int) -> None:
     names = form.names
     if len(fields) != len(names):
         what = "missing" if len(fields) < len(names) else "surplus"
@@ -442,6 +411,9 @@ def _check_fields(form: _Form, fields: list[str], row: int, blank: int) -> None:
             " semicolons)"
         )
         raise table_error(form.file, problem, remedy, row, where)
+    if form.surplus and fields[-1].strip():
+        problem = f"{fields[-1]!r:.40} stands after the last separator, which has no column"
+        raise table_error(form.file, problem, "correct the row, or name the column", row)
 
 
 @dataclass(frozen=True)
@@ -453,7 +425,7 @@ class _Exact:
     def numbers(self, columns: Sequence[str]) -> Array:
         values = np.empty((len(columns), len(self.rows)))
         for i, name in enumerate(columns):
-            found = [number(text.replace(self.form.decimal, ".")) for text in self.texts(name)]
+            found = [number(text, self.form.decimal) for text in self.texts(name)]
             if None in found:
                 raise ValueError
             values[i] = found

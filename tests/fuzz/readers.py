@@ -4,6 +4,7 @@ stimlib's, soon and in little memory.
 
 from __future__ import annotations
 
+import gzip
 import io
 import json
 import re
@@ -53,6 +54,15 @@ OPTIONS = (
     {"repeats": "spread", "max_gap": 1e9, "max_speed": {"x": None}},
     {"repeats": "mean", "contact": False},
     {"repeats": "last", "where": {"kind": "a"}},
+    {
+        "missing": "gap",
+        "sentinels": (-9999,),
+        "wrap": 65536.0,
+        "time": "t_s*1e-3",
+        "max_speed": None,
+    },
+    {"missing": "hold", "max_gap": 1e9, "rate": 100.0},
+    {"missing": "interpolate", "clock": "t_s*1.001", "repeats": "mean"},
     {"where": {"kind": 1.0}, "time": "t_s*1e-3", "max_speed": None, "reports": "on_change"},
 )
 
@@ -239,9 +249,17 @@ def _pattern(suffix: str) -> Reader:
 
 
 TABLES = [CSV.encode(), EUROPE.encode(), CSV.replace('"', "").encode(), ABOVE.encode()]
+DIALECTS = [
+    CSV.replace(",", "\t").encode("utf-16"),
+    gzip.compress(CSV.encode(), mtime=0),
+    b"Tracker\xb5 3\n\n% by hand\nt_s  x_m\n  s    m\n" + b"0 1e-3\n# pause\n\n.01 2e-3\n.02 n/a\n",
+    b"t_s|x_m|\n12:30:00.5|0.001|\n12:30:00.51|0.002|\n12:30:00.52||\n",
+    b"t_s,x_m\n65534,0.001\n65535,0.002\n0,0.003\n1,-9999\n3,0.002\n",
+]
 AUDIO = partial(made, _written_audio)
 READERS: dict[str, Reader] = {
     "csv": Reader("log.csv", lambda: TABLES, _recording),
+    "dialects": Reader("log.tsv", lambda: DIALECTS, _recording),
     "npz": Reader("log.npz", _npz, _recording),
     "table": Reader("profile.csv", lambda: [TABLE.encode()], _table),
     "texture": Reader("a.xml", lambda: [made(_written_texture)["a.xml"]], _texture),

@@ -1,0 +1,126 @@
+"""Cells of a table as numbers: numbers, times of day, and those that are missing."""
+
+import datetime
+import re
+from collections.abc import Collection, Sequence
+from typing import Literal
+
+import numpy as np
+
+from .rows import Array, Batch, Rows
+from .table import TableFile, number
+
+Missing = Literal["refuse", "gap", "hold", "interpolate"]
+# as pandas has them, in small letters
+WORDS = frozenset(("", "na", "n/a", "nan", "-nan", "null", "none", "<na>", "#na", "#n/a", "--"))
+STAMP = re.compile(
+    r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d{1,3}):([0-5]\d):([0-5]\d(?:[.,]\d*)?) ?(Z|[+-]\d\d:?\d\d)?"
+)
+DAY = 86400.0  # s
+
+
+class Cells:
+    """The cells of a table as numbers.
+
+    Parameters
+    ----------
+    table : TableFile
+    clock : str
+        Column that may have times such as 12:30:00.5 or 2026-05-01T12:30:00Z.
+    missing : str
+        With "refuse", a missing number is an error; otherwise it is NaN.
+    sentinels : collection of float or str
+        Numbers and texts that stand for a missing number.
+    """
+
+    def __init__(
+        self,
+        table: TableFile,
+        clock: str = "",
+        missing: Missing = "refuse",
+        sentinels: Collection[float | str] = (),
+    ):
+        self._table, self._clock, self._missing = table, clock, missing
+        self._texts = {s.strip() for s in sentinels if isinstance(s, str)}
+        found = (number(s) if isinstance(s, str) else float(s) for s in sentinels)
+        self._numbers = [value for value in found if value is not None]
+        self._day: int | None = None
+        self._form: tuple[bool, ...] = ()  # of the times: with a date, with a zone
+
+    def note(self) -> list[str]:
+        """Return how times were read, in words."""
+        if not self._form:
+            return []
+        dated, zoned = self._form
+        since = "the first midnight" if dated else "midnight"
+        return [f"{self._clock}: times of day in s since {since}{', UTC' if zoned else ''}"]
+
+    def numbers(self, batch: Batch, columns: Sequence[str], which: Rows) -> Array:
+        """Return the selected cells of a batch as numbers, (columns, selected)."""
+        try:
+            if self._form:
+                raise ValueError
+            values = batch.numbers(columns)
+            values = values if len(which) == values.shape[1] else values[:, which]
+        except ValueError:
+            values = np.array([self._column(batch, name, which) for name in columns])
+        for name, row in zip(columns, values, strict=True):
+            lost = np.isin(row, self._numbers) if self._numbers else np.zeros(0, bool)
+            for i in np.flatnonzero(lost) if self._missing == "refuse" else ():
+                raise self._error(f"{row[i]:g} stands for a missing number", batch, which[i], name)
+            row[np.flatnonzero(lost)] = np.nan
+            for i in np.flatnonzero(~np.isfinite(row)):
+                if self._missing == "refuse" or not np.isnan(row[i]):
+                    raise self._error(f"{row[i]} is not finite", batch, which[i], name)
+        return values
+
+    def _error(self, problem: str, batch: Batch, i: int, column: str) -> Exception:
+        remedy = 'correct or remove the row, or say missing="gap", "hold" or "interpolate"'
+        return self._table.error(problem, remedy, batch.rows[i], column)
+
+    def _column(self, batch: Batch, column: str, which: Rows) -> Array:
+        texts = batch.texts(column)
+        values = np.empty(len(which))
+        first = texts[which[0]].strip() if column == self._clock else ""
+        timed = bool(self._form) or bool(STAMP.fullmatch(first))
+        for k, i in enumerate(which):
+            text = texts[i].strip()
+            timed_here = timed and column == self._clock
+            value = self._seconds(text) if timed_here else self._table.number(text)
+            if text in self._texts or (value is None and text.lower() in WORDS):
+                if self._missing == "refuse":
+                    problem = f"{text!r} stands for no number" if text else "there is no number"
+                    raise self._error(problem, batch, i, column)
+                value = np.nan
+            if value is None:
+                shown = repr(text if len(text) <= 40 else text[:37] + "...")
+                kind = "a time as in the rows above" if timed_here else "a number"
+                remedy = "correct or remove the row"
+                if STAMP.fullmatch(text) and not timed_here:
+                    remedy = "give times of day as the time, without a factor, in all rows"
+                raise self._table.error(f"{shown} is not {kind}", remedy, batch.rows[i], column)
+            values[k] = value
+        return values
+
+    def _seconds(self, text: str) -> float | None:
+        """Return a time in s since the first day began, or None if it is none."""
+        found = STAMP.fullmatch(text)
+        if not found:
+            return None
+        date, hours, minutes, seconds, zone = found.groups()
+        form = bool(date), bool(zone)
+        self._form = self._form or form
+        if form != self._form or (date and int(hours) > 23):
+            return None
+        value = 3600.0 * int(hours) + 60 * int(minutes) + float(seconds.replace(",", "."))
+        if date:
+            try:
+                day = datetime.date.fromisoformat(date).toordinal()
+            except ValueError:
+                return None
+            self._day = day if self._day is None else self._day
+            value += DAY * (day - self._day)
+        if zone and zone != "Z":
+            sign = -1 if zone[0] == "-" else 1
+            value -= sign * (3600.0 * int(zone[1:3]) + 60 * int(zone[-2:]))
+        return value

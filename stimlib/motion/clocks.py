@@ -1,0 +1,115 @@
+"""Clocks of recordings: wraps, steps back, drift and jitter."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..errors import BadValue
+from .cells import DAY
+from .expression import Expression, Linear
+from .rows import Array, Rows
+from .table import TableFile
+
+COUNTS = 2.0**16, 2.0**32  # at which counters begin again
+UNITS = 1e-6, 1e-3  # s, of such counts
+NEAR = 50  # median periods between the last report before a wrap and the first after it
+MOST_DRIFT = 0.01  # two clocks differ by less, or the unit of one is wrong
+LOST = 10, 0.1  # periods and s without a row: a silence, where the rows are counted anew
+
+
+def size_of(clock: Expression, wrap: float | None) -> float:
+    """Return the length of a clock's cycle in s, 0 if it has none."""
+    if wrap is None:
+        return 0.0
+    if not isinstance(clock, Linear):
+        raise BadValue("wrap: give a single column as the time or clock")
+    return wrap * clock.scale
+
+
+def unwrapped(
+    table: TableFile, t: Array, rows: Rows, clock: Expression, wrap: float | None
+) -> tuple[Array, int]:
+    """Return times of a clock that begins again at a count, and how often it did."""
+    size = size_of(clock, wrap)
+    if not size or not isinstance(clock, Linear):
+        return t, 0
+    low = clock.offset
+    for i in np.flatnonzero((t < low) | (t > low + size * (1 + 1e-12))):
+        count = (t[i] - low) / clock.scale
+        problem = f"{count:.15g} is not a count from 0 to wrap = {wrap:.15g}"
+        raise table.error(problem, "correct wrap", rows[i], clock.column)
+    again = np.diff(t) < -size / 2
+    return t + size * np.append(0, np.cumsum(again)), int(again.sum())
+
+
+def step_back(t: Array, i: int, clock: Expression) -> tuple[str, str]:
+    """Return what a step back after row i is, and the remedy."""
+    steps = np.diff(t)
+    period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    scale = clock.scale if isinstance(clock, Linear) else 1.0
+    sizes = {n * unit for n in COUNTS for unit in (scale, *UNITS)} | {DAY}
+    for size in sorted(sizes):
+        if 0 < steps[i] + size <= NEAR * period:
+            problem = f", as a clock does that begins again after {size:.10g} s"
+            return problem, f"say wrap={float(f'{size / scale:.12g}')!r}".removesuffix(".0")
+    inside = np.count_nonzero((t >= t[i + 1]) & (t <= t[i]))
+    late = np.count_nonzero(t < np.maximum.accumulate(t))
+    if period and inside < 1.5 * (-steps[i] / period + 1):
+        problem = f"; {late} of {len(t)} rows come too late"
+        return problem, "put the rows into the order of time"
+    remedy = (
+        "if the clock was set back, say rate= if the rows come at an even rate, or clock= if there"
+        " is a second column of times; if another recording begins here, read them one by one"
+    )
+    return "", remedy
+
+
+def fitted(
+    table: TableFile, t: Array, second: Array, rows: Rows
+) -> tuple[Array, Mapping[str, Any]]:
+    """Return times by a second clock, drift and offset taken from the first.
+
+    The second clock is free of jitter, and the first is right in the long run.
+    """
+    c = second - second.mean()
+    if not c.any():
+        raise table.error("clock has one time in all rows", "use another column", rows[0])
+    slope = float(c @ (t - t.mean()) / (c @ c))
+    if abs(slope - 1) > MOST_DRIFT:
+        problem = f"1 s of clock is {slope:.6g} s of time"
+        raise table.error(problem, "check the units of both, such as clock='t_us*1e-6'", rows[0])
+    even = t.mean() + slope * c
+    return even, _facts(slope - 1, t - even)
+
+
+def evened(table: TableFile, t: Array, rate: float, rows: Rows) -> tuple[Array, Mapping[str, Any]]:
+    """Return times at an even rate, which is fitted to the time stamps.
+
+    Rows are counted anew after a silence. Where a clock was set back, it is taken to
+    have gone on by one period.
+    """
+    steps = np.diff(t)
+    back = np.flatnonzero(steps < 0)
+    set_back = [(int(rows[i + 1]), float(steps[i])) for i in back]
+    t = t + np.append(0, np.cumsum(np.where(steps < 0, 1 / rate - steps, 0.0)))
+    first = np.append(0, 1 + np.flatnonzero(np.diff(t) > np.maximum(LOST[0] / rate, LOST[1])))
+    each = np.diff(np.append(first, len(t)))
+    mean = np.repeat(np.add.reduceat(t, first) / each, each)
+    k = np.arange(len(t)) - np.repeat(first + (each - 1) / 2, each)
+    period = float(k @ (t - mean) / max(k @ k, 1))
+    if not abs(period * rate - 1) <= MOST_DRIFT:
+        found = f"{1 / period:.6g} Hz" if period > 0 else "no rate at all"
+        remedy = "correct rate; a file that lacks rows cannot be read by its rate"
+        raise table.error(f"the rows come at {found}, not {rate:g} Hz", remedy)
+    even = mean + period * k
+    facts = _facts(1 / (period * rate) - 1, t - even)
+    return even, {**facts, "rate": 1 / period, "set_back": set_back}
+
+
+def _facts(drift: float, apart: Array) -> dict[str, Any]:
+    return {
+        "drift": drift,
+        "residual_rms": float(np.sqrt(np.mean(apart**2))),
+        "residual_max": float(np.abs(apart).max()),
+    }
