@@ -18,27 +18,18 @@ MOST_DRIFT = 0.01  # two clocks differ by less, or the unit of one is wrong
 LOST = 10, 0.1  # periods and s without a row: a silence, where the rows are counted anew
 
 
-def size_of(clock: Expression, wrap: float | None) -> float:
-    """Return the length of a clock's cycle in s, 0 if it has none."""
-    if wrap is None:
-        return 0.0
-    if not isinstance(clock, Linear):
-        raise BadValue("wrap: give a single column as the time or clock")
-    return wrap * clock.scale
-
-
 def unwrapped(
     table: TableFile, t: Array, rows: Rows, clock: Expression, wrap: float | None
 ) -> tuple[Array, int]:
     """Return times of a clock that begins again at a count, and how often it did."""
-    size = size_of(clock, wrap)
-    if not size or not isinstance(clock, Linear):
+    if wrap is None:
         return t, 0
-    low = clock.offset
-    for i in np.flatnonzero((t < low) | (t > low + size * (1 + 1e-12))):
-        count = (t[i] - low) / clock.scale
-        problem = f"{count:.15g} is not a count from 0 to wrap = {wrap:.15g}"
-        raise table.error(problem, "correct wrap", rows[i], clock.column)
+    if not isinstance(clock, Linear):
+        raise BadValue("wrap: give a single column as the time or clock")
+    size = wrap * clock.scale
+    if np.ptp(t) > size * (1 + 1e-12):
+        problem = f"the counts span {np.ptp(t) / clock.scale:.12g}, more than wrap = {wrap:.12g}"
+        raise table.error(problem, "correct wrap", rows[np.argmax(t)], clock.column)
     again = np.diff(t) < -size / 2
     return t + size * np.append(0, np.cumsum(again)), int(again.sum())
 
@@ -50,17 +41,19 @@ def step_back(t: Array, i: int, clock: Expression) -> tuple[str, str]:
     scale = clock.scale if isinstance(clock, Linear) else 1.0
     sizes = {n * unit for n in COUNTS for unit in (scale, *UNITS)} | {DAY}
     for size in sorted(sizes):
-        if 0 < steps[i] + size <= NEAR * period:
+        if np.ptp(t) <= size and 0 < steps[i] + size <= NEAR * period:
             problem = f", as a clock does that begins again after {size:.10g} s"
-            return problem, f"say wrap={float(f'{size / scale:.12g}')!r}".removesuffix(".0")
+            return problem, f"say wrap={size / scale:.12g}"
+    # rows of a clock that was set back lie twice as close there if they are sorted
     inside = np.count_nonzero((t >= t[i + 1]) & (t <= t[i]))
     late = np.count_nonzero(t < np.maximum.accumulate(t))
-    if period and inside < 1.5 * (-steps[i] / period + 1):
+    if -steps[i] <= NEAR * period and inside < 1.5 * (-steps[i] / period + 1):
         problem = f"; {late} of {len(t)} rows come too late"
         return problem, "put the rows into the order of time"
     remedy = (
         "if the clock was set back, say rate= if the rows come at an even rate, or clock= if there"
-        " is a second column of times; if another recording begins here, read them one by one"
+        " is a second column of times; if it begins again at a count, say wrap=; if another"
+        " recording begins here, read them one by one"
     )
     return "", remedy
 

@@ -1,0 +1,374 @@
+"""Clocks and gaps of recordings: wraps, steps back, drift, jitter and missing numbers,
+each by itself and injected into real recordings.
+"""
+
+import numpy as np
+import pytest
+from hands import DATA
+from refusals import refused
+
+from stimlib.errors import BadValue, RecordingError
+from stimlib.motion.recorded import parse_source, recording
+from stimlib.motion.text import parse_where
+
+T = np.arange(400) * 0.004
+X = 0.01 * np.sin(5 * T)
+COUNTS = {"t_us": 2**32 - 800_000 + 4000 * np.arange(400), "x": X}
+US = {"time": "t_us*1e-6"}
+
+
+def table(t, x=X, **more):
+    return {"t_s": t, "x": x, **more}
+
+
+def error_of(r, t=T, x=X):
+    """The largest error of the position between the first and the last report."""
+    at = np.linspace(t[0], t[-1], 20_001)
+    return np.abs(
+        r.motion["x"](at - t[0]) - recording(table(t, x), {"x": "x"}).motion["x"](at - t[0])
+    ).max()
+
+
+# -- wraps
+
+
+@pytest.mark.parametrize(
+    ("size", "unit"),
+    [(2**32, 1e-6), (2**16, 1e-6), (2**32, 1e-3), (2**16, 1e-3), (65.536, 1), (2**24, 1e-6)],
+)
+def test_a_clock_that_wraps_is_recognised_and_unwrapped(size, unit):
+    step = 0.004 / unit if unit > 1e-6 or size > 2**16 else 40
+    n = np.arange(400)
+    counts = size - 20.5 * step + step * n
+    counts = counts if unit == 1 else np.round(counts)
+    wrapped = {"t": counts % size, "x": X}
+    how = {"time": f"t*{unit}", "max_speed": None}
+    says = rf"say wrap={size:.12g}$" if size != 2**24 else "if the clock was set back"
+    refused(RecordingError, says, recording, wrapped, {"x": "x"}, **how)
+    r = recording(wrapped, {"x": "x"}, wrap=size, **how)
+    assert r.info["clock"] == {"wraps": int(counts[-1] // size)} and "wraps of the clock" in str(r)
+    assert r.motion["x"]._knots == pytest.approx((counts - counts[0]) * unit, rel=1e-9, abs=1e-9)
+    assert f"wrap={size}" in repr(r)
+
+
+@pytest.mark.parametrize(
+    ("t", "how", "says"),
+    [
+        (COUNTS["t_us"], {"wrap": 65536}, "row 399, .* span 1596000, more than wrap = 65536"),
+        (np.where(T > 0.8, T - 0.064, T) * 1e6, {"wrap": 2.0**32}, "goes back from 0.8 to 0.74"),
+    ],
+)
+def test_a_wrap_that_is_none_is_refused(t, how, says):
+    refused(RecordingError, says, recording, {"t_us": t, "x": X}, {"x": "x"}, **US, **how)
+
+
+# -- steps back
+
+
+def test_a_clock_that_was_set_back_is_told_from_rows_out_of_order():
+    """Sorted, the rows of a clock set back by 64 ms would be a zigzag."""
+    back = np.where(T > 0.801, T - 0.064, T)
+    says = "row 201: time goes back from 0.8 to 0.74 s; if the clock was set back, say rate="
+    refused(RecordingError, says, recording, table(back), {"x": "x"})
+    order = np.arange(400)
+    order[[100, 101, 300, 302]] = order[[101, 100, 302, 300]]
+    says = "3 of 400 rows come too late; put the rows into the order of time"
+    refused(RecordingError, says, recording, table(T[order], X[order]), {"x": "x"})
+    says = "if another recording begins here"
+    refused(RecordingError, says, recording, table(np.append(T[:200], T[:200])), {"x": "x"})
+    r = recording(table(back), {"x": "x"}, rate=250)
+    assert r.info["clock"]["set_back"] == [(201, pytest.approx(-0.06))]
+    assert "clock set back in 1 rows" in str(r) and error_of(r) < 1e-9
+
+
+# -- jitter and drift
+
+
+def jittered(t, size=2e-3, seed=1):
+    return t + size * np.random.default_rng(seed).random(len(t))
+
+
+def test_an_even_rate_is_fitted_to_the_stamps():
+    true = T * (1 + 2e-3)  # the device is slow: 249.5 Hz
+    r = recording(table(jittered(true)), {"x": "x"}, rate=250)
+    c = r.info["clock"]
+    assert c["rate"] == pytest.approx(250 / 1.002, rel=2e-4) and c["set_back"] == []
+    assert c["drift"] == pytest.approx(-2e-3, abs=2e-4)
+    assert 4e-4 < c["residual_rms"] < 7e-4 and c["residual_max"] < 1.2e-3
+    assert (
+        "times fitted: drift -1915 ppm, residual 0.00057 s rms" in str(r)
+        and error_of(r, true) < 3e-5
+    )
+    silent = np.where(np.arange(400) < 200, T, T + 1.0)
+    r = recording(table(jittered(silent)), {"x": "x"}, rate=250, reports="on_change")
+    assert np.ptp(r.motion["x"]._knots[[199, 201]]) == pytest.approx(1.004, abs=3e-4)
+    coarse = np.floor(T * 50) / 50  # five rows in each packet
+    refused(RecordingError, "repeats=", recording, table(coarse), {"x": "x"})
+    assert error_of(recording(table(coarse), {"x": "x"}, rate=250)) < 3e-5
+
+
+def test_a_second_clock_gives_the_times_and_the_first_the_rate():
+    device = 7.0 + T * (1 - 50e-6)
+    for stamps in (jittered(T), jittered(T, 0.02)):  # whose order is lost
+        r = recording(table(stamps, us=device * 1e6), {"x": "x"}, clock="us*1e-6")
+        c = r.info["clock"]
+        size = 0.02 if stamps.max() > T[-1] + 0.003 else 2e-3
+        assert c["residual_rms"] == pytest.approx(size / 12**0.5, rel=0.1)
+        assert abs(c["drift"] - 50e-6) < size * 0.2 and error_of(r) < size * 5e-3
+    wrapped = (device * 1e6 + 2**32 - 7.8e6) % 2**32
+    r = recording(table(T, us=wrapped), {"x": "x"}, clock="us*1e-6", wrap=2**32)
+    assert r.info["clock"]["wraps"] == 1 and error_of(r) < 1e-9
+    assert r.info["clock"]["residual_max"] < 1e-9
+    assert "wrap=4294967296, clock='us*1e-6'" in repr(r)
+
+
+@pytest.mark.parametrize(
+    ("how", "says"),
+    [
+        ({"rate": 500.0}, "the rows come at 250 Hz, not 500 Hz; correct rate"),
+        ({"clock": "us"}, "1 s of clock is 1e-06 s of time; check the units"),
+        ({"clock": "same"}, "row 0: clock has one time"),
+        ({"clock": "-us*1e-6"}, "time goes back"),
+        ({"clock": "none"}, "clock needs column none"),
+    ],
+)
+def test_clocks_that_are_refused(how, says):
+    given = table(T, us=T * 1e6, same=np.ones(400))
+    refused(RecordingError, says, recording, given, {"x": "x"}, **how)
+
+
+@pytest.mark.parametrize(
+    ("how", "says"),
+    [
+        ({"wrap": 0}, "wrap must be"),
+        ({"rate": float("inf")}, "rate = inf|rate must be"),
+        ({"clock": "t_s", "rate": 250.0}, "give either clock or rate"),
+        ({"time": "t_s + x", "wrap": 5.0}, "wrap: give a single column"),
+        ({"missing": "skip"}, "missing = 'skip'"),
+        ({"sentinels": -9999}, "sentinels = -9999"),
+    ],
+)
+def test_options_that_are_refused(how, says):
+    refused(BadValue, says, recording, table(T), {"x": "x"}, **how)
+
+
+# -- missing numbers
+
+
+def lost(x, *rows, by=np.nan):
+    x = np.array(x, dtype=object if isinstance(by, str) else float)
+    x[list(rows)] = by
+    return x
+
+
+@pytest.mark.parametrize(
+    ("by", "sentinels"),
+    [(np.nan, ()), ("", ()), ("n/a", ()), ("NA", ()), (-9999, (-9999,)), (".", (".",)),
+        ("-9999", ("-9999",)), ("LOST", (-1, "LOST"))],
+)  # fmt: skip
+@pytest.mark.parametrize("how", ["gap", "hold", "interpolate"])
+def test_a_missing_number_is_no_contact_or_bridged(tmp_path, by, sentinels, how):
+    x = lost(X, 0, 100, 101, 399, by=by)
+    path = tmp_path / "log.csv"
+    path.write_text("t_s,x\n" + "".join(f"{t},{v}\n" for t, v in zip(T, x, strict=True)))
+    given = {"missing": how, "sentinels": sentinels}
+    for source, first in ((table(T, x), 0), (path, 2)):
+        says = f"row {first}, column x: .*missing="
+        refused(RecordingError, says, recording, source, {"x": "x"}, sentinels=sentinels)
+        r = recording(source, {"x": "x"}, **given)
+        assert repr(parse_source(repr(r))) == repr(r) if first else True
+        done = {"gap": "no contact", "hold": "held"}.get(how, "interpolated")
+        assert f"x: 4 missing numbers, {done}" in str(r)
+        assert r.info["jumps"] == [] and r.duration == T[-1]
+        assert r.has_lifts == (how == "gap")
+        at = np.array([0.0, 0.396, 0.398, 0.402, 0.409, 1.59])
+        assert r.contact(at).tolist() == ([0, 0, 0, 0, 1, 1] if how == "gap" else [1] * 6)
+        value = r.motion["x"](0.402)
+        wanted = X[99] if how != "interpolate" else np.interp(0.402, T[[99, 102]], X[[99, 102]])
+        assert value == pytest.approx(wanted, abs=5e-6)
+        assert r.motion["x"](T[[99, 102]]) == pytest.approx(X[[99, 102]])
+
+
+@pytest.mark.parametrize("how", ["hold", "interpolate"])
+def test_a_gap_is_bridged_up_to_its_longest_length(how):
+    given = table(T, lost(X, *range(100, 150)))
+    says = (
+        'row 100: x is missing for 0.204 s, longer than 0.1 s; say missing="gap", or max_gap=0.20'
+    )
+    refused(RecordingError, says, recording, given, {"x": "x"}, missing=how)
+    r = recording(given, {"x": "x"}, missing=how, max_gap=0.2042)
+    assert "0.204 s at most" in str(r) and not r.has_lifts
+    assert recording(given, {"x": "x"}, missing="gap").contact([0.39, 0.5, 0.6]).tolist() == [
+        1,
+        0,
+        1,
+    ]
+    off = given | {"contact": np.where((T > 0.39) & (T < 0.61), 0, 1)}  # where it does not matter
+    assert recording(off, {"x": "x"}, missing=how).has_lifts
+
+
+def test_two_columns_at_two_rates_in_one_file(tmp_path):
+    """A force at 50 Hz in rows at 250 Hz, or in rows of its own at the same times."""
+    force = 2 + np.sin(3 * T)
+    slow = np.where(np.arange(400) % 5 == 0, force, np.nan)
+    columns = {"x": "x", "f": "f"}
+    wanted = recording({"t_s": T[::5], "f": force[::5]}, {"f": "f"}, max_speed=None)
+    how = {"missing": "interpolate", "max_speed": {"x": 1.0}}
+    at = np.linspace(0, T[395], 5001)
+    one = recording(table(T, f=slow), columns, **how)
+    path = tmp_path / "long.tsv"
+    rows = [(t, x, "") for t, x in zip(T, X, strict=True)]
+    rows += [(t, "", f) for t, f in zip(T[::5], force[::5], strict=True)]
+    path.write_text(
+        "t_s\tx\tf\n" + "".join(f"{t}\t{x}\t{f}\n" for t, x, f in sorted(rows, key=lambda r: r[0]))
+    )
+    for r in (one, recording(path, columns, **how)):
+        assert np.array_equal(r.motion["x"](at), recording(table(T), {"x": "x"}).motion["x"](at))
+        assert np.abs(r.motion["f"](at) - wanted.motion["f"](at)).max() < 1e-4
+        assert r.motion["f"](T[:396:5]) == pytest.approx(force[:396:5])
+
+
+def test_a_row_without_a_time_or_contact(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t_s,x,contact\n0,0,1\n,,\n0.01,1,\n0.02,2,0\n0.03,3,\n0.04,4,1\n0.05,5,1\n")
+    r = recording(path, {"x": "x*1e-3"}, missing="hold")
+    assert r.info["reports"] == 6 and "1 rows without a time left out" in str(r)
+    assert r.info["lifts"] == [(5, 0.02)] and r.contact([0.005, 0.025, 0.035, 0.045]).tolist() == [
+        1,
+        0,
+        0,
+        1,
+    ]
+    r = recording(path, {"x": "x*1e-3"}, missing="gap")
+    assert [row for row, _ in r.info["lifts"]] == [4]
+    refused(
+        RecordingError,
+        "no number for x",
+        recording,
+        table(T, lost(X, *range(400))),
+        {"x": "x"},
+        missing="hold",
+    )
+
+
+def test_what_a_missing_number_is_not(tmp_path):
+    for value, says in (("inf", "inf is not finite"), ("lost", "'lost' is not a number")):
+        given = table(T, lost(X, 7, by=value))
+        refused(
+            RecordingError, f"row 7, column x: {says}", recording, given, {"x": "x"}, missing="gap"
+        )
+    negative = table(T, lost(X, 7, by=-1))
+    refused(
+        RecordingError,
+        "row 7, column x: the result is nan for x = -1",
+        recording,
+        negative,
+        {"x": "sqrt(x + 0.5)"},
+        missing="gap",
+    )
+
+
+# -- columns combined
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("hypot(a, b)", np.hypot),
+        ("b - a", lambda a, b: b - a),
+        ("(b - a)*1e-3 + 2", lambda a, b: (b - a) * 1e-3 + 2),
+        ("-(a*b)/4", lambda a, b: -(a * b) / 4),
+        ("sqrt(a**2 + b**2)", np.hypot),
+        ("a/b", lambda a, b: a / b),
+        ("abs(a) + max(a, b) - min(a, 'b')", lambda a, b: abs(a) + abs(a - b)),
+        ("atan2(b, a)", lambda a, b: np.arctan2(b, a)),
+        (
+            "b*cos(radians(a)) - sin(radians(a))",
+            lambda a, b: b * np.cos(np.radians(a)) - np.sin(np.radians(a)),
+        ),
+        ("sqrt(2)*a", lambda a, b: 2**0.5 * a),
+    ],
+)
+def test_columns_are_combined(text, wanted):
+    rng = np.random.default_rng(0)
+    a, b = rng.uniform(-5, 5, 400), rng.uniform(1, 5, 400)
+    r = recording({"t_s": T, "a": a, "b": b}, {"x": text}, max_speed=None)
+    assert r.motion["x"](T) == pytest.approx(wanted(a, b), rel=1e-12, abs=1e-12)
+    assert repr(r.motion["x"]).count(text.replace("'", "\\'")) >= 1 - ("'" in text)
+
+
+def test_times_of_two_columns():
+    given = {"sec": np.floor(T) + 7, "nsec": np.round((T % 1) * 1e9), "x": X}
+    r = recording(given, {"x": "x"}, time="sec + nsec*1e-9")
+    assert r.motion["x"]._knots == pytest.approx(T, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("hypot(x, z)", "x needs column z, and there is none"),
+        ("1/(x - x)", "row 0, column x: the result is inf for x = 0"),
+        ("x**0.5", "row 158, column x: the result is nan"),
+        ("x + 1e999", "row 0"),
+    ],
+)
+def test_combined_columns_that_are_refused(text, says):
+    refused(
+        (RecordingError, BadValue),
+        says if "999" not in text else "x",
+        recording,
+        table(T),
+        {"x": text},
+    )
+
+
+# -- real recordings
+
+REAL = {
+    "grip": ("grip-trials/grip_p1.csv", "force_N*5e-4",
+        {"where": parse_where("grasp=pinch,level=easy,trial=1")}, 5e-5),
+    "puck": ("touch-evemu/hand_puck_tablet.csv", "x_mm*1e-3", {}, 1e-3),
+    "force": ("fingertip-force/finger_on_texture_12hz.csv", "fz_N*5e-4", {}, 4e-4),
+}  # fmt: skip
+
+
+def columns_of(name):
+    """Times and positions of a real recording, and the error that is stated for it."""
+    file, column, how, error = REAL[name]
+    if not (DATA / file).is_file():
+        pytest.skip("the recordings are not beside the project")
+    r = recording(DATA / file, {"x": column}, **how)
+    t = r.motion["x"]._knots
+    return t, r.motion["x"](t), error
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_wraps_drift_and_gaps_injected_into_a_real_recording(name):
+    """Wraps: to a microsecond. Drift against a second clock: to a tenth of a jitter of
+    1 ms. Gaps of three reports: within the error stated for each, in m.
+    """
+    t, x, error = columns_of(name)
+    speed = np.abs(np.diff(x) / np.diff(t)).max()
+    how = {"columns": {"x": "x"}, "max_gap": 1.0}
+    counts = np.round(t * 1e6 + 2**32 - 1e6) % 2**32
+    r = recording({"us": counts, "x": x}, time="us*1e-6", wrap=2**32, **how)
+    assert r.info["clock"]["wraps"] == 1 and error_of(r, t, x) < 3 * speed * 1e-6
+    counts = np.round(t * 1e3 + 65_000) % 2**16
+    refused(
+        RecordingError, "say wrap=65536$", recording, {"ms": counts, "x": x}, time="ms*1e-3", **how
+    )
+    r = recording({"ms": counts, "x": x}, time="ms*1e-3", wrap=2**16, **how)
+    assert r.info["clock"]["wraps"] == 1 and error_of(r, t, x) < 3 * speed * 1e-3
+    stamps = jittered(t, 1e-3)
+    r = recording(table(stamps, x, us=t * 1e6 * (1 + 80e-6) + 5e6), clock="us*1e-6", **how)
+    apart = t[0] + (r.motion["x"]._knots - t)
+    assert np.abs(apart - apart.mean()).max() < 1e-4
+    assert abs(r.info["clock"]["drift"] + 80e-6) < 1e-4
+    holes = x.copy()
+    for at in range(7, len(x) - 4, 40):
+        holes[at : at + 3] = np.nan
+    r = recording(table(t, holes), missing="interpolate", **how)
+    assert error_of(r, t, x) < error
+    r = recording(table(t, holes), missing="gap", **how)
+    touching = r.contact(t) > 0
+    assert np.array_equal(r.motion["x"](t)[touching], x[touching]) and not touching.all()
