@@ -17,7 +17,7 @@ from .cells import Cells, Missing
 from .clocks import evened, fitted, step_back, unwrapped
 from .expression import Expression, Linear, expression, linear, names_in
 from .layout import are_numbers
-from .rows import Array, Batch, Known, Rows
+from .rows import Array, Known, Rows
 from .table import TableFile
 
 Mask = NDArray[np.bool_]
