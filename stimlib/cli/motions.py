@@ -181,10 +181,10 @@ def motions_of(
     motions, recordings = _read(texts, scene.inputs, contact, read)
     if "contact" in inputs and "contact" not in own and recordings:
         motions["contact"] = _contact(recordings)
-    missing = set(inputs) - set(motions)
-    if all_ and missing:
+    absent = set(inputs) - set(motions)
+    if all_ and absent:
         raise BadValue(
-            f"no motion for {', '.join(sorted(missing))}: add --motion 'minimum_jerk()' or another"
+            f"no motion for {', '.join(sorted(absent))}: add --motion 'minimum_jerk()' or another"
             " of stimlib list"
         )
     return motions, max((found.duration for found in recordings), default=None)

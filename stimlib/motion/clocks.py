@@ -90,7 +90,7 @@ def evened(table: TableFile, t: Array, rate: float, rows: Rows) -> tuple[Array, 
     each = np.diff(np.append(first, len(t)))
     mean = np.repeat(np.add.reduceat(t, first) / each, each)
     k = np.arange(len(t)) - np.repeat(first + (each - 1) / 2, each)
-    period = float(k @ (t - mean) / max(k @ k, 1))
+    period = float(k @ (t - mean)) / max(float(k @ k), 1.0)
     if not abs(period * rate - 1) <= MOST_DRIFT:
         found = f"{1 / period:.6g} Hz" if period > 0 else "no rate at all"
         remedy = "correct rate; a file that lacks rows cannot be read by its rate"

@@ -282,8 +282,8 @@ def recording(
     columns : mapping of str to str
         For each input of the scene, a column in the input's unit, or a conversion:
         ``"force_N*5e-4"``, ``"(x_raw - 1472)*2e-5"``, ``"hypot(vx, vy)*1e-3"``. It has
-        + - * / **, hypot, sqrt, abs, sin, cos, atan2, radians, min and max. Inputs may
-        share a column. Quote names that are not words: ``"'Force (N)'*5e-4"``.
+        ``+ - * / **``, hypot, sqrt, abs, sin, cos, atan2, radians, min and max. Inputs
+        may share a column. Quote names that are not words: ``"'Force (N)'*5e-4"``.
     where : mapping of column to value, optional
         Rows to use; numbers are compared as numbers, anything else as text.
     time : str
