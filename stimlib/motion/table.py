@@ -19,7 +19,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..errors import BadValue, RecordingError
-from ..system import safe_files
+from ..system import fields, safe_files
 from ..system.limits import limits
 from .layout import (
     EMPTY,
@@ -184,6 +184,9 @@ def read_table(
     if file.lower().endswith(".npz"):
         names, most, batches = read_npz(file, data)
         return TableFile(file, digest, names, most, batches)
+    stem = re.sub(r"\.tsv(\.gz)?\Z", "", file)
+    if re.search("_(stim|physio|motion)\\Z", stem) and os.path.exists(f"{stem}.json"):
+        return _read_bids(file, digest, data, stem)
     return _read_text(file, digest, data, known)
 
 
@@ -286,6 +289,67 @@ def _read_text(file: str, digest: str, data: bytes, known: Known) -> TableFile:
     return TableFile(
         file, digest, found.names, most, batches, decimal, (*notes, *found.notes), skipped
     )
+
+
+def _read_bids(file: str, digest: str, data: bytes, stem: str) -> TableFile:
+    """Open a table of BIDS without names, whose JSON file has its rate.
+
+    The times are the column t_s.
+    """
+    beside = f"{stem}.json"
+    try:
+        facts = fields.parse(safe_files.read(beside, "sidecar_bytes", RecordingError))
+        fields.require(facts, {"SamplingFrequency": fields.positive})
+        start = facts.get("StartTime", 0.0)
+        names = facts.get("Columns")
+        if names is None:
+            beside = f"{stem.removesuffix('_motion')}_channels.tsv"
+            names = [n for b in read_table(beside).batches() for n in b.texts("name")]
+        if not fields.list_of(fields.text)(names) or not names or not fields.number(start):
+            raise ValueError("Columns must be names, and StartTime a number")
+    except ValueError as error:
+        if isinstance(error, RecordingError):
+            raise
+        remedy = "correct it, or remove it to read the table by itself"
+        raise table_error(beside, f"does not describe {file} ({error})", remedy) from None
+    rate = facts["SamplingFrequency"]
+    data, notes = text_of(file, data)
+    most = 1 + _ends(data)
+    limits.check("recording_rows", most, f"{file}: rows", RecordingError)
+    form = _Form(file, tuple(names), "\t", ".", "", False)
+    read = (*notes, f"names and rate, {rate:g} Hz, from {os.path.basename(beside)}")
+    return TableFile(
+        file,
+        digest,
+        ("t_s", *names),
+        most,
+        lambda: (_Even(b, rate, start) for b in _exact(data, 0, 1, form, {})),
+        read=read,
+    )
+
+
+@dataclass(frozen=True)
+class _Even:
+    """Rows at an even rate, whose times are the column t_s."""
+
+    batch: Batch
+    rate: float
+    start: float
+
+    @property
+    def rows(self) -> Rows:
+        return self.batch.rows
+
+    def numbers(self, columns: Sequence[str]) -> Array:
+        stored = [name for name in columns if name != "t_s"]
+        values = dict(zip(stored, self.batch.numbers(stored), strict=True))
+        values["t_s"] = self.start + (self.rows - 1) / self.rate
+        return np.array([values[name] for name in columns])
+
+    def texts(self, column: str) -> Sequence[str]:
+        if column == "t_s":
+            return [str(t) for t in self.numbers(["t_s"])[0]]
+        return self.batch.texts(column)
 
 
 def _ends(piece: bytes) -> int:

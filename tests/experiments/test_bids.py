@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 
 from stimlib import BadValue, SinkError
 from stimlib.cli.app import app
+from stimlib.errors import RecordingError
 from stimlib.experiments import (
     ConstantStimuli,
     Sequential,
@@ -34,6 +35,8 @@ from stimlib.experiments import (
     sessions,
 )
 from stimlib.experiments.bids import label, to_bids, to_psych_ds
+from stimlib.motion.recorded import recording
+from stimlib.motion.table import read_table
 from stimlib.system import safe_files
 
 VALIDATOR = shutil.which("bids-validator-deno")
@@ -117,6 +120,32 @@ def test_a_trial_with_a_log_is_a_run(signals):
     assert (told["SamplingFrequency"], told["MotionChannelCount"]) == (1000.0, 1)
     channels = Path(f"{motion}_channels.tsv").read_text().splitlines()
     assert channels[1].split("\t") == ["x", "x", "POS", "hand", "m"]
+
+
+def test_signals_are_read_back_as_recordings(signals, tmp_path):
+    """Equal samples, at the times of their rate, by the JSON file or the channels."""
+    folder, saved = Path(signals[0]), signals[1]
+    paths = [*folder.rglob("*_stim.tsv.gz"), *folder.rglob("*_motion.tsv")]
+    assert len(paths) == 2 * len(saved.records)
+    for path in paths:
+        wanted = np.loadtxt(path, ndmin=2)[:, 0]
+        table = read_table(path)
+        (t, x), name = (
+            np.concatenate([b.numbers(table.names) for b in table.batches()], 1)[:2],
+            table.names[1],
+        )
+        assert np.array_equal(x, wanted) and np.array_equal(t, np.arange(len(x)) / 1000)
+        r = recording(path, {"x": name}, max_speed=None)
+        assert r.motion["x"](t) == pytest.approx(wanted, abs=1e-12) and "from sub-P01" in str(r)
+    shutil.copy(path, tmp_path / "a_motion.tsv")
+    for text in ("{", "{}", '{"SamplingFrequency": 10, "Columns": 3}'):
+        (tmp_path / "a_motion.json").write_text(text)
+        refused(
+            RecordingError,
+            "a_motion.json: does not describe",
+            read_table,
+            tmp_path / "a_motion.tsv",
+        )
 
 
 def test_a_damaged_log_and_a_full_disk_are_told(data, tmp_path, monkeypatch):

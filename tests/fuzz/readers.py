@@ -260,6 +260,12 @@ AUDIO = partial(made, _written_audio)
 READERS: dict[str, Reader] = {
     "csv": Reader("log.csv", lambda: TABLES, _recording),
     "dialects": Reader("log.tsv", lambda: DIALECTS, _recording),
+    "bids": Reader(
+        "a_stim.tsv",
+        lambda: [b"0.001\t2\n0.002\t3\n0.004\t3\n"],
+        _recording,
+        lambda: {"a_stim.json": b'{"SamplingFrequency": 100.0, "Columns": ["x_m", "f"]}'},
+    ),
     "npz": Reader("log.npz", _npz, _recording),
     "table": Reader("profile.csv", lambda: [TABLE.encode()], _table),
     "texture": Reader("a.xml", lambda: [made(_written_texture)["a.xml"]], _texture),
