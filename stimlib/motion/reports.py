@@ -261,6 +261,8 @@ def _converted(
         for row, e in zip(values, wanted, strict=True):
             with np.errstate(all="ignore"):
                 row[at:end] = e.of(found)
+            if np.isfinite(row[at:end]).all():
+                continue
             lost = np.isnan([found[name] for name in e.columns]).any(axis=0)
             row[at:end][lost] = np.nan
             for i in np.flatnonzero(~np.isfinite(row[at:end]) & ~lost):
