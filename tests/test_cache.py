@@ -4,6 +4,7 @@ must not compile.
 
 import ctypes
 import fcntl
+import inspect
 import json
 import os
 import platform
@@ -137,10 +138,10 @@ def test_the_log_tells_hits_misses_and_times(wanted, tmp_path):
 
 def test_an_entry_is_named_by_all_that_is_compiled_into_it(monkeypatch):
     usual = salt.__wrapped__()
-    modules = {Path(caches.__file__).with_name(f"{name}.py") for name in caches.PARTS}
+    modules = {(Path(caches.__file__).parent / f"{name}.py").resolve() for name in caches.PARTS}
     used = {
         Path(m.__file__) for m in (walk, values, known, kernels, vectors, lanes, instructions, rows)
-    }
+    } | {Path(inspect.getfile(c)) for c in walk.Writer.__mro__[:-1]}
     assert used <= modules
     for path in (*modules, Path(maths.__file__)):
         assert path.read_text() in usual

@@ -42,8 +42,8 @@ LONG = "runtime_", "pump_"
 """What takes a second to compile, and is missing in an empty cache; a block class takes
 a tenth.
 """
-PARTS = "machine values walk known rows instructions lanes kernels vectors segments".split()
-"""Files that are compiled into entries, or say how."""
+PARTS = "../walk machine values walk known rows instructions lanes kernels vectors segments".split()
+"""Files beside this one that are compiled into entries, or say how."""
 
 
 class Code(NamedTuple):
@@ -59,7 +59,7 @@ _loaded: dict[str, Code] = {}
 # Entries ------------------------------------------------------------------------------
 @cache
 def _salt() -> str:
-    texts = [Path(__file__).with_name(f"{name}.py").read_text() for name in PARTS]
+    texts = [(Path(__file__).parent / f"{name}.py").read_text() for name in PARTS]
     operations = [source(cls.step) for cls in rows.OPERATIONS if cls.step]
     host = llvmlite.binding.get_host_cpu_name(), machine.FEATURES, machine.CHOICES
     texts += [Path(maths.__file__).read_text()]

@@ -1,6 +1,6 @@
 """The segment of resettable blocks, which runs another segment while there is contact.
 
-Its text is compiled from the cache, as ``runtime``, when a scene has such a block.
+Its text is compiled once and kept, as that of ``runtime``, where a scene has one.
 """
 
 from stimlib.targets.llvm.known import SEGMENT, at, call, move

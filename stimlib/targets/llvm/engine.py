@@ -1,4 +1,4 @@
-"""Streaming on the CPU: one compiled segment per block class, called from a table.
+"""Streaming on the CPU: one compiled segment per form of block, called from a table.
 
 Compiling a scene only fills tables; what takes time, a segment, is compiled once per
 machine (``segments``, ``cache``).
@@ -368,9 +368,9 @@ class Engine:
         )
 
     def warm(self, clocks: Sequence[int], count: int) -> None:
-        """Run only blocks that no input reaches, for n samples of some clocks.
+        """Run only blocks that no input reaches, for ``count`` samples of some clocks.
 
-        None of these clocks may run another.
+        None of these clocks may be a child of another.
         """
         early = np.array(clocks, np.int64)
         self.ctx[12], self.ctx[20] = early.size, early.ctypes.data
@@ -378,7 +378,7 @@ class Engine:
         self.ctx[12] = -1  # all rows again
 
     def set(self, place: int, target: float, left: float) -> None:
-        """Ramp parameter instance i to a target over ``left`` samples, starting now."""
+        """Ramp a parameter to a target over ``left`` samples, from the next call on."""
         # not into the state: another thread may be running, which takes it in when
         # it is called next
         waiting, at_once = self.pending[self._param[place]], left <= 1.0  # see runtime: pending

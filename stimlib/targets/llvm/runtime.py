@@ -1,6 +1,6 @@
 """The loop that runs a program's table, and the long sums of segments.
 
-Its text is compiled from the cache, named by content, like a segment's.
+Its text is compiled once and kept in the cache, named by content, like a segment's.
 """
 
 from functools import partial
@@ -114,10 +114,10 @@ def standing(states, pending, params):
 
 
 def guard(row, numbers, states, buffers, slots, to, count):
-    """Write an output, which a guard checks while it is copied.
+    """Write an output; its guard runs here, unless a row reads what it makes (row[7]).
 
-    The guard's segment runs where a sample is not finite, where the output fades, and
-    where there is less than a tile.
+    A whole tile of finite samples of an output that does not fade is only copied;
+    otherwise the guard's segment runs.
     """
     words, state = at(slots, row[3]), at(states, row[2])
     # With its segment for each tile, a scene that copies its input took 0.41 ns a
@@ -245,7 +245,7 @@ def entry(ctx, motion, output, samples):
 
 
 # of Python; an array has the words 1 type, 2 &data, 3 axes (an int), 4 &shape, 7 &type
-# of numbers, 8 flags (an int): see calls
+# of numbers, 8 flags (an int): see entry_points
 READ, WRITE = (
     C_ORDER | ALIGNED,
     C_ORDER | ALIGNED | WRITEABLE,
@@ -285,8 +285,8 @@ def process(me, args, count):
         and -8 * outputs * samples < output[2] - motion[2] < 8 * inputs * samples
         and (output[2] - motion[2]) % (8 * samples) != 0
     ):
-        # a sample would be written before it is read; whole rows are read first, and no
-        # rows may lie anywhere
+        # a sample would be written before it is read. Within a tile all inputs are read
+        # before an output is written, so an output may lie on a row of the inputs.
         return number(1)
     run(
         ctx[16], ctx, f8_at(motion[2]), f8_at(output[2]), samples

@@ -1,6 +1,6 @@
 """The long sum of slow modes, of springpots.
 
-Its text is compiled from the cache, as ``runtime``, when a segment needs it.
+Its text is compiled once and kept, as that of ``runtime``, when a segment needs it.
 """
 
 from functools import partial

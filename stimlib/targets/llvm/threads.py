@@ -1,6 +1,6 @@
 """The loop over copies of a program that each of several threads runs.
 
-Its text is compiled from the cache, as ``runtime``.
+Its text is compiled once and kept, as that of ``runtime``.
 """
 
 from stimlib.targets.llvm.instructions import I64
