@@ -124,6 +124,7 @@ def assign(
                 f" {table['orders']!r:.80}; give these, or the name of a new file"
             )
         people = table["participants"]
+        check_code(participant, people)
         if participant in people:
             raise BadValue(
                 f"{path}: participant {participant} has the order {people[participant]!r:.80}"

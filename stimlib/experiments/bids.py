@@ -14,6 +14,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -95,8 +96,8 @@ def to_bids(
     ------
     BadValue
         No trials; a folder that has files; two sessions of the same participant and
-        number; two participants whose labels differ by signs or capitals alone;
-        simulated sessions together with those of participants.  Nothing is written.
+        number; simulated sessions together with those of participants.  Nothing is
+        written.
     SinkError
         The folder cannot be written; a log is missing or damaged.
 
@@ -106,6 +107,7 @@ def to_bids(
     """
     tables, note = _tables("to_bids", experiment, found, folder)
     task = label(experiment.name)
+    codes = {who: s.header["participant"] for (who, _), (s, _) in tables.items()}
     files: dict[str, str | bytes] = {  # the first is written last
         "dataset_description.json": _json(
             {
@@ -119,8 +121,9 @@ def to_bids(
         "README.md": f"# {experiment.name}\n\nVersion {experiment.version} of the experiment, run"
         f" with stimlib {__version__}. Each row of a `_beh.tsv` is a trial.{note}\n",
         "participants.tsv": _tsv(
-            {"participant_id": list(dict.fromkeys(f"sub-{who}" for who, _ in tables))}
+            {"participant_id": [f"sub-{who}" for who in codes], "code": list(codes.values())}
         ),
+        "participants.json": _json({"code": {"Description": "The code in the experiment"}}),
     }
     for (who, session), (s, table) in tables.items():
         name = f"sub-{who}_ses-{session}_task-{task}"
@@ -285,13 +288,12 @@ def _tables(
     if others := names - {experiment.name}:
         raise BadValue(f"{what}: sessions of {others.pop()}, and not of {experiment.name}")
     check_apart(told)
-    labels = {s.header["participant"]: label(s.header["participant"]) for s in told}
-    # not every file system tells p1 from P1
-    if len({v.casefold() for v in labels.values()}) < len(labels):
-        raise BadValue(
-            f"{what}: participants have one label without signs and capitals: {labels}; export each"
-            " by itself"
-        )
+    labels: dict[str, str] = {}
+    for code in sorted({s.header["participant"] for s in told}):
+        tries = (f"{label(code)}x{k}" if k > 1 else label(code) for k in count(1))
+        # not every file system tells p1 from P1
+        taken = {v.casefold() for v in labels.values()}
+        labels[code] = next(v for v in tries if v.casefold() not in taken)
     return {
         (labels[s.header["participant"]], s.header["session"]): (s, columns([s], training=True))
         for s in told

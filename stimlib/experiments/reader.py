@@ -9,7 +9,7 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -56,13 +56,33 @@ def blinded(seed: int, name: str) -> str:
     return f"c{seed_of(seed, 'blind', name) % 10000:04}"
 
 
-def check_code(participant: str) -> None:
-    """Raise BadValue unless a participant is a code of letters and digits."""
-    if not re.fullmatch(r"[A-Za-z]{1,4}[0-9]{1,6}", participant):
+CODE = re.compile(r"(?!PILOT-)(?=.*\d)[A-Z0-9]([A-Z0-9_-]{0,62}[A-Z0-9])?", re.ASCII | re.I)
+# a long word and a number, which may be a name
+NAMED = re.compile(
+    r"(?!participant|subject|person|patient|control|proband|visitor)[A-Z]{5,}[-_]?\d{1,4}", re.I
+)
+BIRTHDAY = re.compile(r"(19|20)\d\d-?(0[1-9]|1[0-2])-?(0[1-9]|[12]\d|3[01])", re.ASCII)
+
+
+def check_code(participant: str, others: Iterable[str] = ()) -> None:
+    """Raise BadValue unless a participant is a code that names a folder, and no person.
+
+    Of the other codes, none may differ by capitals alone: not every file system tells
+    p1 from P1.
+    """
+    wrong = NAMED.fullmatch(participant) or BIRTHDAY.fullmatch(participant)
+    if wrong or not CODE.fullmatch(participant):
         raise BadValue(
-            f"participant {participant!r} must be a code, up to four letters and a number such as"
-            " P07, and no name"
+            f"participant {participant!r} must be a code with a number, of letters, digits, - and"
+            " _, such as P07, 12, sub-01 or that of a platform: no name, no date of birth, and no"
+            " PILOT- in front"
         )
+    for other in others:
+        if other != participant and other.casefold() == participant.casefold():
+            raise BadValue(
+                f"participant {participant!r}: there is {other!r}, and some file systems take the"
+                " two for one: write the code as before, or give another"
+            )
 
 
 @public
@@ -78,9 +98,9 @@ def folder_of(
     Raises
     ------
     BadValue
-        A participant that is not a code of letters and digits such as P07 (names of
-        people do not belong in data), a session below 1, or an experiment name that
-        cannot name a folder.
+        A participant that is no code with a number, such as P07, 12 or sub-01 (names of
+        people do not belong in data), or differs by capitals alone from one who has a
+        session; a session below 1, or an experiment name that cannot name a folder.
     """
     check_code(participant)
     if isinstance(session, bool) or not isinstance(session, int) or not 1 <= session < 10**6:
@@ -90,7 +110,11 @@ def folder_of(
             f"experiment {experiment!r}: its name must be letters, digits, - and _: it is the name"
             " of a folder"
         )
-    return Path(data) / experiment / f"{'PILOT-' if pilot else ''}{participant}-s{session}"
+    place = Path(data) / experiment
+    names = [p.name for p in place.iterdir()] if place.is_dir() else []
+    known = [re.fullmatch(r"(?:PILOT-)?(.+)-s\d+", name) for name in names]
+    check_code(participant, [found[1] for found in known if found])
+    return place / f"{'PILOT-' if pilot else ''}{participant}-s{session}"
 
 
 def sealed(before: str, body: Mapping[str, Any]) -> tuple[str, str]:

@@ -28,6 +28,7 @@ from experiments.some import (
     some,
     still,
 )
+from hypothesis import example, given, strategies as st
 from laws import STRESS, assert_same, mostly, random_cuts, run as cut_run
 from logged import play
 from refusals import refused
@@ -69,6 +70,7 @@ from stimlib.experiments import (
     stream,
 )
 from stimlib.experiments.presentation import measured
+from stimlib.experiments.reader import folder_of
 from stimlib.experiments.session import LOG, Session
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import replay
@@ -402,7 +404,10 @@ def test_experiments_and_trials_that_make_no_sense(words, trial, why):
         (partial(present, experiment(), pair(), "jak"), "no sink 'jak'; there are null, jack"),
         *(
             (partial(Session, experiment(), "data", name), "must be a code")
-            for name in ["Anna", "P", "07", "P07 ", "../P07", "P07\n", "Maximilian1"]
+            for name in (
+                *["Anna", "P", "P07 ", "../P07", "P07\n", "Maximilian1", "1990-05-17", "19900517"],
+                *["a@b.c1", "P.7", "-7", "7-", "pilot-7", "7" * 65, "\u0667", "P\u00f6l7", ""],
+            )
         ),
         *(
             (partial(Session, experiment(design=design), "data", "P01"), why)
@@ -840,3 +845,27 @@ def test_a_rest_is_counted_from_the_last_answer_also_after_a_resume(tmp_path):
         for passed, left in ((40, 20), (70, 0), (-30, 60)):
             object.__setattr__(record, "ended", (now - timedelta(seconds=passed)).isoformat())
             assert session.rest(session.due()) == pytest.approx(left, abs=2)
+
+
+@given(
+    st.lists(
+        st.from_regex(r"\A[A-Za-z0-9]([A-Za-z0-9_-]{0,10}[0-9A-Za-z])?\Z"), min_size=2, max_size=8
+    ),
+    st.integers(1, 12),
+)
+@example(["12", "007", "7", "sub-01", "P_01", "P01", "5f3a9bc2d4e18a0012ab34cd", "P01-s1"], 1)
+def test_one_code_is_one_folder_on_every_file_system(tmp_path_factory, codes, session):
+    data, made = tmp_path_factory.mktemp("data"), {}
+    for code in codes:
+        for pilot in (False, True):
+            try:
+                folder = folder_of("pair", data, code, session, pilot)
+            except BadValue as error:
+                known = {c for c, _ in made}
+                alike = {c.casefold() for c in known - {code}}
+                assert code.casefold() in alike or "must be a code" in str(error)
+                continue
+            folder.mkdir(parents=True, exist_ok=True)
+            made[code, pilot] = folder.name.casefold()
+    assert len(set(made.values())) == len(made)
+    assert not {"12", "007", "sub-01", "P_01"} & set(codes) - {c for c, _ in made}
