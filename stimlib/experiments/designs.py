@@ -121,7 +121,8 @@ class Staircase:
     Psychophysics 49, 227-229.
 
     An outcome of 1 ("more") lowers the level once there were ``down`` of them in a row,
-    0 raises it after ``up``.  Until the first reversal one answer is enough.  Without a
+    0 raises it after ``up``.  Until the first reversal one answer is enough, unless
+    ``initial_rule`` is False.  Without a
     target the levels are those of PsychoPy's ``StairHandler`` with ``stepType`` as
     ``step_type``.
 
@@ -154,6 +155,10 @@ class Staircase:
         ``steps`` are then the steps down, and those up are q / (1 - q) times as large;
         q is the probability that ``down`` outcomes of 1 in a row come before ``up`` of
         0, which is the target itself for ``up=1, down=1`` (Kaernbach 1991).
+    initial_rule : bool
+        Whether one answer is enough until the first reversal, as in PsychoPy. It saves
+        trials where the start is far above the threshold; where half of all guesses
+        are right, lucky ones take the level too far down at first.
 
     Raises
     ------
@@ -223,6 +228,7 @@ class Staircase:
     stuck: int = 20
     step_type: Literal["db", "log", "lin"] = "db"
     target: float | None = None
+    initial_rule: bool = True
 
     def __post_init__(self):
         if not all(
@@ -338,7 +344,7 @@ class Staircase:
         """Return the state after an outcome, whatever the task is."""
         run = max(state["run"], 0) + 1 if more else min(state["run"], 0) - 1
         # one answer is enough until the first reversal, and for that one
-        first = not state["reversals"]
+        first = self.initial_rule and not state["reversals"]
         way = (
             -1
             if run >= (1 if first else self.down)

@@ -95,6 +95,15 @@ def test_levels_and_reversals_are_those_of_psychopy(kind):
     assert state["reversals"] == pytest.approx([float(v) for v in reversals.split()], abs=1e-6)
 
 
+def test_without_the_initial_rule_each_step_takes_the_whole_rule():
+    stairs = Staircase(
+        *(PAIR, 0.0, (-9.0, 9.0), (1.0,), 3), down=2, step_type="lin", initial_rule=False
+    )
+    table, state = asked(stairs, [c == "1" for c in "1111010110"])
+    assert table["level"] == [0.0, 0.0, -1.0, -1.0, -2.0, -1.0, -1.0, 0.0, 0.0, -1.0]
+    assert state["reversals"] == [-2.0, 0.0, -1.0]
+
+
 # Targets ------------------------------------------------------------------------------
 def settled(stairs):
     """The exact proportion of 1 in the long run, and at the mean of the reversals, of
