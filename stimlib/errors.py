@@ -251,7 +251,13 @@ def _checked(f: Any, name: str) -> Any:
     def call(*given: Any, **named: Any) -> Any:
         try:
             bound = signature.bind(*given, **named).arguments
-        except TypeError:
+        except TypeError as e:
+            unknown = [word for word in named if word not in signature.parameters]
+            if unknown and "params" in signature.parameters:
+                raise TypeError(
+                    f"{name}: {e}; a parameter of the scene is given by params={{{unknown[0]!r}:"
+                    " ..}"
+                ) from None
             return f(*given, **named)  # which says what is wrong with the call
         try:
             wrong = [_wrong(name, where, v, *hints()[where]) for where, v in bound.items()]

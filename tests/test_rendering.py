@@ -5,6 +5,7 @@ import math
 import warnings
 import weakref
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import pytest
@@ -277,3 +278,16 @@ def test_what_a_scene_left_for_its_next_render_is_not_heard():
     del other
     gc.collect()
     assert gone() is None
+
+
+def test_first_guesses_of_a_call_are_told_what_to_write():
+    scene = stimlib.Scene({"y": 2.0 * stimlib.Input("x")})
+    call = partial(stimlib.render, scene, fs=8, seconds=1)
+    refused(BadValue, r"stands still give lambda t: np.full_like\(t, 0.25\)", call, {"x": 0.25})
+    refused(TypeError, r"'a'; a parameter of the scene .* params=\{'a': ..\}", call, a=2.0)
+    y = call({"x": lambda t: t})
+    assert np.array_equal(np.asarray(y), y.y) and np.asarray(y, np.float32).dtype == np.float32
+    copy = np.array(y)
+    copy[:] = 0.0
+    assert y.y.any()
+    refused(BadValue, "give full_scale, the largest value", y.save, "a.wav", subtype="PCM_24")

@@ -72,9 +72,9 @@ def full_scales(full_scale: Any, proc: Processor, subtype: str) -> Array:
     units = {proc.units[name] for name in outputs}
     if full_scale is None and subtype in BITS:
         unit = pretty(*units) if len(units) == 1 else "each output's unit, by name"
+        unit = "the largest value that the file shall hold" if unit == "1" else f"in {unit}"
         raise BadValue(
-            f"{subtype} has no samples above full scale: give full_scale, in {unit}, or"
-            " --full-scale"
+            f"{subtype} has no samples above full scale: give full_scale, {unit}, or --full-scale"
         )
     if isinstance(full_scale, Mapping):
         check_names("full_scale", full_scale, outputs, "output")

@@ -200,7 +200,9 @@ def _hint(given: Any) -> str:
 
 def _still(given: Array) -> str:
     """Return a hint on how a single number becomes an input's motion."""
-    return "" if given.ndim else "; for one that stands still give lambda t: np.full_like(t, 1.0)"
+    if given.ndim:
+        return ""
+    return f"; for one that stands still give lambda t: np.full_like(t, {given.item()!r})"
 
 
 def _shaped(given: Array) -> str:

@@ -210,6 +210,10 @@ class Rendering:
         need("rendering", [name], self.outputs, "output")
         return self.y[self.outputs.index(name)]
 
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        y = np.asarray(self.y, dtype)
+        return y.copy() if copy else y
+
     @property
     def t(self) -> np.ndarray:
         """Time of each sample in s."""
