@@ -412,7 +412,8 @@ def pink_noise(
     seed, stream : int
         Key of its white noise.
     f_low : float
-        Lower edge in Hz; the spectrum is flat below.  The upper edge is 0.45 fs.
+        Lower edge in Hz.  Below, the spectrum levels off within a decade, 4 dB above
+        its value at the edge.  The upper edge is 0.45 fs.
     tol_db : float
         Largest deviation inside the band in dB.
     shared : bool
@@ -496,7 +497,8 @@ def coloured_noise(
         Root mean square value of the whole signal, from 0 Hz to fs/2; so the density at
         one frequency depends on fs and f_low. ``pink_noise`` takes the density.
     f_low : float
-        Lower edge in Hz; the spectrum is flat below.  The upper edge is 0.45 fs.
+        Lower edge in Hz.  Below, the spectrum levels off within a decade: 4 dB per unit
+        of slope above its value at the edge.  The upper edge is 0.45 fs.
     tol_db : float
         Largest deviation from the slope inside the band in dB.
     shared : bool
