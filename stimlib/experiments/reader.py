@@ -113,7 +113,9 @@ def folder_of(
     place = Path(data) / experiment
     names = [p.name for p in place.iterdir()] if place.is_dir() else []
     known = [re.fullmatch(r"(?:PILOT-)?(.+)-s\d+", name) for name in names]
-    check_code(participant, [found[1] for found in known if found])
+    codes = [found[1] for found in known if found]
+    # who has a session keeps it, even where both of two such codes do
+    check_code(participant, () if participant in codes else codes)
     return place / f"{'PILOT-' if pilot else ''}{participant}-s{session}"
 
 

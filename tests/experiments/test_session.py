@@ -869,3 +869,9 @@ def test_one_code_is_one_folder_on_every_file_system(tmp_path_factory, codes, se
             made[code, pilot] = folder.name.casefold()
     assert len(set(made.values())) == len(made)
     assert not {"12", "007", "sub-01", "P_01"} & set(codes) - {c for c, _ in made}
+
+
+def test_two_codes_that_differ_by_capitals_and_have_sessions_are_read(tmp_path):
+    for name in ("P1-s1", "p1-s1"):
+        (tmp_path / "pair" / name).mkdir(parents=True)
+    assert [folder_of("pair", tmp_path, who).name for who in ("P1", "p1")] == ["P1-s1", "p1-s1"]
