@@ -646,6 +646,7 @@ TABLE = [
         (ties,),
         edges=True,
     ),
+    Entry("lut_even", "Lut", lambda x: b.lut(x, 0.1 * np.arange(-9, 30), np.cos), (normal,)),
     Entry(
         "lut_pchip",
         "Lut",

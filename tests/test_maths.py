@@ -17,6 +17,7 @@ from walked import compiled
 import stimlib
 from stimlib import Scene
 from stimlib.blocks import noise, white_noise
+from stimlib.blocks.tables import EVEN, evenness
 from stimlib.core import maths
 from stimlib.errors import SceneError
 from stimlib.targets.llvm import known, walk
@@ -218,19 +219,23 @@ def test_where(make):
 
 
 @compiled
-def compiled_search(knots, x, y):
+def compiled_search(knots, x, per, y):
     for i in range(x.size):
-        y[i] = maths.search(knots, x[i])
+        y[i] = maths.search(knots, x[i], per)
 
 
-@pytest.mark.parametrize("size", [2, 3, 4, 7, 64, 65])
-def test_search(size):
-    knots = np.cumsum(np.random.default_rng(size).uniform(0.1, 1, size))
+@pytest.mark.parametrize("size", [2, 3, 8, 9, 64, 65, 257])
+@pytest.mark.parametrize("jitter", [0, 0.45, 2])
+def test_search(size, jitter):
+    rng = np.random.default_rng(size)
+    knots = np.cumsum(np.append(0, np.full(size - 1, 0.3))) - 1
+    knots[1:-1] = np.sort(knots[1:-1] + 0.3 * jitter * rng.uniform(-1, 1, size - 2))
     beside = np.nextafter(knots, [[-9], [99]]).ravel()
-    x = np.concatenate([knots, beside, SPECIAL, np.linspace(-1, knots[-1] + 1, 200)])
-    y = np.empty(x.size)
-    compiled_search(knots, x, y)
-    np.testing.assert_array_equal(y, [maths.search(knots, v) for v in x])
+    x = np.concatenate([knots, beside, SPECIAL, np.linspace(-2, knots[-1] + 1, 200)])
+    y, per = np.empty(x.size), evenness(knots)
+    assert (per > 0) == (size > EVEN and jitter < 0.5)
+    compiled_search(knots, x, per, y)
+    np.testing.assert_array_equal(y, [maths.search(knots, v, per) for v in x])
     inside = (x >= knots[0]) & (x < knots[-1])
     np.testing.assert_array_equal(y[inside], np.searchsorted(knots, x[inside], "right") - 1)
 

@@ -774,7 +774,7 @@ class At(Event):
     @staticmethod
     def step(p, s, t):
         n = floor(t * p.fs + 0.5)
-        i = search(p.samples, n)
+        i = search(p.samples, n, 0.0)
         return where(p.samples[i] == n, p.heights[i], 0.0), s
 
 
@@ -847,7 +847,7 @@ class Timeline(Block):
 
     @staticmethod
     def step(p, s, t):
-        i = search(p.times, t)
+        i = search(p.times, t, 0.0)
         width = p.times[i + 1] - p.times[i]
         z = (t - p.times[i]) / where(width > 0.0, width, 1.0)
         z = where(z > 0.0, where(z < 1.0, z, 1.0), 0.0)

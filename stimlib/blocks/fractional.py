@@ -502,7 +502,7 @@ class Accuracy(Table):
         values = margin * bounds
         c = np.zeros((4, knots.size - 1))
         c[2], c[3] = np.diff(values) / np.diff(knots), values[:-1]
-        return TableParams(knots, c.T.ravel().copy(), 0.0, 1.0), ()
+        return TableParams(knots, c.T.ravel().copy(), 0.0, 1.0, 0.0), ()
 
 
 # The thesis' methods ----------------------------------------------------------------

@@ -29,7 +29,8 @@ POLICY = {"hold": (0.0, 1.0), "zero": (0.0, 0.0), "error": (math.nan, 0.0)}
 #   c        4 coefficients of each piece, highest power of (x - knot) first
 #   outside  value added outside: 0, or nan
 #   keep     0: nothing is left of the value outside
-TableParams = namedtuple("TableParams", "knots c outside keep")
+#   per      see ``maths.search``
+TableParams = namedtuple("TableParams", "knots c outside keep per")
 
 
 class Table(Block, abstract=True):
@@ -39,10 +40,30 @@ class Table(Block, abstract=True):
     def step(p, s, x):
         low, high = p.knots[0], p.knots[p.knots.size - 1]
         held = where(x < low, low, where(x > high, high, x))
-        i = search(p.knots, held)
+        i = search(p.knots, held, p.per)
         d = held - p.knots[i]
         y = fma(fma(fma(p.c[4 * i], d, p.c[4 * i + 1]), d, p.c[4 * i + 2]), d, p.c[4 * i + 3])
         return where(held == x, y, where(p.keep > 0.0, y, where(x == x, p.outside, x))), s
+
+
+EVEN = 8  # pieces from which a product finds one faster than the search by halves
+
+
+def evenness(knots: np.ndarray) -> float:
+    """Return the pieces in a unit of x, for `search`; 0 where knots are few or uneven.
+
+    Rounding is monotone: if (knot[i] - knot[0]) per, rounded as in the search, is
+    within 0.5 of i for each i, then that of an x in piece i is between i - 0.5 and
+    i + 1.5, and 0.5 below it names the piece or the one before.
+    """
+    n = len(knots) - 1
+    with np.errstate(all="ignore"):
+        per = n / (knots[-1] - knots[0])
+        for kind in (np.float64, np.float32):  # of the C export
+            k = knots.astype(kind)
+            if n < EVEN or not (np.abs((k - k[0]) * kind(per) - np.arange(n + 1)) < 0.5).all():
+                return 0.0
+    return float(per)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +102,8 @@ class Lut(Table):
                 c[:] = np.inf
         if not np.isfinite(c).all():
             raise BadValue(STEEP)
-        return TableParams(np.array(self.knots), c.T.ravel().copy(), *POLICY[self.outside]), ()
+        knots, policy = np.array(self.knots), POLICY[self.outside]
+        return TableParams(knots, c.T.ravel().copy(), *policy, evenness(knots)), ()
 
 
 # Parameters of `Polynomial` at a sample rate.

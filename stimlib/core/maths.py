@@ -181,10 +181,11 @@ def copy(a, b):
     b[: a.size] = a
 
 
-def search(knots, x):
+def search(knots, x, per):
     """Return the index i with knots[i] <= x < knots[i+1].
 
-    It is limited to 0 .. size-2 (0 for NaN).
+    It is limited to 0 .. size-2 (0 for NaN).  ``per``, pieces in a unit of x, is above
+    0 if a product finds the piece (``tables.evenness``): it changes the time alone.
     """
     i = 0
     for k in range(1, knots.size - 1):

@@ -162,9 +162,15 @@ ST_INLINE double st_mod(double a, double b)
     return r == 0.0 ? copysign(0.0, b) : (r < 0) != (b < 0) ? r + b : r;
 }
 
-ST_INLINE int64_t st_search(st_floats knots, double x)
+ST_INLINE int64_t st_search(st_floats knots, double x, double per)
 {
     int64_t low = 0, high = knots.n - 2;
+    if (per > 0.0) {
+        double guess = (x - knots.p[0]) * per - 0.5;
+        low = guess > 0.0 ? (int64_t)(guess < (double)high ? guess : (double)high) : 0;
+        low += x >= knots.p[low + 1];
+        return low < high ? low : high;
+    }
     while (low < high) {
         int64_t k = (low + high + 1) >> 1;
         if (x >= knots.p[k]) low = k;

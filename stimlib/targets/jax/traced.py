@@ -97,7 +97,7 @@ def unbits(u):
     return lax.bitcast_convert_type(u, jnp.float64)
 
 
-def search(knots, x):
+def search(knots, x, per):
     """Return the index of the piece that contains each position."""
     return jnp.sum(jnp.asarray(x)[..., None] >= knots[1:-1], axis=-1)
 

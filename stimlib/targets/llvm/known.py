@@ -152,15 +152,20 @@ def copy(w, a, b):
 counted = Known(lambda w, i: i._replace(low=True))
 
 
-def search(knots, x):
+def search(knots, x, per):
     """Return the index of the piece that contains a position."""
     low, high = 0, knots.size - 2
-    while low < high:
-        middle = (low + high + 1) >> 1
-        if x >= knots[counted(middle)]:
-            low = middle
-        else:
-            high = middle - 1
+    if per > 0.0:
+        # half a piece back, so that the piece is this one or the next
+        low = whole(max(0.0, min((x - knots[0]) * per - 0.5, float(high))))
+        low = min(low + whole(x >= knots[counted(low + 1)]), high)
+    else:
+        while low < high:
+            middle = (low + high + 1) >> 1
+            if x >= knots[counted(middle)]:
+                low = middle
+            else:
+                high = middle - 1
     return counted(low)
 
 
