@@ -52,6 +52,25 @@ was, and a force or a pressure is 0.
 GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods, at least so long
 
 
+MANY = 1000  # times: fewer are found one by one, which begins sooner
+
+
+def pieces(knots: Array, t: Array) -> Callable[[Array], Array]:
+    """Return a function that takes, of a row with a value a knot, those at times t.
+
+    Many times that rise, as those of a rendering do, take a search for each knot
+    between them, not one for each time, and values are repeated: half of the time.
+    """
+    if t.size < MANY or not (t[1:] >= t[:-1]).all():
+        k = np.searchsorted(knots, t, side="right") - 1
+        return lambda c: c[k]
+    first, last = np.searchsorted(knots, t[[0, -1]], side="right")
+    starts = np.searchsorted(t, knots[first:last])
+    times = np.append(starts, t.size)
+    times[1:] -= starts
+    return lambda c: np.repeat(c[first - 1 : last], times)
+
+
 class _Recorded(Motion):
     """A recorded motion between knots, whose repr recreates it."""
 
@@ -69,18 +88,20 @@ class RecordedInput(_Recorded):
 
     def _position(self, t: Array) -> Array:
         t = np.clip(t, self._knots[0], self._knots[-1])
-        k = np.searchsorted(self._knots, t, side="right") - 1
-        u = t - self._knots[k]
-        c3, c2, c1, c0 = (c[k] for c in self._values)
-        return ((c3 * u + c2) * u + c1) * u + c0
+        at = pieces(self._knots, t)
+        u, y = t - at(self._knots), at(self._values[0])
+        for c in self._values[1:]:
+            y *= u
+            y += at(c)
+        return y
 
 
 class Contact(_Recorded):
     """Contact over time, 1 in contact and 0 off contact."""
 
     def _position(self, t: Array) -> Array:
-        k = np.searchsorted(self._knots, t, side="right") - 1
-        return self._values[np.maximum(k, 0)].astype(np.float64)
+        t = np.maximum(t, self._knots[0])
+        return pieces(self._knots, t)(self._values).astype(np.float64)
 
 
 class Released(_Recorded):

@@ -294,6 +294,14 @@ def test_positions_and_contact(csv, name):
     assert set(r.contact(times(r))) <= {0.0, 1.0}
 
 
+def test_positions_do_not_depend_on_the_order_of_times():
+    r = recording(jumping(20, n=60), {"x": "x"})
+    reports = np.arange(60) * r.info["period"]
+    t = np.sort([*np.linspace(-0.1, r.duration + 0.1, 3000), *reports, *reports])
+    for f in (r.motion["x"], r.contact):
+        assert np.array_equal(f(t), f(t[::-1])[::-1]) and np.array_equal(f(t), [*map(f, t)])
+
+
 # -- jumps
 
 
