@@ -315,9 +315,10 @@ def decaying(p, s, a):
     return y - s.last, Memory(y, a, 0.0)
 
 
+@pytest.mark.parametrize("count, forms", [(2, 1), (3, 2), (4, 1), (8, 1), (23, 4)])
 @pytest.mark.parametrize("f", [straight, decaying], ids=lambda f: f.__name__)
-def test_two_blocks_abreast_have_the_same_bits(f):
-    """One in each lane, with numbers, inputs and states of its own; or in one loop,
+def test_blocks_abreast_have_the_same_bits(f, count, forms):
+    """One in each lane, with numbers, inputs and states of its own; or two in one loop,
     where vectors lack what it needs.
     """
 
@@ -331,9 +332,12 @@ def test_two_blocks_abreast_have_the_same_bits(f):
             return Gains(self.k, np.uint64(8 * self.k)), Memory(0.0, self.k, 1.0)
 
     assert lanes.go_abreast(f, Gains, "fu", Memory, "fff", 1) == (f is straight)
-    scene = Scene({"y": Some(Input("a"), 0.5), "z": Some(Input("b"), 0.125)})
+    some = (Some(Input("ab"[i % 2]), 0.5 - i / 64) for i in range(count))
+    scene = Scene({f"y{i}": one for i, one in enumerate(some)})
     ours, wanted = pair(scene, 1000)
     x = motion(100)
     assert_same(run(ours, x, cut_at(100, 13)), wanted.process(x))
     assert_same(ours.state, wanted.state)
-    assert len(set(filter(None, ours._engine.segments))) == 2  # with the guard
+    if f is decaying:
+        forms = 1 + count % 2
+    assert len(set(filter(None, ours._engine.segments))) == forms + 1  # with the guard

@@ -24,7 +24,7 @@ from ...core.graph import Block, Map, Pick, at_rest, pack
 from ...core.parameter import Param
 from ...core.program import Program, design_of, first_states, lower
 from ...system.cache_folder import lock
-from . import entry_points, rows
+from . import entry_points, lanes, rows
 from .cache import Code, expect, load
 from .segments import Form, kinds, noise_behind, segment, written
 
@@ -156,7 +156,7 @@ class _Table:
         self.slots.extend(words)
 
     def add(self, group: tuple[int, ...]) -> None:
-        """Add the row of an instance, or of two that run side by side."""
+        """Add the row of an instance, or of several that run side by side."""
         place, numbers = group[0], 0
         instance = self.program.instances[place]
         cls = instance.block.definition
@@ -178,7 +178,7 @@ class _Table:
         self.row(address, place, words, numbers, instance.clock, self.still[place])
 
     def call(self, group: tuple[int, ...]) -> tuple[int, list[int], int]:
-        """Return address, words and parameters of a segment of one block or of two."""
+        """Return address, words and parameters of a segment of one or more blocks."""
         place, instances = group[0], self.program.instances
         instance, cls = instances[place], instances[place].block.definition
         form = self.form(group)
@@ -474,9 +474,14 @@ def _still(program: Program, design: list[tuple[Any, Any]]) -> list[bool]:
     return still
 
 
+LANES = 8
+"""So many blocks at most run in the lanes of vectors: one vector with AVX-512, and with
+sixteen each took as long.
+"""
+
 NEAR = 16
-"""So many blocks at most run earlier than written, for two recursions to stand side by
-side.  Further away, the order would leave that of the graph, and what was
+"""So many blocks at most run earlier than written, for one more recursion to stand side
+by side with others.  Further away, the order would leave that of the graph, and what was
 written last would have left the cache.
 """
 
@@ -488,8 +493,9 @@ NOISE, BANK = White.tile, Modes.tile
 def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, ...]]:
     """Return groups of instances in running order.
 
-    Two instances of one class that step on one clock run in one loop, each during the
-    other's latency. So do white noise and the first bank of modes that filters it.
+    Instances of one class that step on one clock run side by side, up to LANES in the
+    lanes of vectors or, where vectors lack an operation, two in one loop, each during
+    the other's latency. So do white noise and the first bank of modes that filters it.
     """
     # Rows are not fused any further: one function for a run of products and sums would
     # save loads and stores, and cost a quarter of a second of compiling for every new
@@ -511,6 +517,11 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
     for place in reversed(range(len(instances))):
         if keys[place]:
             alike.setdefault(keys[place], []).append(place)
+    most = {
+        key: LANES if lanes.go_abreast(*key[:6]) else 2
+        for key, places in alike.items()
+        if len(places) > 1
+    }
 
     order: list[tuple[int, ...]] = []
     for place, key in enumerate(keys):
@@ -519,17 +530,23 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
         group: tuple[int, ...] = (place,)
         if place in behind:
             group = place, behind[place]
-        # a partner is the next of its kind, unless that needs this one
-        others = alike[key]
-        while others and (done[others[-1]] or others[-1] <= place):
-            others.pop()
-        first = _before(instances, opened, done, others[-1]) if others else None
-        if first is None or place in first:
-            first = []
-        else:
-            group = place, others.pop()
-        order += [*((earlier,) for earlier in first), group]
-        for earlier in (*first, *group):
+        # partners are the next of its kind, unless they need one of the group
+        others, first = alike[key], list[int]()
+        while len(group) < most.get(key, 1):
+            while others and (done[others[-1]] or others[-1] <= group[-1]):
+                others.pop()
+            before = _before(instances, opened, done, others[-1]) if others else None
+            if before is None or set(group) & set(before):
+                break
+            group = *group, others.pop()
+            first += before
+            for earlier in before:
+                done[earlier] = True
+        # of 2, 4 or 8: each number is a segment of its own
+        whole = 1 << (len(group).bit_length() - 1)
+        others += reversed(group[whole:])
+        order += [*((earlier,) for earlier in first), group[:whole]]
+        for earlier in group[:whole]:
             done[earlier] = True
     return order
 
@@ -552,9 +569,9 @@ def _before(
 
 
 def _recursion(program: Program, design: list[tuple[Any, Any]], place: int) -> Any:
-    """Return what two instances must have in common to step side by side.
+    """Return what instances must have in common to step side by side.
 
-    None if an instance cannot.
+    It begins with the arguments of `lanes.go_abreast`; None if an instance cannot.
     """
     instance, (numbers, state) = program.instances[place], design[place]
     cls = instance.block.definition
@@ -569,15 +586,9 @@ def _recursion(program: Program, design: list[tuple[Any, Any]], place: int) -> A
     )
     if alone or (cls.resettable and not _always(program.instances[instance.args[-1]])):
         return None
-    return (
-        cls,
-        type(numbers),
-        kinds(numbers),
-        type(state),
-        kinds(state),
-        instance.clock,
-        instance.autonomous,
-    )
+    form = cls.step, type(numbers), kinds(numbers), type(state), kinds(state)
+    inputs = len(instance.args) - cls.resettable
+    return *form, inputs, cls, instance.clock, instance.autonomous
 
 
 def _parameter_words(numbers: Any, sizes: list[int]) -> np.ndarray:

@@ -9,6 +9,7 @@ uses: an edit in any of them makes another segment.
 from __future__ import annotations
 
 import types
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -75,8 +76,8 @@ def _meaning(function: types.FunctionType, name: str, value: Any) -> str:
 class Form(NamedTuple):
     """The form of a segment: a block class and the kinds of its fields.
 
-    It may also stand for two blocks side by side: two of one class, or white noise with
-    a bank of modes behind it.
+    It may also stand for blocks side by side: 2, 4 or 8 of one class, or white noise
+    with a bank of modes behind it.
     """
 
     cls: Any
@@ -148,8 +149,8 @@ def made(form: Form) -> walk.Intermediate:
     """Return a form's segment as LLVM's text."""
     cls = form.cls
     of = {"block": cls.tile or cls.step, "one": _one(form), "deviates": deviates}
-    for suffix, part in zip(["", "1"], form.parts, strict=False):
-        of |= {f"P{suffix}": part.p_type, f"S{suffix}": part.s_type}
+    for number, part in enumerate(form.parts):
+        of |= {f"P{number or ''}": part.p_type, f"S{number or ''}": part.s_type}
     if noise_behind(form):
         of["other"] = form.beside[0].cls.tile
     space = {"_sl": known, "_sl_np": np} | {f"_sl_{name}": v for name, v in of.items()}
@@ -208,7 +209,7 @@ def _take(form: Form, number: int, lines: list[str], after: list[str]) -> None:
     kind = suffix if noise_behind(form) else ""
     slot, at = sum(len(one.signals) for one in form.parts[:number]), 0
     if number:
-        behind = sum(len(one.signals) for one in form.parts)
+        behind = sum(len(one.signals) for one in form.parts) + 2 * (number - 1)
         lines.append(f"P{suffix} = _sl.at(P, A[{behind}])")
         lines.append(f"S{suffix} = _sl.at(S, A[{behind + 1}])")
     lines += [f"C{suffix} = _sl.as_u8(P{suffix})", f"Z{suffix} = _sl.as_u8(S{suffix})"]
@@ -282,6 +283,11 @@ the segment of white noise alone, whose address and words are in A.
 """
 
 
+def _row(texts: Sequence[str]) -> str:
+    """Return the text of a tuple."""
+    return f"({', '.join(texts)},)" if texts else "()"
+
+
 def _run(form: Form) -> list[str]:
     """Return source lines that run a step or tile in the fastest possible way."""
     code: Any = form.cls.tile or form.cls.step
@@ -306,9 +312,12 @@ def _run(form: Form) -> list[str]:
         x = "".join(codegen.each("%s, ", slots[:inputs]))
         return [f"_sl.steps(_sl_block, p, ({x}), {slots[inputs]}, n)"]
     if form.beside and lanes.go_abreast(code, *numbers, form.s_type, form.s_kinds, inputs):
-        x, x1 = (f"({', '.join(slots[start : start + inputs])},)" for start in (0, inputs + 1))
-        pairs = f"(p, p1), (s, s1), ({x}, {x1}), ({slots[inputs]}, {slots[-1]})"
-        return [f"s, s1 = _sl.abreast(_sl_one, {pairs.replace('(,)', '()')}, n)"]
+        members = ["", *range(1, len(form.parts))]
+        starts = range(0, len(slots), inputs + 1)
+        x = [_row(slots[start : start + inputs]) for start in starts]
+        p, s = (_row(codegen.each(f"{letter}%s", members)) for letter in "ps")
+        given = f"{p}, {s}, {_row(x)}, {_row(slots[inputs :: inputs + 1])}"
+        return [f"{s} = _sl.abreast(_sl_one, {given}, n)"]
     # Two blocks that cannot go in lanes share the loop as they are: each still runs
     # while the other waits for its last sample.
     before, lines = [], []

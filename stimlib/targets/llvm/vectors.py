@@ -68,37 +68,47 @@ def steps(b, step, numbers, inputs, output, count):
     _steps(b, step, lanes_of(b, numbers), inputs, output, count)
 
 
+def gathered(b, values):
+    """Return values as the lanes of one vector."""
+    vector = ir.Constant(ir.VectorType(values[0].type, len(values)), ir.Undefined)
+    for lane, value in enumerate(values):
+        vector = b.insert_element(vector, value, I32(lane))
+    return vector
+
+
+def spread(b, vector, addresses, place):
+    """Emit addresses[lane][place] = vector[lane]."""
+    for lane, address in enumerate(addresses):
+        b.store(b.extract_element(vector, I32(lane)), b.gep(address, [place]))
+
+
 def abreast(b, step, parameters, states, inputs, outputs, count):
-    """Run a step along the slots of two blocks, one in each lane.
+    """Run a step along the slots of several blocks, one in each lane.
 
-    Each argument holds what belongs to the one and to the other. The states after all
-    samples are returned.
+    Each argument holds what belongs to each of them. The states after all samples are
+    returned.
     """
-
-    def both(one, other):
-        none = ir.Constant(ir.VectorType(one.type, 2), ir.Undefined)
-        return b.insert_element(b.insert_element(none, one, I32(0)), other, I32(1))
-
-    # in a vector of two, not as scalars: two velocities were 39 instructions a sample,
-    # more than fit into the 8 cycles that each of them waits for itself
-    lanes = [Lanes(b, both(*pair)) for pair in zip(*parameters, strict=True)]
+    # in vectors, not as scalars: two velocities were 39 instructions a sample, more
+    # than fit into the 8 cycles that each of them waits for itself
+    lanes = [Lanes(b, gathered(b, fields)) for fields in zip(*parameters, strict=True)]
     numbers = type(parameters[0])(*lanes) if lanes else ()
-    cells = [variable(b, both(*pair)) for pair in zip(*states, strict=True)]
+    cells = [variable(b, gathered(b, fields)) for fields in zip(*states, strict=True)]
+    # turning squares of eight samples in registers was no faster for eight blocks, and
+    # slower for two and four
     with loop(b, I64(0), count, 1) as place:
         samples = [
-            Lanes(b, both(*(b.load(b.gep(address, [place])) for address in pair)))
-            for pair in zip(*inputs, strict=True)
+            Lanes(b, gathered(b, [b.load(b.gep(address, [place])) for address in addresses]))
+            for addresses in zip(*inputs, strict=True)
         ]
         old = type(states[0])(*(Lanes(b, b.load(cell)) for cell in cells))
         out, new = step(numbers, old, *samples)
-        for lane in range(2):
-            b.store(b.extract_element(old[0].like(out), I32(lane)), b.gep(outputs[lane], [place]))
+        spread(b, old[0].like(out), outputs, place)
         for cell, value in zip(cells, new, strict=True):
             b.store(old[0].like(value), cell)
     last = [b.load(cell) for cell in cells]
     return tuple(
         type(states[0])(*(b.extract_element(vector, I32(lane)) for vector in last))
-        for lane in range(2)
+        for lane in range(len(states))
     )
 
 
