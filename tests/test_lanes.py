@@ -14,6 +14,7 @@ from refusals import refused
 
 import stimlib
 from stimlib import Input, Scene
+from stimlib.blocks import lowpass
 from stimlib.core import steps
 from stimlib.core.graph import Block, Map
 from stimlib.core.maths import as_float, flush, fma, settle, where
@@ -340,4 +341,15 @@ def test_blocks_abreast_have_the_same_bits(f, count, forms):
     assert_same(ours.state, wanted.state)
     if f is decaying:
         forms = 1 + count % 2
+    assert len(set(filter(None, ours._engine.segments))) == forms + 1  # with the guard
+
+
+@pytest.mark.parametrize("order, count, forms", [(2, 11, 3), (4, 7, 2), (8, 8, 1), (8, 7, 1)])
+def test_filters_abreast_have_the_same_bits(order, count, forms):
+    """Sections of one filter are in lanes, or those of many: with fewer sections."""
+    scene = Scene({f"y{i}": lowpass(Input("ab"[i % 2]), 50.0 + i, order) for i in range(count)})
+    ours, wanted = pair(scene, 1000)
+    x = motion(300)
+    assert_same(run(ours, x, cut_at(300, 13)), wanted.process(x))
+    assert_same(ours.state, wanted.state)
     assert len(set(filter(None, ours._engine.segments))) == forms + 1  # with the guard

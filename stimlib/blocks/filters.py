@@ -702,6 +702,10 @@ class Cascade(Block, abstract=True):
         return s
 
     @staticmethod
+    def abreast(p):
+        return p.a.size + 1  # one block has its sections in lanes
+
+    @staticmethod
     def transfer(p, z):
         above, below = quadratics(p, z)
         return np.prod(above[0] / below[0], axis=-1)

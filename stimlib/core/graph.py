@@ -79,6 +79,9 @@ class Block(Refusals):
     step: ClassVar[Callable[..., Any] | None] = None
     tile: ClassVar[Callable[..., Any] | None] = None
     work: ClassVar[Callable[..., int] | None] = None
+    # abreast(p), of a tile of ``series`` and ``each``: so many blocks, at least, are
+    # faster with one in each lane of a vector
+    abreast: ClassVar[Callable[..., int] | None] = None
     # law(fs, rows, seen) -> row, or row and tolerance: for ``verify``
     law: ClassVar[Callable[..., Any] | None] = None
     # transfer(p, z) -> H of an LTI block of one signal and output, |z| = 1

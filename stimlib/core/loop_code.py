@@ -500,7 +500,13 @@ def compose(
         "words": writer.words,
         "resettable": False,
     }
-    definition |= {"step": None, "tile": None, "work": None, "tile" if tiled else "step": function}
+    definition |= {
+        "step": None,
+        "tile": None,
+        "work": None,
+        "abreast": None,
+        "tile" if tiled else "step": function,
+    }
     if tiled:
         definition["work"] = staticmethod(lambda p: int(p.words))
     definition["outputs"] = tuple(outputs) if len(outputs) > 1 else ()

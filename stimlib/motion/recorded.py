@@ -55,7 +55,7 @@ GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods
 MANY = 1000  # times: fewer are found one by one, which begins sooner
 
 
-def pieces(knots: Array, t: Array) -> Callable[[Array], Array]:
+def pieces(knots: Array, t: Array) -> Callable[[Any], Any]:
     """Return a function that takes, of a row with a value a knot, those at times t.
 
     Many times that rise, as those of a rendering do, take a search for each knot

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import llvmlite.binding
 import numpy as np
@@ -481,8 +481,8 @@ sixteen each took as long.
 
 NEAR = 16
 """So many blocks at most run earlier than written, for one more recursion to stand side
-by side with others.  Further away, the order would leave that of the graph, and what was
-written last would have left the cache.
+by side with others.  Further away, the order would leave that of the graph, and what
+was written last would have left the cache.
 """
 
 
@@ -518,7 +518,7 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
         if keys[place]:
             alike.setdefault(keys[place], []).append(place)
     most = {
-        key: LANES if lanes.go_abreast(*key[:6]) else 2
+        key: LANES if key.least or lanes.go_abreast(*key.form) else 2
         for key, places in alike.items()
         if len(places) > 1
     }
@@ -544,6 +544,8 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
                 done[earlier] = True
         # of 2, 4 or 8: each number is a segment of its own
         whole = 1 << (len(group).bit_length() - 1)
+        if key and whole < key.least:
+            whole = 1
         others += reversed(group[whole:])
         order += [*((earlier,) for earlier in first), group[:whole]]
         for earlier in group[:whole]:
@@ -568,27 +570,37 @@ def _before(
     return None if todo else sorted(found)
 
 
-def _recursion(program: Program, design: list[tuple[Any, Any]], place: int) -> Any:
-    """Return what instances must have in common to step side by side.
+class _Kind(NamedTuple):
+    """What instances must have in common to run side by side."""
 
-    It begins with the arguments of `lanes.go_abreast`; None if an instance cannot.
-    """
+    form: tuple[Any, ...]  # the arguments of lanes.go_abreast
+    cls: type[Block]
+    clock: int
+    autonomous: bool
+    sizes: tuple[int, ...]  # of the arrays of a tile
+    least: int  # so many tiles in lanes are faster than one after the other
+
+
+def _recursion(program: Program, design: list[tuple[Any, Any]], place: int) -> _Kind | None:
+    """Return the kind of recursion that an instance is; None if it runs alone."""
     instance, (numbers, state) = program.instances[place], design[place]
     cls = instance.block.definition
-    # two in one loop share a state only as numbers: an array, several outputs or a tile
-    # have loops of their own; and without a state nothing waits
+    arrays = [isinstance(field, np.ndarray) for field in state]
+    least = cls.abreast(numbers) if cls.tile and cls.abreast else 0
+    # steps in one loop share a state only as numbers: an array or several outputs have
+    # loops of their own; and without a state nothing waits
     alone = (
         instance.kind != "block"
-        or cls.tile
         or cls.outputs
         or not state
-        or any(isinstance(field, np.ndarray) for field in state)
+        or (not 0 < least <= LANES or not all(arrays) if cls.tile else any(arrays))
     )
     if alone or (cls.resettable and not _always(program.instances[instance.args[-1]])):
         return None
-    form = cls.step, type(numbers), kinds(numbers), type(state), kinds(state)
     inputs = len(instance.args) - cls.resettable
-    return *form, inputs, cls, instance.clock, instance.autonomous
+    form = cls.tile or cls.step, type(numbers), kinds(numbers), type(state), kinds(state), inputs
+    sizes = tuple(np.size(field) for field in numbers) if cls.tile else ()
+    return _Kind(form, cls, instance.clock, instance.autonomous, sizes, least)
 
 
 def _parameter_words(numbers: Any, sizes: list[int]) -> np.ndarray:

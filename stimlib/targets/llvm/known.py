@@ -19,6 +19,7 @@ from stimlib.targets.llvm.values import (
     KINDS,
     Array,
     Known,
+    Members,
     Outer,
     Pointer,
     Unknown,
@@ -149,6 +150,7 @@ def copy(w, a, b):
     kernels.copy(w.b, b.p.v, a.p.v, a.n.v)
 
 
+members = Known(lambda w, *given: Members(given))
 counted = Known(lambda w, i: i._replace(low=True))
 
 
@@ -325,6 +327,10 @@ def abreast(w, step, numbers, states, inputs, outputs, count):
 @known
 def each(w, f, p, x, y):
     """Compute maths.each."""
+    if isinstance(y, Members):
+        for lane, own in enumerate(y):
+            each.f(w, f, p, tuple(signal[lane] for signal in x), own)
+        return
     tuples = all(isinstance(t, tuple) and not isinstance(t, Array | Value) for t in (p, x))
     if not tuples or "?" in (kinds := _kinds(p)) or not _floats(*x, y):
         raise SceneError(
@@ -337,7 +343,9 @@ def each(w, f, p, x, y):
 
 @known
 def series(w, f, p, s, x, y):
-    """Compute maths.series."""
+    """Compute maths.series; of Members, with one in each lane of a vector."""
+    members = (p, s, x, y) if isinstance(y, Members) else ((p,), (s,), (x,), (y,))
+    p, s, x, y = (one[0] for one in members)
     tuples = all(hasattr(t, "_fields") and not isinstance(t, Array | Value) for t in (p, s))
     numbers = tuples and all(_floats(v) or not isinstance(v, Array) for v in p)
     if not numbers or not _floats(*s, x, y):
@@ -348,9 +356,15 @@ def series(w, f, p, s, x, y):
     types = type(p), type(s)
     helper = vectors.helper_of(f, types[0], "f" * len(p), "f" * (len(s) + 1), types[1])
     fields = [
-        [v.p.v if isinstance(v, Array) else cast(w.b, v, "f8").v for v in one] for one in (p, s)
+        [
+            [v.p.v if isinstance(v, Array) else cast(w.b, v, "f8").v for v in field]
+            for field in zip(*one, strict=True)
+        ]
+        for one in members[:2]
     ]
-    vectors.series(w.b, helper, types, fields, s[0].n.v, x.p.v, y.p.v, y.n.v)
+    signals = [[signal.p.v for signal in one] for one in members[2:]]
+    run: Any = vectors.series if len(members[0]) == 1 else vectors.series_abreast
+    run(w.b, helper, types, fields, s[0].n.v, *signals, y.n.v)
 
 
 @known

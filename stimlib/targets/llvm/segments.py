@@ -298,6 +298,11 @@ def _run(form: Form) -> list[str]:
     # over a step.
     if noise_behind(form):
         return NOISE_BEHIND.format(*range(_scratch(form) - 4, _scratch(form))).strip().splitlines()
+    members = ["", *map(str, range(1, len(form.parts)))]
+    if form.cls.tile and form.beside:
+        own = (codegen.each(f"{one}%s", members) for one in ["p", "s", *form.signals])
+        all_of = [codegen.call("_sl.members", *one) for one in own]
+        return [f"s = {codegen.call('_sl_block', *all_of)}"]
     if form.cls.tile:
         given = ["p", "s", *form.signals, *(["w"] if form.cls.work else [])]
         return [f"s = {codegen.call('_sl_block', *given)}", *form.warm("s")]
@@ -312,12 +317,11 @@ def _run(form: Form) -> list[str]:
         x = "".join(codegen.each("%s, ", slots[:inputs]))
         return [f"_sl.steps(_sl_block, p, ({x}), {slots[inputs]}, n)"]
     if form.beside and lanes.go_abreast(code, *numbers, form.s_type, form.s_kinds, inputs):
-        members = ["", *range(1, len(form.parts))]
         starts = range(0, len(slots), inputs + 1)
-        x = [_row(slots[start : start + inputs]) for start in starts]
+        signals = _row([_row(slots[start : start + inputs]) for start in starts])
         p, s = (_row(codegen.each(f"{letter}%s", members)) for letter in "ps")
-        given = f"{p}, {s}, {_row(x)}, {_row(slots[inputs :: inputs + 1])}"
-        return [f"{s} = _sl.abreast(_sl_one, {given}, n)"]
+        outputs = _row(slots[inputs :: inputs + 1])
+        return [f"{s} = _sl.abreast(_sl_one, {p}, {s}, {signals}, {outputs}, n)"]
     # Two blocks that cannot go in lanes share the loop as they are: each still runs
     # while the other waits for its last sample.
     before, lines = [], []

@@ -62,6 +62,10 @@ class Array(NamedTuple):
         return self.n
 
 
+class Members(tuple):
+    """What belongs to each of several blocks that run side by side."""
+
+
 class Known(NamedTuple):
     """A function that writes instructions: f(walk, *arguments)."""
 

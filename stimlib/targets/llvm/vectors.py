@@ -234,8 +234,10 @@ STAGES = 5 if "+avx512f" in FEATURES else 4 if "+avx" in FEATURES else 3
 def series(b, helper, types, fields, size, x, y, n):
     """Compute maths.series: ``size`` stages of the fields of parameters and state.
 
-    A field is a number, or the address of one for each stage.
+    A field is a number, or the address of one for each stage; each is a list with one
+    element, as in series_abreast.
     """
+    fields, (x,), (y,) = [[field for (field,) in one] for one in fields], x, y
     most = 1 << (STAGES - 1)
     stop = b.select(b.icmp_signed(">", n, I64(0)), size, I64(0))
     with loop(b, I64(0), stop, most) as first:
@@ -249,6 +251,36 @@ def series(b, helper, types, fields, size, x, y, n):
             {k: 1 << k for k in range(STAGES)},
             lambda W: _stages(b, W, helper, types, at, count, source, y, n),
         )
+
+
+def series_abreast(b, helper, types, fields, size, x, y, n):
+    """Compute maths.series of several blocks, one in each lane, stage after stage.
+
+    Fields are as in series, each a list with one element for each block.
+    """
+    width = len(x)
+    signal = room(b, ir.VectorType(DOUBLE, width), 64)  # of the longest tile
+    with loop(b, I64(0), n, 1) as place:
+        samples = [b.load(b.gep(address, [place])) for address in x]
+        b.store(gathered(b, samples), b.gep(signal, [place]))
+
+    def own(values, stage):
+        loaded = (v if v.type == DOUBLE else b.load(b.gep(v, [stage])) for v in values)
+        return gathered(b, list(loaded))
+
+    with loop(b, I64(0), size, 1) as stage:
+        numbers = types[0](*(Lanes(b, own(values, stage)) for values in fields[0]))
+        cells = [variable(b, own(values, stage)) for values in fields[1]]
+        with loop(b, I64(0), n, 1) as place:
+            at = b.gep(signal, [place])
+            old = types[1](*(Lanes(b, b.load(cell)) for cell in cells))
+            out, new = helper(numbers, old, Lanes(b, b.load(at)))
+            for cell, value in zip((at, *cells), (out, *new), strict=True):
+                b.store(number(b, value, width), cell)
+        for cell, values in zip(cells, fields[1], strict=True):
+            spread(b, b.load(cell), values, stage)
+    with loop(b, I64(0), n, 1) as place:
+        spread(b, b.load(b.gep(signal, [place])), y, place)
 
 
 def operation(b, number, buffers, slots, count):
