@@ -159,7 +159,11 @@ def stiffness_map(x: Block | float, y: Block | float, S: Levels) -> Block:
     S = as_levels("stiffness_map", S)
     x, y = as_block(x), as_block(y)
     check_places("stiffness_map", x.dim, y.dim)
-    return clip(lut2(x, y, S.levels.T, spacing(S), kind="cubic").value, 0.0, 1.0)  # type: ignore[attr-defined]
+    return clip(
+        lut2(x, y, S.levels.T, spacing(S), kind="cubic").value,  # type: ignore[attr-defined]
+        0.0,
+        1.0,
+    )
 
 
 # Indentation ------------------------------------------------------------------------

@@ -152,7 +152,9 @@ def _fed(t: Tap, e: Evidence, known: set[Any]) -> Processor | None:
         if b.noise_key:
             new[id(b)] = Input("white_{}_{}".format(*b.noise_key))
         elif signals(type(b)):
-            new[id(b)] = dc.replace(b, **{s: new[id(getattr(b, s))] for s in signals(type(b))})  # type: ignore[type-var]
+            new[id(b)] = dc.replace(  # type: ignore[type-var]
+                b, **{s: new[id(getattr(b, s))] for s in signals(type(b))}
+            )
         else:
             new[id(b)] = b
         old[id(new[id(b)])] = b

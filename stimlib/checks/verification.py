@@ -259,7 +259,9 @@ def _impulse(b: Block, p: Any, fs: float):
     """
     x = Input("x")
     kind = type(b)
-    lone = dc.replace(b, **{s: x if k == 0 else Const(1.0) for k, s in enumerate(signals(kind))})  # type: ignore[type-var]
+    lone = dc.replace(  # type: ignore[type-var]
+        b, **{s: x if k == 0 else Const(1.0) for k, s in enumerate(signals(kind))}
+    )
     proc = compile(Scene({"y": lone}), fs)
     hit = np.zeros((len(proc.inputs), 4096))
     hit[0, 0] = SMALL
@@ -281,7 +283,12 @@ def _impulse(b: Block, p: Any, fs: float):
     # of a tail that falls as a power of time, what is cut off is about its last sample
     # times the length
     settled = settled and last / SMALL * h.size <= 0.1 * ROUNDING * np.abs(spectrum).max()
-    return f, kind.transfer(p, np.exp(2j * np.pi * f / fs)), spectrum[bins], settled  # type: ignore[misc]
+    return (
+        f,
+        kind.transfer(p, np.exp(2j * np.pi * f / fs)),  # type: ignore[misc]
+        spectrum[bins],
+        settled,
+    )
 
 
 # b: the same samples again ------------------------------------------------------------

@@ -201,7 +201,10 @@ def clip(x: Block | float, low: Block | float, high: Block | float) -> Block:
 
 def _function(cls: type[Map]) -> Callable[..., Block]:
     """Return the function that makes a block of a class, with its docstring."""
-    name, signals = cls.__name__.lower(), ("Input('x')", "Const(0.5)")[: len(fields(cls))]  # type: ignore[arg-type]
+    name, signals = (
+        cls.__name__.lower(),
+        ("Input('x')", "Const(0.5)")[: len(fields(cls))],  # type: ignore[arg-type]
+    )
 
     def make(*signals: Block | float, **named: Block | float) -> Block:
         return cls(*signals, **named)

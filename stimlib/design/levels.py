@@ -12,7 +12,8 @@ _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
 _POWER = r"[A-Za-zµ]+(?:_0)?(?:(?:\^|\*\*)-?[1-9])?"
 _LEVEL = re.compile(
     rf"\s*(?P<number>{_NUMBER})\s*(?:(?P<db>dB)\s*(?:(?P<sl>SL)|re\s*(?P<reference>{_NUMBER})))?"
-    rf"\s*(?P<unit>(?!(?:rms|pp|peak)\b)(?:1/)?{_POWER}(?:\s*[*/]\s*{_POWER})*?)?\s*(?:\b(?P<kind>rms|pp|peak))?\s*",
+    rf"\s*(?P<unit>(?!(?:rms|pp|peak)\b)(?:1/)?{_POWER}(?:\s*[*/]\s*{_POWER})*?)?"
+    r"\s*(?:\b(?P<kind>rms|pp|peak))?\s*",
     re.IGNORECASE,
 )
 PEAK = {None: 1.0, "peak": 1.0, "rms": math.sqrt(2.0), "pp": 0.5}

@@ -58,7 +58,11 @@ class Prompt:
 
 
 @public
-def prompted(question: Question, replays: int = 0, texts: Texts = texts_of()) -> Prompt:  # noqa: B008
+def prompted(
+    question: Question,
+    replays: int = 0,
+    texts: Texts = texts_of(),  # noqa: B008
+) -> Prompt:
     """Return the prompt for a question.
 
     Parameters

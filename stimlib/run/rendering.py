@@ -126,7 +126,8 @@ def _driven(
     one_of("on_fault", on_fault, FAULTS)
     _, proc, code = _LEFT.pop((id(scene), rate(fs), repr(target)), (None, None, None))
     if proc is None or proc.program is not program_of(scene) or code != _code(proc.program):
-        proc = Processor(scene, fs, target, seed)  # type: ignore[arg-type]  # which says what is wrong with fs
+        # which says what is wrong with fs
+        proc = Processor(scene, fs, target, seed)  # type: ignore[arg-type]
     else:
         proc.scene = scene
         proc.reset(seed)
