@@ -148,7 +148,7 @@ def outside() -> int:
     return level
 
 
-def place(f: object) -> str:
+def line_of(f: object) -> str:
     """Return the file and line of a function, as the prefix of an error message."""
     code = getattr(f, "__code__", None)
     return f"{code.co_filename}:{code.co_firstlineno}: " if code else ""

@@ -457,9 +457,9 @@ def test_gates_begin_in_one_walk_with_the_bits_of_one_walk_each(target):
     proc = make({f"y{i}": y for i, y in enumerate(outputs)}, target=target)
     assert len(proc._early) == 3 < len(sum(proc._early, []))
     engine = proc._engine
-    engine.words = proc._first(5)
+    engine.packed = proc._first(5)
     for clock in sorted(sum(proc._early, []), reverse=True):
         engine.warm([clock], lead(1000.0))
-    expected = engine.words
+    expected = engine.packed
     proc.reset(5)
     assert_same(proc.state[2:], expected)

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from ..errors import BadValue, SceneError, StimlibError, UnitError, place, public
+from ..errors import BadValue, SceneError, StimlibError, UnitError, line_of, public
 from . import units as un
 from .maths import where
 from .operators import FUNCTIONS, NUMBERS, Refusals, no_numpy, power
@@ -103,7 +103,8 @@ class Block(Refusals):
                 )
             setattr(cls, name, property(partial(Pick, output=name)))
         cls.abstract = abstract
-        cls.__repr__ = Block.__repr__  # type: ignore[method-assign]  # or dataclass writes one that recurses
+        # or dataclass writes one that recurses
+        cls.__repr__ = Block.__repr__  # type: ignore[method-assign]
         if "." in type_name(cls):
             cls.source = source_of(cls)  # now: the file may change while its classes live on
         if not abstract:
@@ -141,7 +142,7 @@ class Block(Refusals):
                 f", one for each of {', '.join(self.outputs)} in a tuple" if self.outputs else ""
             )
             raise SceneError(
-                f"{place(cls.units)}{cls.__name__}.units: it returned {dim!r}; return that of a"
+                f"{line_of(cls.units)}{cls.__name__}.units: it returned {dim!r}; return that of a"
                 " signal (u[0]), or one made by stimlib.core.units.unit, such as"
                 f" unit('N'){several}"
             )
@@ -435,7 +436,9 @@ def unitless(owner: Block, *u: Unit) -> Unit:
 def same_unit(verb: str, a: Block, b: Block, *u: Unit) -> Unit:
     """Return the common unit of two signals; a literal 0 fits any unit."""
     for one, other in ((0, 1), (1, 0)):
-        if u[one] == u[other] or (isinstance((a, b)[one], Const) and (a, b)[one].value == 0):  # type: ignore[attr-defined]
+        if u[one] == u[other] or (
+            isinstance((a, b)[one], Const) and (a, b)[one].value == 0  # type: ignore[attr-defined]
+        ):
             return u[other]
     hint = ""
     for n, m in ((a, u[1]), (b, u[0])):
@@ -564,11 +567,11 @@ class Pick(Block):
             raise BadValue(f"{self.block!r:.200} has no output {self.output!r}")
 
     def units(self, *u):
-        return u[0][self.place]
+        return u[0][self.output_index]
 
     @property
-    def place(self) -> int:
-        """The index of this output."""
+    def output_index(self) -> int:
+        """Which of the block's outputs it is, from 0."""
         return self.block.outputs.index(self.output)
 
 

@@ -151,7 +151,7 @@ def _cycle(
         if node in bodies:
             continue
         if isinstance(block, Pick):
-            names[node] = f"{names[kids[0]]}_{block.place}"
+            names[node] = f"{names[kids[0]]}_{block.output_index}"
             continue
         wiring.append(tuple(map(name, kids)))
         names[node] = f"v{len(members)}"
@@ -176,7 +176,9 @@ class Cycle(Block, abstract=True):
     def __init__(self, members, wiring, ends, starts, constants, inputs, results, dims):
         self.members, self.wiring, self.ends, self.starts = members, tuple(wiring), ends, starts
         self.constants, self.inputs, self.results = constants, inputs, tuple(results)
-        self.outputs = tuple(_numbered("y", len(results))) if len(results) > 1 else ()  # type: ignore[misc]
+        self.outputs = (  # type: ignore[misc]
+            tuple(_numbered("y", len(results))) if len(results) > 1 else ()
+        )
         self.dim = dims if self.outputs else dims[0]  # type: ignore[misc]
         self.made: Any = None
 
@@ -409,14 +411,14 @@ class _Writer:
         """
         start, first = self.words, self.words + len(args)
         self.words = first + len(member.values)
-        places = codegen.each(
+        slices = codegen.each(
             "w[%d:%d]", range(start, self.words), range(start + 1, self.words + 1)
         )
         self.lines += codegen.each("w[%d] = %s", range(start, first), args)
         if member.scratch:
-            places.append(f"w[_I(p.w{member.number}):_I(p.w{member.number}_end)]")
+            slices.append(f"w[_I(p.w{member.number}):_I(p.w{member.number}_end)]")
         self.lines.append(
-            f"t{member.number} = {codegen.call(self.names(member.f), numbers, state, *places)}"
+            f"t{member.number} = {codegen.call(self.names(member.f), numbers, state, *slices)}"
         )
         self.lines += codegen.each("%s = w[%d]", member.values, range(first, self.words))
 

@@ -2,7 +2,7 @@
 
 A step may use no other.
 
-``targets/llvm/known.py`` holds what compiled code does in its place;
+``targets/llvm/known.py`` holds what compiled code does instead;
 ``tests/test_maths.py`` checks that both give the same bits.  numpy scalars go in and
 come out, so that 1/0 is inf and never an exception.
 
@@ -154,8 +154,8 @@ def series(f, p, s, x, y):
     """Run stages in series: y[i] is x[i] after it went through all of them in turn.
 
     A straight-line helper f(p, s, x) returns a stage's output and its new state. p and
-    s are NamedTuples; each array of them has one element per stage, and f gets this
-    element in its place. All fields of s are arrays, of at least one element. Compiled
+    s are NamedTuples; each array of them has one element per stage, and f gets that
+    of its stage. All fields of s are arrays, of at least one element. Compiled
     code runs the stages side by side, each one sample behind the one before. x may be y
     itself, but must not overlap it partly.
     """

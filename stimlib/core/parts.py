@@ -38,7 +38,7 @@ class Span(NamedTuple):
 
 
 class Term(NamedTuple):
-    """The place of a law's output in a sum, which is an output of the scene.
+    """Where a law's output stands in a sum, which is an output of the scene.
 
     ``path`` has the fields that lead from the sum to it: a and b of ``Add``, ``Sub``,
     ``Mul`` and ``Div``, x of ``Neg``.

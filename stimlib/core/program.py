@@ -70,10 +70,10 @@ class _Graph:
 
     def number(self, block: Block, kids: tuple[int, ...]) -> int:
         key = (type(block), kids, _numbers(block))
-        place = self.numbers.setdefault(key, len(self.nodes))
-        if place == len(self.nodes):
+        index = self.numbers.setdefault(key, len(self.nodes))
+        if index == len(self.nodes):
             self.nodes.append(Node(block, kids))
-        return place
+        return index
 
     def const(self, value: float, like: Block) -> int:
         return self.number(Const(value, "" if like.dim == un.ONE else str(like.dim)), ())
@@ -208,7 +208,7 @@ def lower(outputs: dict[str, Block]) -> Program:
         [f"{merged} blocks: equal to others, or folded into numbers"] if merged else []
     )
     noises: dict[str, int] = {}
-    for place, instance in enumerate(instances):
+    for index, instance in enumerate(instances):
         if instance.block.noise_key:
             name = "white({}, {})".format(*instance.block.noise_key) + clocks.runs[instance.clock]
             if name in noises and not instance.block.shared:
@@ -217,15 +217,15 @@ def lower(outputs: dict[str, Block]) -> Program:
                     " or in two gates): each clock would run its own copy; give each its own"
                     " stream, or give shared=True if one noise everywhere is meant"
                 )
-            noises.setdefault(name, place)
+            noises.setdefault(name, index)
     inputs = {
-        instance.block.name: place
-        for place, instance in enumerate(instances)
+        instance.block.name: index
+        for index, instance in enumerate(instances)
         if isinstance(instance.block, Input)
     }
     params = {
-        instance.block.name: place
-        for place, instance in enumerate(instances)
+        instance.block.name: index
+        for index, instance in enumerate(instances)
         if isinstance(instance.block, Param)
     }
     # of what runs: names of outputs are not in it
@@ -354,17 +354,17 @@ def _check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) ->
     """
     total = [0] * len(program.instances)
     noisy = [False] * len(program.instances)
-    for place, instance in enumerate(program.instances):
-        noisy[place] = instance.block.noise_key is not None or any(
+    for index, instance in enumerate(program.instances):
+        noisy[index] = instance.block.noise_key is not None or any(
             noisy[argument] for argument in instance.args
         )
-        if instance.autonomous and noisy[place]:
-            total[place] = max((total[argument] for argument in instance.args), default=0) + (
-                instance.block.memory(design[place][0]) if instance.kind == "block" else 0
+        if instance.autonomous and noisy[index]:
+            total[index] = max((total[argument] for argument in instance.args), default=0) + (
+                instance.block.memory(design[index][0]) if instance.kind == "block" else 0
             )
-            if total[place] > lead(fs):
+            if total[index] > lead(fs):
                 raise SceneError(
-                    f"{instance.block!r}: {total[place]} samples of filter memory on the path of a"
+                    f"{instance.block!r}: {total[index]} samples of filter memory on the path of a"
                     f" noise, more than the {lead(fs)} that run before sample 0 at fs = {fs:g} Hz;"
                     " use lower orders or shorter delays"
                 )

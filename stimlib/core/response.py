@@ -69,7 +69,7 @@ def latency(
             ways = [span[a] for a in q.args if a in span]
             if ways and i != start:
                 y = (
-                    span[q.args[0]][q.block.place]
+                    span[q.args[0]][q.block.output_index]
                     if isinstance(q.block, Pick)
                     else _span(q, design[i], [span.get(a) for a in q.args])
                 )
@@ -145,7 +145,7 @@ def response(
         if number is not None:
             value[i] = number
         elif isinstance(b, Pick) and args[0] in H:
-            H[i] = H[args[0]][b.place]
+            H[i] = H[args[0]][b.output_index]
         elif any(a in H for a in args):
             where = f"{b!r} on the way from {source!r} to {output!r}"
             if isinstance(b, Subsystem):

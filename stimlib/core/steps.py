@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, SceneError, StimlibError, place
+from ..errors import BadValue, SceneError, StimlibError, line_of
 from . import maths
 from .graph import Block, Const, kind, pack, signals, unpack
 from .parameter import Param
@@ -396,7 +396,7 @@ def check_design(cls: Any, made: Any) -> None:
     """
 
     def refuse(why: str) -> None:
-        raise SceneError(f"{place(cls.design)}{cls.__name__}.design: {why}")
+        raise SceneError(f"{line_of(cls.design)}{cls.__name__}.design: {why}")
 
     pair = type(made) is tuple and len(made) == 2
     if not pair or not all(isinstance(t, tuple) and (not t or fields(t)) for t in made):
@@ -456,7 +456,7 @@ def designed(block: Block, fs: float) -> tuple[Any, Any]:
         if isinstance(e, StimlibError) or ours(cls):
             raise
         raise SceneError(
-            f"{place(cls.design)}{cls.__name__}.design: {type(e).__name__}: {e}"
+            f"{line_of(cls.design)}{cls.__name__}.design: {type(e).__name__}: {e}"
         ) from e
     check_design(cls, pair)
     # of the library's own, tests check it: it takes a third of a program's start

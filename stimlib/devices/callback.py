@@ -10,6 +10,7 @@ so neither ever waits for the other.
 """
 
 from stimlib.devices.words import *
+from stimlib.targets.llvm import rows
 from stimlib.targets.llvm.instructions import DOUBLE, I64
 from stimlib.targets.llvm.known import at, f4_at, f8_at, i8_at, known, run, single, through, whole
 from stimlib.targets.llvm.values import Value, exported, number
@@ -19,13 +20,13 @@ from stimlib.targets.llvm.values import Value, exported, number
 @known
 def load(w, p, o):
     """Return word o of a ring, together with all that its writer wrote before it."""
-    return Value(w.b.load_atomic(w.place(p, o).v, "acquire", 8), "i8")
+    return Value(w.b.load_atomic(w.address(p, o).v, "acquire", 8), "i8")
 
 
 @known
 def store(w, p, o, value):
     """Set word o, after everything that was written before."""
-    w.b.store_atomic(number(value).v, w.place(p, o).v, "release", 8)
+    w.b.store_atomic(number(value).v, w.address(p, o).v, "release", 8)
 
 
 @known
@@ -75,19 +76,23 @@ def event(c, at_, kind, a, b, d):
     store(c, E_WRITE, w + 1)
 
 
-def set_param(c, i, slot, value, ramp):
+def set_param(c, i, param, value, ramp):
     """Ramp a parameter to a value (as bits) over ``ramp`` samples, from sample i."""
-    q = at(i8_at(c[PENDING]), 8 * slot)  # see targets.llvm.runtime
+    q = at(i8_at(c[PENDING]), rows.SETTING_WORDS * param)
     if ramp <= 1:
-        q[2], q[3], q[4], q[0] = value, 0, value, 2
+        q[rows.TARGET], q[rows.LEFT], q[rows.Y], q[rows.WAITS] = value, 0, value, 2
     else:
-        q[2], q[3], q[0] = value, bits_of(float(ramp)), max(1, q[0])
-    event(c, i, SET, slot, value, ramp)
+        q[rows.TARGET], q[rows.LEFT], q[rows.WAITS] = (
+            value,
+            bits_of(float(ramp)),
+            max(1, q[rows.WAITS]),
+        )
+    event(c, i, SET, param, value, ramp)
 
 
 def set_gain(c, i, value):
     """Ramp the gain to a value, starting at sample i."""
-    set_param(c, i, c[GAIN_SLOT], bits_of(value), c[FADE])
+    set_param(c, i, c[GAIN_PARAM], bits_of(value), c[FADE])
 
 
 def commands(c, i):
@@ -651,7 +656,7 @@ def null(c, n, fs, clocked):
 def put_command(c, kind, a, b, d):
     """Queue a command; return 0 if the ring buffer is full."""
     w = c[C_WRITE]
-    fade = kind == STOP or a == c[GAIN_SLOT]
+    fade = kind == STOP or a == c[GAIN_PARAM]
     if w - load(c, C_READ) >= COMMANDS + (SPARE if fade else 0):
         return 0
     q = at(i8_at(c[C_RING]), RECORD * (w % (COMMANDS + SPARE)))

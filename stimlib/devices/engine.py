@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import SinkError
 from ..run.processor import Processor
 from ..run.safety import GAIN, Safety
+from ..targets.llvm.rows import PENDING
 from . import words
 from .process import libc
 from .sources import SILENT, Live, Recorded, Scripted, Signals, Source, Stream
@@ -29,7 +30,7 @@ REASONS = ("stop", "fault", "error", "close", "next")
 # the name and the data of each event of callback.py, from its three numbers; the last
 # argument is the second number as a float
 EVENTS: tuple[tuple[str, Callable[..., dict[str, Any]]], ...] = (
-    ("set", lambda p, a, b, c, v: {"name": [*p.slots][a], "value": v, "ramp": c}),
+    ("set", lambda p, a, b, c, v: {"name": [*p.params][a], "value": v, "ramp": c}),
     ("lost", lambda p, a, *_: {"frames": a}),
     ("stale", lambda p, a, *_: {"samples": a}),
     ("fresh", lambda *_: {}),
@@ -119,7 +120,7 @@ class Pump:
         self.proc, self.safety, self.channels = proc, safety, tuple(channels)
         self.markers = tuple(markers)
         self.fade = safety.samples(proc.fs)
-        self.slots = {name: j for j, name in enumerate(proc.program.params)}
+        self.params = {name: j for j, name in enumerate(proc.program.params)}
         inputs, outputs = len(proc.inputs), len(proc.outputs)
         self.room = FOREVER  # frames of the buffers that OUTS points to, where it is known
         self.words = np.zeros(words.WORDS, np.int64)
@@ -129,14 +130,14 @@ class Pump:
         place = self.address_of
         entry, context = proc.address
         held = isinstance(source, Stream) and source.silence == "hold"
-        program = proc._engine.ctx  # see targets/llvm/runtime.py
+        program = proc._engine.ctx
         ring = 1 << math.ceil(math.log2(max(proc.fs * LOG_SECONDS, 4 * words.CHUNK)))
         rows = max(inputs, 1)
         integers = np.int64
         self._fill(
             ENTRY=entry,
             CONTEXT=context,
-            PENDING=int(program[13]),
+            PENDING=int(program[PENDING]),
             N_IN=inputs,
             N_OUT=outputs,
             CHANNELS=len(self.channels),
@@ -144,7 +145,7 @@ class Pump:
             SCALES=place(safety.scales(proc.outputs)),
             X=place(np.zeros(rows * words.CHUNK)),
             Y=place(np.zeros(outputs * words.CHUNK)),
-            GAIN_SLOT=self.slots[GAIN],
+            GAIN_PARAM=self.params[GAIN],
             FADE=self.fade,
             FADE_AT=FOREVER,
             END=FOREVER,
@@ -298,7 +299,7 @@ class Pump:
         Return False when the ring buffer is full.
         """
         bits = int(np.float64(value).view(np.int64))
-        return bool(self.native.put_command(self.context, words.SET, self.slots[name], bits, ramp))
+        return bool(self.native.put_command(self.context, words.SET, self.params[name], bits, ramp))
 
     def stop(self, reason: str, earliest: int = 0) -> None:
         """Request a fade-out, at sample ``earliest`` or later.

@@ -5,7 +5,7 @@ index of each word.  ``callback.py`` is compiled, and everybody else reads them 
 """
 
 # the program
-ENTRY, CONTEXT, PENDING, N_IN, N_OUT, CHANNELS, MAP, SCALES, X, Y, GAIN_SLOT, FADE = range(12)
+ENTRY, CONTEXT, PENDING, N_IN, N_OUT, CHANNELS, MAP, SCALES, X, Y, GAIN_PARAM, FADE = range(12)
 # its course: what a caller has asked for, and where it is
 STATE, FADE_AT, END, FADING, WAS, STALE_AFTER, STALE, RUN, WAIT, STALL = range(12, 22)
 # counts
@@ -52,7 +52,7 @@ WORDS = 99
 IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
 NONE, FROM_TABLE, TIMED, LIVE, SIGNALS = 0, 1, 2, 3, 4  # MOTION
 SET, LOSS, GONE, BACK, ENDING, GAP, RISE, FALL, MARK = range(9)  # events: at, kind, three numbers
-STOP = 1  # commands: SET slot value ramp, or STOP reason earliest
+STOP = 1  # commands: SET parameter value ramp, or STOP reason earliest
 FOLLOWED = 4  # the reason of a stop because another session follows: see engine.REASONS
 COMMANDS, SPARE, EVENTS, RECORD = 256, 256, 65536, 5  # spare: places for fades only
 CHUNK = 256  # samples of one call of the program

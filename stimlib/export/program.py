@@ -112,7 +112,7 @@ class Writer:
         """Return the slot of an argument; on a clock below it is gathered first."""
         q = self.instances[i]
         if q.kind == "pick":
-            return self.slot((q.args[0], q.block.place))  # type: ignore[attr-defined]
+            return self.slot((q.args[0], q.block.output_index))  # type: ignore[attr-defined]
         if q.kind == "const" or clock <= ROOT or (q.clock != PARAMS and q.kind != "input"):
             return self.slot(i)
         if (i, "on", clock) not in self.slots:

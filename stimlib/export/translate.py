@@ -136,18 +136,18 @@ def _words(w: Any, a: Any) -> Any:
 
 def _each(w: Any, f: Any, p: Any, arrays: Any, y: Any) -> None:
     with w.turns(number(0), y.n, 1) as i:
-        given = [w.b.loaded(w.place(a, i)) for a in arrays]
-        w.put(w.place(y, i), w.walk(f, [p, *given]))
+        given = [w.b.loaded(w.address(a, i)) for a in arrays]
+        w.put(w.address(y, i), w.walk(f, [p, *given]))
 
 
 def _pairs(w: Any, f: Any, key: Any, first: Any, z: Any) -> None:
     with w.turns(number(0), z.n, 2) as i:
         k = cast(w.b, binary(w.b, ast.RShift, i, 1), "u8")
         one, other = w.walk(f, [key, binary(w.b, ast.Add, first, k)])
-        w.put(w.place(z, i), one)
+        w.put(w.address(z, i), one)
         later = binary(w.b, ast.Add, i, 1)
         with w.block(f"if ({text(later)} < {text(z.n)})"):
-            w.put(w.place(z, later), other)
+            w.put(w.address(z, later), other)
 
 
 TWINS: dict[Any, Any] = TYPES | {

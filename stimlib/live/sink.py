@@ -15,7 +15,7 @@ from ..devices import words
 from ..devices.crossfade import Following
 from ..devices.sink import CLOSE_WITHIN, Sink
 from ..devices.sources import Live, columns_of
-from ..errors import place
+from ..errors import line_of
 from ..run.safety import Safety
 
 LATE = 0.25
@@ -90,7 +90,7 @@ class PageSink(Sink):
         motion = Live(1.0) if isinstance(scene, Scene) and scene.inputs else None
         super().__init__(scene, safety, motion=motion, realtime=False, **options)
         self._feed, self._take, self._stands, self._counted = feed, take, False, counted
-        self._places = place(feed), place(take)
+        self._places = line_of(feed), line_of(take)
         self._x = np.zeros((len(scene.inputs) if motion else 0, 1))
         self._now: Sink = self  # the session that plays; the one before holds its motion
         self._coming: tuple[Following, threading.Event] | None = None

@@ -511,7 +511,7 @@ class Stream:
         if sink is not None and self._sets:
             sets, self._sets = self._sets, {}
             for name, value in sets.items():
-                if name in sink.pump.slots:
+                if name in sink.pump.params:
                     sink.pump.set(name, value, max(1, round(RAMP * self.fs)))
         return self.inputs.columns(at, n)
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.program import number
-from ..errors import BadValue, UnknownName, outside, place
+from ..errors import BadValue, UnknownName, line_of, outside
 from .generators import GENERATORS
 
 if TYPE_CHECKING:
@@ -244,7 +244,7 @@ def positions(sources: dict[str, Any], start: int, stop: int, fs: float) -> Arra
                     " np.where for if"
                 )
                 raise BadValue(
-                    f"{place(source)}motion of {name}: {type(e).__name__}: {e}; {remedy}"
+                    f"{line_of(source)}motion of {name}: {type(e).__name__}: {e}; {remedy}"
                 ) from e
             if values.shape != t.shape or values.dtype.kind not in "iuf":
                 raise BadValue(

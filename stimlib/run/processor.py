@@ -240,7 +240,9 @@ class Processor:
         """
         try:
             if out is None:
-                out = np.empty((len(self.outputs), x.shape[1]))  # type: ignore[union-attr, arg-type]
+                out = np.empty(
+                    (len(self.outputs), x.shape[1])  # type: ignore[union-attr, arg-type]
+                )
             if not self._run(x, out):
                 return out
         except StimlibError:  # of a step
@@ -279,7 +281,7 @@ class Processor:
         another scene or sample rate.
         """
         with self._lock:
-            words = self._engine.words
+            words = self._engine.packed
             return np.concatenate([self._identity, np.array([self.index], np.uint64), words])
 
     @state.setter
@@ -307,7 +309,7 @@ class Processor:
 
     def _go_on(self, words: np.ndarray) -> None:
         with self._lock:
-            self._engine.words = words[2:]
+            self._engine.packed = words[2:]
             self._engine.count = int(words[1])
             self.log.clear()
             target = words[2:].view(np.float64)
@@ -329,14 +331,14 @@ class Processor:
         with self._lock:
             self.seed = self.seed if seed is None else key(seed)
             if self.seed not in self._fresh:
-                self._engine.words = self._first(self.seed)
+                self._engine.packed = self._first(self.seed)
                 for clocks in self._early:
                     for at in range(0, lead(self.fs), EARLY):
                         self._engine.warm(clocks, min(EARLY, lead(self.fs) - at))
                 if len(self._fresh) >= self._remembered:
                     self._fresh.pop(next(iter(self._fresh)))
-                self._fresh[self.seed] = self._engine.words
-            self._engine.words = self._fresh[self.seed]
+                self._fresh[self.seed] = self._engine.packed
+            self._engine.packed = self._fresh[self.seed]
             self._engine.count = 0
             blocks = {n: self.program.instances[i].block for n, i in self.program.params.items()}
             self.params = {n: b.value for n, b in blocks.items()}  # type: ignore[attr-defined]

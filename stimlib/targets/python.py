@@ -18,7 +18,7 @@ from ..core.steps import sample
 
 
 class Engine:
-    """An interpreter of a program; ``words`` is its whole state.
+    """An interpreter of a program; ``packed`` is its whole state.
 
     See ``stimlib.run.processor`` for the public interface.
     """
@@ -40,7 +40,7 @@ class Engine:
             np.zeros(work(numbers) if work else 0)
             for work, numbers in zip(works, self.numbers, strict=True)
         ]
-        self.nbytes = sum(array.nbytes for array in (self.words, *self.work))
+        self.nbytes = sum(array.nbytes for array in (self.packed, *self.work))
 
     def copy(self) -> Engine:
         """Return another run of the same program."""
@@ -72,7 +72,7 @@ class Engine:
         for clock in (PARAMS, *clocks):
             on[clock] = True
         values: dict[int, Any] = dict(signals)
-        for place, instance in enumerate(self.program.instances):
+        for index, instance in enumerate(self.program.instances):
             # the order of the program has each gate before what it opens, so one pass
             # is enough
             if not on[instance.clock] or (warm and not instance.autonomous):
@@ -80,27 +80,29 @@ class Engine:
             if instance.kind == "open":
                 on[instance.child] = bool(values[instance.args[0]] > 0.0)
             elif instance.kind == "close":
-                values[place] = values[instance.args[1]] if on[instance.child] else np.float64(0.0)
+                values[index] = values[instance.args[1]] if on[instance.child] else np.float64(0.0)
             elif instance.kind == "const":
-                values[place] = np.float64(instance.block.value)  # type: ignore[attr-defined]
+                values[index] = np.float64(instance.block.value)  # type: ignore[attr-defined]
             elif instance.kind == "pick":
-                values[place] = values[instance.args[0]][instance.block.place]  # type: ignore[attr-defined]
+                values[index] = values[instance.args[0]][
+                    instance.block.output_index  # type: ignore[attr-defined]
+                ]
             elif instance.kind == "block":
-                values[place] = self.step(place, [values[source] for source in instance.args])
+                values[index] = self.step(index, [values[source] for source in instance.args])
         return values
 
-    def step(self, place: int, signals: list[float]) -> Any:
+    def step(self, index: int, signals: list[float]) -> Any:
         """Return one sample of a block, or a tuple of one sample for each output."""
-        block = self.program.instances[place].block
+        block = self.program.instances[index].block
         # the contact is the last signal, and no step sees it; written so that NaN is no
         # contact
         if block.resettable and not signals.pop() > 0.0:
-            if self.states[place].cold == 0.0:
-                self.states[place] = at_rest(self.design[place][1])
+            if self.states[index].cold == 0.0:
+                self.states[index] = at_rest(self.design[index][1])
             return (np.float64(0.0),) * len(block.outputs) or np.float64(0.0)
-        scratch = (self.work[place],) if block.definition.work else ()
-        outputs, after = sample(block, self.numbers[place], self.states[place], signals, scratch)
-        self.states[place] = after._replace(cold=np.float64(0.0)) if block.resettable else after
+        scratch = (self.work[index],) if block.definition.work else ()
+        outputs, after = sample(block, self.numbers[index], self.states[index], signals, scratch)
+        self.states[index] = after._replace(cold=np.float64(0.0)) if block.resettable else after
         return outputs
 
     def process(self, motion: np.ndarray, out: np.ndarray) -> int:
@@ -139,16 +141,16 @@ class Engine:
             for _ in range(count):
                 self.sample({}, clocks, warm=True)
 
-    def set(self, place: int, target: float, left: float) -> None:
+    def set(self, index: int, target: float, left: float) -> None:
         """Ramp parameter instance i to a target over ``left`` samples, starting now."""
-        assert isinstance(self.program.instances[place].block, Param)
+        assert isinstance(self.program.instances[index].block, Param)
         end = np.float64(target)
         # a jump is there at once: a ramp set at the same sample begins where it ends
-        value, left = (end, 0.0) if left <= 1.0 else (self.states[place].y, left)
-        self.states[place] = ParamState(value, end, np.float64(left))
+        value, left = (end, 0.0) if left <= 1.0 else (self.states[index].y, left)
+        self.states[index] = ParamState(value, end, np.float64(left))
 
     @property
-    def words(self) -> np.ndarray:
+    def packed(self) -> np.ndarray:
         """All states in canonical order (a copy)."""
         parts = [
             pack(state)
@@ -157,15 +159,15 @@ class Engine:
         ]
         return np.concatenate(parts) if parts else np.zeros(0, np.uint64)
 
-    @words.setter
-    def words(self, words: np.ndarray) -> None:
+    @packed.setter
+    def packed(self, words: np.ndarray) -> None:
         start = 0
-        for place, instance in enumerate(self.program.instances):
+        for index, instance in enumerate(self.program.instances):
             if instance.kind == "block":
-                end = start + pack(self.states[place]).size
-                self.states[place] = unpack(self.states[place], words[start:end])
+                end = start + pack(self.states[index]).size
+                self.states[index] = unpack(self.states[index], words[start:end])
                 start = end
 
     def peek(self) -> np.ndarray:
         """Return the states."""
-        return self.words
+        return self.packed

@@ -187,9 +187,9 @@ class Walk:
         i = self.value(node.slice)
         if several(of):
             return of[i]
-        return self.b.loaded(self.place(of, i), fixed=plain(i))
+        return self.b.loaded(self.address(of, i), fixed=plain(i))
 
-    def place(self, of: Any, i: Any) -> Pointer:
+    def address(self, of: Any, i: Any) -> Pointer:
         """Return the address of an element; in arrays, -1 is the last."""
         if isinstance(of, Array):
             i = self.from_end(number(i), of.n)
@@ -359,9 +359,10 @@ class Walk:
     def _AugAssign(self, node: Any) -> None:
         target = node.target
         if isinstance(target, ast.Subscript):
-            place = self.place(self.value(target.value), self.value(target.slice))
+            element = self.address(self.value(target.value), self.value(target.slice))
             self.put(
-                place, binary(self.b, type(node.op), self.b.loaded(place), self.value(node.value))
+                element,
+                binary(self.b, type(node.op), self.b.loaded(element), self.value(node.value)),
             )
         else:
             self.set(
@@ -381,7 +382,7 @@ class Walk:
         elif isinstance(target, ast.Subscript) and isinstance(target.slice, ast.Slice):
             self.fill(self.cut(self.value(target.value), target.slice), x)
         elif isinstance(target, ast.Subscript):
-            self.put(self.place(self.value(target.value), self.value(target.slice)), x)
+            self.put(self.address(self.value(target.value), self.value(target.slice)), x)
         else:
             raise Unknown(f"{ast.unparse(target)[:60]} cannot be set")
 

@@ -83,12 +83,12 @@ class Function:
                 _lowering(instance.block)
         self.inputs, self.outputs = tuple(self.program.inputs), tuple(self.program.outputs)
         self.params = {
-            name: instances[place].block.value  # type: ignore[attr-defined]
-            for name, place in self.program.params.items()
+            name: instances[index].block.value  # type: ignore[attr-defined]
+            for name, index in self.program.params.items()
         }
         self._decisions = {
-            f"gate {place}": place
-            for place, instance in enumerate(instances)
+            f"gate {index}": index
+            for index, instance in enumerate(instances)
             if instance.clock == ROOT
             and (
                 isinstance(instance.block, (Gate, Compare))
@@ -97,9 +97,9 @@ class Function:
         }
         self.gates = tuple(self._decisions)
         self.units = {
-            name: str(instances[place].block.dim)
+            name: str(instances[index].block.dim)
             for group in (self.program.inputs, self.program.params)
-            for name, place in group.items()
+            for name, index in group.items()
         }
         self.units |= {name: str(block.dim) for name, block in scene.outputs.items()}
         self._jitted = jax.jit(self._signals, static_argnames=("n", "wanted"))
@@ -235,7 +235,7 @@ class _Signals:
         self.total = {ROOT: self.early + n}
         # gate of each enabled clock, over its parent's samples, and where it is 1
         self.opened: dict[int, Any] = {}
-        self.place: dict[int, Any] = {}
+        self.ticks: dict[int, Any] = {}
         # of each segment's clock, in its parent's samples from sample 0 on
         self.span: dict[int, tuple[int, int]] = {}
         self.silent: set[int] = set()  # clocks that have no sample in this run
@@ -250,9 +250,9 @@ class _Signals:
         else:
             above, by = self.row(param, self.parents[clock]), self.opened[clock]
             size = by.shape[0]
-            if clock not in self.place:
-                self.place[clock] = jnp.nonzero(by, size=size, fill_value=size - 1)[0]
-            here = above[above.shape[0] - size :][self.place[clock]]
+            if clock not in self.ticks:
+                self.ticks[clock] = jnp.nonzero(by, size=size, fill_value=size - 1)[0]
+            here = above[above.shape[0] - size :][self.ticks[clock]]
         return jnp.concatenate([jnp.broadcast_to(param[0], (self.early,)), here])
 
     def signal(self, source: int, clock: int) -> Any:
@@ -264,9 +264,9 @@ class _Signals:
             return self.signal(source, self.parents[clock])[slice(*self.span[clock])]
         return signal
 
-    def add(self, place: int) -> None:
+    def add(self, index: int) -> None:
         """Compute an instance's signal, or the samples of a clock that it opens."""
-        instance = self.instances[place]
+        instance = self.instances[index]
         clock = max(instance.clock, ROOT)
         if clock in self.silent:
             self.silent.add(instance.child)
@@ -274,13 +274,13 @@ class _Signals:
         size = self.total.get(clock, 0) - (0 if instance.autonomous else self.early)
         block: Any = instance.block
         if instance.kind == "input":
-            self.value[place] = spread(self.motion[block.name], self.n)
+            self.value[index] = spread(self.motion[block.name], self.n)
         elif isinstance(block, Const):
-            self.value[place] = np.float64(block.value)
+            self.value[index] = np.float64(block.value)
         elif isinstance(block, Param):
-            self.value[place] = self.params[block.name]
+            self.value[index] = self.params[block.name]
         elif instance.kind == "pick":
-            self.value[place] = self.value[instance.args[0]][block.place]
+            self.value[index] = self.value[instance.args[0]][block.output_index]
         elif isinstance(block, Segment) and instance.kind == "open":
             numbers = self.f.design[instance.args[0]][0]
             first, end = self.span[instance.child] = (
@@ -291,9 +291,9 @@ class _Signals:
             if first == end:
                 self.silent.add(instance.child)
         elif instance.kind == "close":
-            self.value[place] = self.closed(instance, size)
+            self.value[index] = self.closed(instance, size)
         else:
-            self.value[place] = self.computed(place, clock, size)
+            self.value[index] = self.computed(index, clock, size)
 
     def closed(self, instance: Instance, size: int) -> Any:
         """Return the signal inside a child clock, and 0 elsewhere."""
@@ -310,16 +310,16 @@ class _Signals:
             inside = inside[self.early * self.instances[instance.args[1]].autonomous + running(by)]
         return jnp.where(by, inside, 0.0)
 
-    def computed(self, place: int, clock: int, size: int) -> Any:
+    def computed(self, index: int, clock: int, size: int) -> Any:
         """Return the output of a block, or the gate of a child clock.
 
         A given decision replaces the computed one.
         """
-        instance, n, signals = self.instances[place], self.n, []
+        instance, n, signals = self.instances[index], self.n, []
         for source in instance.args:
             signal = self.signal(source, clock)
             signals.append(signal[signal.shape[0] - size :] if jnp.ndim(signal) else signal)
-        given = self.gates.get(f"gate {place}")
+        given = self.gates.get(f"gate {index}")
         if instance.kind == "open":
             by = spread(jnp.asarray(signals[0]) > 0, size)
             if given is not None:
@@ -331,7 +331,7 @@ class _Signals:
         owner, seed = self.f, self.f.program.seeds[clock]
         key = self.key if seed is None else np.uint64(seed)
         run = Run(size, owner.fs, key, jnp.dtype(owner.dtype), owner.surrogate)
-        return _run_block(instance.block, *owner.design[place], signals, run)
+        return _run_block(instance.block, *owner.design[index], signals, run)
 
 
 # What is given ------------------------------------------------------------------------

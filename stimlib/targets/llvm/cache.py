@@ -124,47 +124,47 @@ def load(text: str, stem: str, make: Callable[[], walk.Intermediate] | None = No
         return _loaded[name]
 
 
-def _load(place: Path, text: str, make: Callable[[], walk.Intermediate] | None) -> Code:
+def _load(entry: Path, text: str, make: Callable[[], walk.Intermediate] | None) -> Code:
     of = _sums(text)
-    if (code := _kept(place, of)) is None:
-        if place.name.startswith(LONG):
+    if (code := _kept(entry, of)) is None:
+        if entry.name.startswith(LONG):
             for tell in announce:
                 tell("compiling for this machine, once: about two seconds")
-        with _turn(place, text):
-            if (code := _kept(place, of)) is None:
+        with _turn(entry, text):
+            if (code := _kept(entry, of)) is None:
                 began = time.perf_counter()
-                _publish(place, text, make)
+                _publish(entry, text, make)
                 took = time.perf_counter() - began
-                where = place.parent
-                logger.info("cache miss: %s compiled in %.2f s, into %s", place.name, took, where)
-                code = _kept(place, of)
+                where = entry.parent
+                logger.info("cache miss: %s compiled in %.2f s, into %s", entry.name, took, where)
+                code = _kept(entry, of)
     if code is None:
-        raise OSError(f"what was written to {place} is not what is there")
+        raise OSError(f"what was written to {entry} is not what is there")
     return code
 
 
-def _kept(place: Path, of: str) -> Code | None:
+def _kept(entry: Path, of: str) -> Code | None:
     """Return the code of an entry, or None unless it is intact and can be used here."""
-    if (found := _sound(place, of)) is None:
+    if (found := _sound(entry, of)) is None:
         return None
     head, data = found
     try:
         if machine.missing(head["calls"]):
             return None
-        code = Code(place.name, machine.addresses(data, head["names"]))
+        code = Code(entry.name, machine.addresses(data, head["names"]))
     except (LookupError, RuntimeError, TypeError):  # sums that fit, and code that does not
         return None
-    logger.debug("cache hit: %s in %s", place.name, place.parent)
+    logger.debug("cache hit: %s in %s", entry.name, entry.parent)
     return code
 
 
-def _sound(place: Path, of: str) -> tuple[dict[str, Any], bytes] | None:
+def _sound(entry: Path, of: str) -> tuple[dict[str, Any], bytes] | None:
     """Return the parts of an entry, or None unless it is intact and made of this."""
     try:
-        info = os.lstat(place)
+        info = os.lstat(entry)
         if not stat.S_ISREG(info.st_mode) or open_to_others(info):
             return None
-        line, _, data = safe_files.read(place, "sidecar_bytes").partition(b"\n")
+        line, _, data = safe_files.read(entry, "sidecar_bytes").partition(b"\n")
         head = json.loads(line)
         wanted = head.pop("sha256")
         whole = json.dumps(head).encode() + data
@@ -173,21 +173,21 @@ def _sound(place: Path, of: str) -> tuple[dict[str, Any], bytes] | None:
         return None
 
 
-def _publish(place: Path, text: str, make: Callable[[], walk.Intermediate] | None) -> None:
-    """Compile an entry and move it into its place, whatever is there."""
-    made = make() if make else walk.of_module(text, place.name, known.TWINS)
+def _publish(entry: Path, text: str, make: Callable[[], walk.Intermediate] | None) -> None:
+    """Compile an entry and move it into the cache, whatever is there."""
+    made = make() if make else walk.of_module(text, entry.name, known.TWINS)
     data, calls = machine.machine_code(made.llvm, ours=make is not None)
     head = {"of": _sums(text), "names": made.names, "calls": calls}
     line = json.dumps(head | {"sha256": _sum(json.dumps(head).encode() + data)}).encode()
     try:
-        safe_files.publish(place, line + b"\n" + data)
+        safe_files.publish(entry, line + b"\n" + data)
     except SinkError as e:
         raise e.__cause__ if isinstance(e.__cause__, OSError) else OSError(str(e)) from None
-    place.chmod(0o600)  # whatever the umask is
+    entry.chmod(0o600)  # whatever the umask is
 
 
 @contextmanager
-def _turn(place: Path, text: str) -> Iterator[None]:
+def _turn(entry: Path, text: str) -> Iterator[None]:
     """Lock an entry for compiling, or wait until another process has compiled it.
 
     In the second case the entry is valid afterwards.
@@ -196,9 +196,9 @@ def _turn(place: Path, text: str) -> Iterator[None]:
     system has no locks, or the other process takes longer than WAIT, both compile, and
     one result is kept. Only the process that holds the lock removes the lock file.
     """
-    at, until = place.with_name(f"{place.name}.lock"), time.monotonic() + WAIT
+    at, until = entry.with_name(f"{entry.name}.lock"), time.monotonic() + WAIT
     with ExitStack() as stack:
-        while not _sound(place, _sums(text)) and time.monotonic() < until:
+        while not _sound(entry, _sums(text)) and time.monotonic() < until:
             if safe_files.taken(stack, at):
                 break
             stack.close()

@@ -12,13 +12,17 @@ def stretches(
     numbers,
     states,
     buffers,
-    words,
+    operands,
     size,
     # (contact, first output, outputs, state at rest in P, its words, segment, the
     # segment's own ..)
 ):
     """Run the segment of a resettable block, one stretch of contact after another."""
-    contact, output, cold = at(buffers, words[0]), at(buffers, words[1]), at(states, words[4] - 1)
+    contact, output, cold = (
+        at(buffers, operands[0]),
+        at(buffers, operands[1]),
+        at(states, operands[4] - 1),
+    )
     start, found = 0, 0
     for sample in range(size):
         found += contact[sample] > 0.0
@@ -29,13 +33,18 @@ def stretches(
         if sample + 1 == size or touched != (contact[sample + 1] > 0.0):
             if touched:
                 call(
-                    words[5], numbers, states, at(buffers, start), at(words, 6), sample + 1 - start
+                    operands[5],
+                    numbers,
+                    states,
+                    at(buffers, start),
+                    at(operands, 6),
+                    sample + 1 - start,
                 )
             else:
-                for number in range(words[2]):
-                    for place in range(64 * number + start, 64 * number + sample + 1):
-                        output[place] = 0.0
+                for number in range(operands[2]):
+                    for silent in range(64 * number + start, 64 * number + sample + 1):
+                        output[silent] = 0.0
                 # at rest once, not at each tile without contact
                 if cold[0] == 0.0:
-                    move(states, at(numbers, words[3]), words[4])
+                    move(states, at(numbers, operands[3]), operands[4])
             start = sample + 1

@@ -61,16 +61,17 @@ def _part(piece: tuple[str, str], *kernels: str) -> Code:
 class _Table:
     """The rows of a program, with the indices and parameters that they use.
 
-    ``slots`` and ``numbers`` hold what compiled code knows as A (indices of its signals
-    in W, and what else a row needs) and P (parameter words).
+    ``operands`` and ``numbers`` hold what compiled code knows as A (the slots of a
+    row's signals, and what else it needs) and P (numbers of its blocks). A slot is the
+    memory of one signal in W, for one tile, and given by its first word.
     """
 
     def __init__(self, program: Program, design: list[tuple[Any, Any]]):
         self.program, self.design = program, design
-        self.slot: dict[Any, int] = {}
+        self.slots: dict[Any, int] = {}
         self.rows: list[tuple[int, ...]] = []
         self.numbers: list[np.ndarray] = []
-        self.slots: list[int] = []
+        self.operands: list[int] = []
         self.numbers_at, self.scratch = 0, TILE  # words so far; the most that a tile needs
         self.segments = [""] * len(program.instances)
         self.state = np.cumsum([0, *(pack(state).size for _, state in design)]).tolist()
@@ -78,19 +79,19 @@ class _Table:
         self.listened: set[tuple[int, int]] = set()  # (instance, output) that a pick takes
         outputs = [*program.outputs.values()]
         self.read = {argument for instance in program.instances for argument in instance.args} | {
-            place for place in outputs if outputs.count(place) > 1
+            index for index in outputs if outputs.count(index) > 1
         }
         self.at: dict[int, int] = {}  # the row of an instance
         # inputs first: the runtime copies input j to slot j
-        for place in program.inputs.values():
-            self.place(place)
+        for index in program.inputs.values():
+            self.slot(index)
         self.constants = []
-        for place, instance in enumerate(program.instances):
+        for index, instance in enumerate(program.instances):
             block: Any = instance.block
             if instance.kind == "const":
-                self.constants.append((self.place(place), block.value))
+                self.constants.append((self.slot(index), block.value))
             elif instance.kind == "pick":
-                self.listened.add((instance.args[0], block.place))
+                self.listened.add((instance.args[0], block.output_index))
         works: list[int] = []
         order = _order(program, design)
         expect(
@@ -104,98 +105,118 @@ class _Table:
         # guards whose output nobody reads run last: they write where the caller wants
         # it, while their tile is checked. An output that is read, or there twice, needs
         # a buffer.
-        ends = {place: (place,) for place in outputs if place not in self.read}
+        ends = {index: (index,) for index in outputs if index not in self.read}
         for group in (*(members for members in order if members[0] not in ends), *ends.values()):
             self.add(group)
             if program.instances[group[0]].block.definition.work:
-                works.append(len(self.slots) - 1)
-        self.main, self.outputs_at = len(self.rows) - len(ends), len(self.slots)
-        self.slots += [self.at[place] for place in outputs]
+                works.append(len(self.operands) - 1)
+        self.main, self.outputs_at = len(self.rows) - len(ends), len(self.operands)
+        self.operands += [self.at[index] for index in outputs]
         # one scratch for all, behind the last slot, which was not known before
         for word in works:
-            self.slots[word] = len(self.slot) * TILE
+            self.operands[word] = len(self.slots) * TILE
 
-    def place(self, key: Any) -> int:
+    def slot(self, key: Any) -> int:
         """Return the slot of a signal, assigning one if necessary."""
-        return self.slot.setdefault(key, len(self.slot) * TILE)
+        return self.slots.setdefault(key, len(self.slots) * TILE)
 
-    def arg(self, place: int, clock: int) -> int:
+    def arg(self, index: int, clock: int) -> int:
         """Return the slot of an argument.
 
         A parameter or an input is first gathered onto a child clock.
         """
-        instance = self.program.instances[place]
+        instance = self.program.instances[index]
         if instance.kind == "pick":
-            return self.slot["output", instance.args[0], instance.block.place]  # type: ignore[attr-defined]
+            return self.slots[
+                "output",
+                instance.args[0],
+                instance.block.output_index,  # type: ignore[attr-defined]
+            ]
         if (
             instance.kind == "const"
             or clock <= ROOT
             or (instance.clock != PARAMS and instance.kind != "input")
         ):
-            return self.place(place)
-        if (place, clock) not in self.slot:
-            words = [self.place(place), self.place((place, clock))]
-            self.row(rows.GATHER, place, words, 0, clock, instance.clock == PARAMS)
-        return self.slot[place, clock]
+            return self.slot(index)
+        if (index, clock) not in self.slots:
+            operands = [self.slot(index), self.slot((index, clock))]
+            self.row(rows.GATHER, index, operands, 0, clock, instance.clock == PARAMS)
+        return self.slots[index, clock]
 
-    def places(self, place: int) -> list[int]:
+    def output_slots(self, index: int) -> list[int]:
         """Return the slots of a block's outputs, in order."""
-        count = len(self.program.instances[place].block.outputs)
-        return [self.place(("output", place, output)) for output in range(count)] or [
-            self.place(place)
+        count = len(self.program.instances[index].block.outputs)
+        return [self.slot(("output", index, output)) for output in range(count)] or [
+            self.slot(index)
         ]
 
     def row(
-        self, address: int, place: int, words: list[int], numbers: int, clock: int, stands: bool
+        self, address: int, index: int, operands: list[int], numbers: int, clock: int, stands: bool
     ) -> None:
-        autonomous = self.program.instances[place].autonomous
-        self.at[place], read = len(self.rows), place in self.read
+        autonomous = self.program.instances[index].autonomous
+        self.at[index], read = len(self.rows), index in self.read
         self.rows.append(
-            (address, numbers, self.state[place], len(self.slots), clock, autonomous, stands, read)
+            (
+                address,
+                numbers,
+                self.state[index],
+                len(self.operands),
+                clock,
+                autonomous,
+                stands,
+                read,
+            )
         )
-        self.slots.extend(words)
+        self.operands.extend(operands)
 
     def add(self, group: tuple[int, ...]) -> None:
         """Add the row of an instance, or of several that run side by side."""
-        place, numbers = group[0], 0
-        instance = self.program.instances[place]
+        index, numbers = group[0], 0
+        instance = self.program.instances[index]
         cls = instance.block.definition
         if instance.kind == "pick":
             return
         if instance.kind == "open":
-            address, words = rows.OPEN, [self.arg(instance.args[0], instance.clock), instance.child]
+            address, operands = (
+                rows.OPEN,
+                [self.arg(instance.args[0], instance.clock), instance.child],
+            )
         elif instance.kind == "close":
             address = rows.CLOSE
-            words = [self.arg(instance.args[1], instance.child), self.place(place), instance.child]
+            operands = [
+                self.arg(instance.args[1], instance.child),
+                self.slot(index),
+                instance.child,
+            ]
         elif cls in rows.OPERATIONS:
             address = rows.OPERATION + rows.OPERATIONS.index(cls)
-            words = [
+            operands = [
                 *(self.arg(argument, instance.clock) for argument in instance.args),
-                self.place(place),
+                self.slot(index),
             ]
         else:
-            address, words, numbers = self.call(group)
-        self.row(address, place, words, numbers, instance.clock, self.still[place])
+            address, operands, numbers = self.call(group)
+        self.row(address, index, operands, numbers, instance.clock, self.still[index])
 
     def call(self, group: tuple[int, ...]) -> tuple[int, list[int], int]:
-        """Return address, words and parameters of a segment of one or more blocks."""
-        place, instances = group[0], self.program.instances
-        instance, cls = instances[place], instances[place].block.definition
+        """Return address, operands and numbers of a segment of one or more blocks."""
+        index, instances = group[0], self.program.instances
+        instance, cls = instances[index], instances[index].block.definition
         form = self.form(group)
         if "memory" in written(form)[0]:
             _part(SLOW_MODES, "memory", "moving_memory", "chebyshev")
         compiled = segment(form)
         resets = cls.resettable and not _always(instances[instance.args[-1]])
         # what a reset copies into the state lies behind the block's own numbers
-        rest = pack(at_rest(self.design[place][1])) if resets else np.zeros(0, np.uint64)
-        address, words, starts = compiled.addresses["_sl_segment"], [], []
+        rest = pack(at_rest(self.design[index][1])) if resets else np.zeros(0, np.uint64)
+        address, operands, starts = compiled.addresses["_sl_segment"], [], []
         for member, part in zip(group, form.parts, strict=True):
             self.segments[member] = compiled.name
             numbers, state = self.design[member]
             args = instances[member].args[: part.inputs]
-            words += [
+            operands += [
                 *(self.arg(argument, instance.clock) for argument in args),
-                *self.places(member),
+                *self.output_slots(member),
             ]
             sizes = [field.size for field in state if isinstance(field, np.ndarray)]
             if part.cls.work:
@@ -207,22 +228,27 @@ class _Table:
         # a segment gets one address of numbers and one of states: those of a second
         # block are so many words further on, which no text of a segment may depend on
         for member, start in zip(group[1:], starts[1:], strict=True):
-            words += [start - starts[0], self.state[member] - self.state[place]]
+            operands += [start - starts[0], self.state[member] - self.state[index]]
         if noise_behind(form):
             noise = segment(self.form(group[:1])).addresses["_sl_segment"]
             # see segments.NOISE_BEHIND: its tile ahead, what that is, and how it is
             # made if not
-            words += [self.place(("ahead", place)), self.place(("mark", place)), noise, words[0]]
+            operands += [
+                self.slot(("ahead", index)),
+                self.slot(("mark", index)),
+                noise,
+                operands[0],
+            ]
         if resets:
-            outputs, at = self.places(place), self.numbers_at - starts[0] - rest.size
+            outputs, at = self.output_slots(index), self.numbers_at - starts[0] - rest.size
             contact = self.arg(instance.args[-1], instance.clock)
             # a segment around the segment: loops over stretches in each class made
             # springpots 8 to 25 % slower, without a contact too
-            words = [contact, outputs[0], len(outputs), at, rest.size, address, *words]
+            operands = [contact, outputs[0], len(outputs), at, rest.size, address, *operands]
             address = _part(CONTACT).addresses["stretches"]
         if cls.work:
-            words.append(-1)  # the slot of the scratch, which is behind all others
-        return address, words, starts[0]
+            operands.append(-1)  # the slot of the scratch, which is behind all others
+        return address, operands, starts[0]
 
     def form(self, group: tuple[int, ...]) -> Form:
         (numbers, state), instance = self.design[group[0]], self.program.instances[group[0]]
@@ -249,17 +275,17 @@ class _Table:
 
 
 class Engine:
-    """Tables and memory of one compiled program; ``words`` is its whole state."""
+    """Tables and memory of one compiled program; ``packed`` is its whole state."""
 
     def __init__(self, program: Program, design: list[tuple[Any, Any]], fs: float):
         table = _Table(program, design)
         self.segments, self._constants = table.segments, table.constants
-        self.table = np.array(table.rows, np.int64).reshape(-1, 8)
+        self.table = np.array(table.rows, np.int64).reshape(-1, rows.ROW_WORDS)
         self.numbers = np.concatenate(table.numbers) if table.numbers else np.zeros(1, np.uint64)
-        self.slots = np.array(table.slots, np.int64)
+        self.operands = np.array(table.operands, np.int64)
         self.size = table.state[-1]
-        self._place = {place: table.state[place] for place in program.params.values()}
-        self._param = {place: number for number, place in enumerate(program.params.values())}
+        self._state_at = {index: table.state[index] for index in program.params.values()}
+        self._param = {index: number for number, index in enumerate(program.params.values())}
         self._empty = np.zeros((len(program.inputs), 0)), np.zeros((len(program.outputs), 0))
         self._main, self._outputs_at, self._clocks = (
             table.main,
@@ -267,7 +293,7 @@ class Engine:
             len(program.parents),
         )
         # a stretch may begin late in its tile, and its last vector reaches further
-        self._buffer_words = len(table.slot) * TILE + table.scratch + TILE
+        self._buffer_words = len(table.slots) * TILE + table.scratch + TILE
         self._allot()
 
     def _allot(self) -> None:
@@ -281,8 +307,8 @@ class Engine:
             self._buffer_words,
             clocks,
             clocks * 2 * TILE,
-            8 * max(1, params),
-            21,
+            rows.SETTING_WORDS * max(1, params),
+            rows.CONTEXT_WORDS,
         )
         ends = np.cumsum([-(-count // 8) * 8 for count in words])
         memory = np.zeros(ends[-1] + 8, np.uint64)
@@ -290,35 +316,39 @@ class Engine:
         first = -memory.ctypes.data // 8 % 8  # words up to the next line
         self.states, buffers, *rest = np.split(memory[first : first + ends[-1]], ends[:-1])
         self.buffers = buffers.view(np.float64)
-        self.counts, self.index, pending, self.ctx = (array.view(np.int64) for array in rest)
-        self.index[(2 * ROOT + 1) * TILE : (2 * ROOT + 2) * TILE] = range(TILE)
-        self.pending = pending.reshape(-1, 8)
+        self.counts, self.ticks, pending, self.ctx = (array.view(np.int64) for array in rest)
+        self.ticks[(2 * ROOT + 1) * TILE : (2 * ROOT + 2) * TILE] = range(TILE)
+        self.pending = pending.reshape(-1, rows.SETTING_WORDS)
         # constants take no time: nothing writes their slots again
         for word, value in self._constants:
             self.buffers[word : word + TILE] = value
-        for place, number in self._param.items():
-            self.pending[number, 1] = self._place[place]
-        # places in the context as runtime.py lists them
-        arrays = {
-            1: self.table,
-            2: self.numbers,
-            3: self.states,
-            4: self.buffers,
-            5: self.slots,
-            9: self.counts,
+        for index, number in self._param.items():
+            self.pending[number, rows.PARAM_STATE] = self._state_at[index]
+        addresses = {
+            rows.TABLE: self.table,
+            rows.NUMBERS: self.numbers,
+            rows.STATES: self.states,
+            rows.BUFFERS: self.buffers,
+            rows.OPERANDS: self.operands,
+            rows.COUNTS: self.counts,
+            rows.TICKS: self.ticks,
+            rows.PENDING: self.pending,
         }
-        for word, array in (arrays | {10: self.index, 13: self.pending}).items():
+        for word, array in addresses.items():
             self.ctx[word] = array.ctypes.data
-        self.ctx[0], self.ctx[14], self.ctx[16] = self._main, params, machine["entry"]
-        self.ctx[6:9] = *(array.shape[0] for array in self._empty), self._outputs_at
-        self.ctx[11:13] = clocks, -1
+        self.ctx[rows.ROWS], self.ctx[rows.OUTPUT_ROWS] = self._main, self._outputs_at
+        self.ctx[rows.CLOCKS], self.ctx[rows.PARAMS] = clocks, params
+        self.ctx[rows.INPUTS], self.ctx[rows.OUTPUTS] = (array.shape[0] for array in self._empty)
+        self.ctx[rows.WARM], self.ctx[rows.ENTRY] = -1, machine["entry"]
         known = entry_points.array_words()
-        self.ctx[18:20] = known or 0
+        self.ctx[rows.ARRAY_TYPE], self.ctx[rows.FLOAT64] = known or (0, 0)
         self.address = int(machine["entry"]), int(self.ctx.ctypes.data)
         self.process = (
             entry_points.function(machine["process"], self.address[1])
             if known
-            else entry_points.checked(*self.address, (self.ctx[6], self.ctx[7]))
+            else entry_points.checked(
+                *self.address, (self.ctx[rows.INPUTS], self.ctx[rows.OUTPUTS])
+            )
         )
         """process(x, out): fill out (n_outputs, n) from x (n_inputs, n); nonzero when
         they are no such arrays.
@@ -352,9 +382,9 @@ class Engine:
             """Run copies; the engines live as long as this function."""
             # the context of a copy is an address: only ``kept`` keeps its memory alive
             of_x, of_y = (math.prod(array.shape[1:]) for array in (x, out))
-            first, rows = contexts.ctypes.data, (x.ctypes.data, x.shape[0], of_x)
+            first, motions = contexts.ctypes.data, (x.ctypes.data, x.shape[0], of_x)
             to = out.ctypes.data, of_y, out.shape[2]
-            process(first, contexts.size, turn.ctypes.data, *rows, *to)
+            process(first, contexts.size, turn.ctypes.data, *motions, *to)
 
         return run
 
@@ -373,32 +403,33 @@ class Engine:
         None of these clocks may be a child of another.
         """
         early = np.array(clocks, np.int64)
-        self.ctx[12], self.ctx[20] = early.size, early.ctypes.data
+        self.ctx[rows.WARM], self.ctx[rows.WARM_CLOCKS] = early.size, early.ctypes.data
         entry_points.ENTRY(self.address[0])(self.address[1], None, None, count)  # without signals
-        self.ctx[12] = -1  # all rows again
+        self.ctx[rows.WARM] = -1  # all rows again
 
-    def set(self, place: int, target: float, left: float) -> None:
+    def set(self, index: int, target: float, left: float) -> None:
         """Ramp a parameter to a target over ``left`` samples, from the next call on."""
         # not into the state: another thread may be running, which takes it in when
         # it is called next
-        waiting, at_once = self.pending[self._param[place]], left <= 1.0  # see runtime: pending
+        waiting, at_once = self.pending[self._param[index]], left <= 1.0
         target, left = np.array([target, left]).view(np.int64)
-        # word 0, which says that something waits, is written last
+        # the word that says that something waits is written last
         if at_once:
-            waiting[2:5] = target, 0, target
-            waiting[0] = 2
+            waiting[rows.TARGET : rows.Y + 1] = target, 0, target
+            waiting[rows.WAITS] = 2
         else:
-            waiting[2:4] = target, left
-            waiting[0] = max(1, waiting[0])  # a jump that still waits stays: the ramp begins there
+            waiting[rows.TARGET : rows.Y] = target, left
+            # a jump that still waits stays: the ramp begins there
+            waiting[rows.WAITS] = max(1, waiting[rows.WAITS])
 
     @property
     def count(self) -> int:
         """Number of samples processed."""
-        return int(self.ctx[15])
+        return int(self.ctx[rows.SEEN])
 
     @count.setter
     def count(self, n: int) -> None:
-        self.ctx[15] = n
+        self.ctx[rows.SEEN] = n
 
     def peek(self) -> np.ndarray:
         """Return the states without side effects.
@@ -408,15 +439,15 @@ class Engine:
         return self.states[: self.size].copy()
 
     @property
-    def words(self) -> np.ndarray:
+    def packed(self) -> np.ndarray:
         """All states in canonical order (a copy)."""
         self.process(*self._empty)  # takes pending settings in
         return self.states[: self.size].copy()
 
-    @words.setter
-    def words(self, w: np.ndarray) -> None:
-        self.pending[:, 0] = 0
-        self.ctx[17] = 0  # parameters may have moved
+    @packed.setter
+    def packed(self, w: np.ndarray) -> None:
+        self.pending[:, rows.WAITS] = 0
+        self.ctx[rows.STILL_DONE] = 0  # parameters may have moved
         self.states[: self.size] = w
 
 
@@ -425,7 +456,7 @@ def _white() -> Engine:
     program = lower({"white": White(0)})
     design = design_of(program, 1000.0)  # deviates are the same at every rate
     engine = Engine(program, design, 1000.0)
-    engine.words = first_states(program, design)(0)
+    engine.packed = first_states(program, design)(0)
     return engine
 
 
@@ -502,34 +533,34 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
     # run.
     instances = program.instances
     behind: dict[int, int] = {}  # of a white noise, the modes that filter it
-    for place, instance in enumerate(instances):
+    for index, instance in enumerate(instances):
         if instance.kind == "block" and instance.block.definition.tile is BANK:
             white = instances[instance.args[0]]
             if white.block.definition.tile is NOISE and white.clock == instance.clock:
-                behind.setdefault(instance.args[0], place)
+                behind.setdefault(instance.args[0], index)
     opened = {
-        instance.child: place for place, instance in enumerate(instances) if instance.kind == "open"
+        instance.child: index for index, instance in enumerate(instances) if instance.kind == "open"
     }
     done = [instance.kind in ("const", "input") for instance in instances]
-    keys = [_recursion(program, design, place) for place in range(len(instances))]
+    keys = [_recursion(program, design, index) for index in range(len(instances))]
     # of each kind of recursion, its instances: the next one last, where pop finds it
     alike: dict[Any, list[int]] = {None: []}
-    for place in reversed(range(len(instances))):
-        if keys[place]:
-            alike.setdefault(keys[place], []).append(place)
+    for index in reversed(range(len(instances))):
+        if keys[index]:
+            alike.setdefault(keys[index], []).append(index)
     most = {
         key: LANES if key.least or lanes.go_abreast(*key.form) else 2
-        for key, places in alike.items()
-        if len(places) > 1
+        for key, indices in alike.items()
+        if len(indices) > 1
     }
 
     order: list[tuple[int, ...]] = []
-    for place, key in enumerate(keys):
-        if done[place]:
+    for index, key in enumerate(keys):
+        if done[index]:
             continue
-        group: tuple[int, ...] = (place,)
-        if place in behind:
-            group = place, behind[place]
+        group: tuple[int, ...] = (index,)
+        if index in behind:
+            group = index, behind[index]
         # partners are the next of its kind, unless they need one of the group
         others, first = alike[key], list[int]()
         while len(group) < most.get(key, 1):
@@ -554,11 +585,11 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
 
 
 def _before(
-    instances: list[Instance], opened: dict[int, int], done: list[bool], place: int
+    instances: list[Instance], opened: dict[int, int], done: list[bool], index: int
 ) -> list[int] | None:
     """Return the instances that must still run before another; None if many."""
     found: set[int] = set()
-    todo = [place]
+    todo = [index]
     while todo and len(found) <= NEAR:
         instance = instances[todo.pop()]
         need = (
@@ -581,9 +612,9 @@ class _Kind(NamedTuple):
     least: int  # so many tiles in lanes are faster than one after the other
 
 
-def _recursion(program: Program, design: list[tuple[Any, Any]], place: int) -> _Kind | None:
+def _recursion(program: Program, design: list[tuple[Any, Any]], index: int) -> _Kind | None:
     """Return the kind of recursion that an instance is; None if it runs alone."""
-    instance, (numbers, state) = program.instances[place], design[place]
+    instance, (numbers, state) = program.instances[index], design[index]
     cls = instance.block.definition
     arrays = [isinstance(field, np.ndarray) for field in state]
     least = cls.abreast(numbers) if cls.tile and cls.abreast else 0

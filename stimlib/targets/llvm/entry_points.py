@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from .rows import ALIGNED, C_ORDER, NUMBERS, WRITEABLE
+from .rows import ALIGNED, C_ORDER, DTYPE_BITS, WRITEABLE
 
 METH_FASTCALL = 0x80
 logger = logging.getLogger(__name__)
@@ -97,7 +97,7 @@ def array_words() -> tuple[int, int] | None:
         + [_word(_word(id(a), 4), k) for k in (0, 1)]
         + [_word(id(a.dtype), 3)]
     )
-    seen[2], seen[-1] = seen[2] & 0xFFFFFFFF, seen[-1] & NUMBERS
+    seen[2], seen[-1] = seen[2] & 0xFFFFFFFF, seen[-1] & DTYPE_BITS
     wanted = [
         id(np.ndarray),
         a.ctypes.data,

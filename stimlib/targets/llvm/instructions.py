@@ -26,16 +26,16 @@ def zeros(kind):
 
 def load(b, address, first=0):
     """Emit a load of eight float64 numbers, starting at index k."""
-    place = b.gep(address, [first if isinstance(first, ir.Value) else I64(first)])
-    vector = b.load(b.bitcast(place, V8.as_pointer()))
+    start = b.gep(address, [first if isinstance(first, ir.Value) else I64(first)])
+    vector = b.load(b.bitcast(start, V8.as_pointer()))
     vector.align = 8  # that of a number: arrays of callers begin anywhere
     return vector
 
 
 def store(b, vector, address, first=0):
     """Emit a store of a vector at an index."""
-    place = b.gep(address, [first if isinstance(first, ir.Value) else I64(first)])
-    b.store(vector, b.bitcast(place, vector.type.as_pointer())).align = 8
+    start = b.gep(address, [first if isinstance(first, ir.Value) else I64(first)])
+    b.store(vector, b.bitcast(start, vector.type.as_pointer())).align = 8
 
 
 def splat(b, number, count=8):
@@ -105,9 +105,9 @@ def room(b, kind, size=1):
 
 def variable(b, value):
     """Return a variable that a loop can change; LLVM keeps it in a register."""
-    place = room(b, value.type)
-    b.store(value, place)
-    return place
+    memory = room(b, value.type)
+    b.store(value, memory)
+    return memory
 
 
 def copied(b, to, source, count):

@@ -111,7 +111,7 @@ def _fir_at(b, wide, taps, size, signal, output, sums):
             b.gep(taps, [part]),
             b.gep(sums, [b.mul(part, I64(8 * wide))]),
         )
-        window = [variable(b, load(b, base, 8 * place)) for place in range(wide - 1)]
+        window = [variable(b, load(b, base, 8 * vector_at)) for vector_at in range(wide - 1)]
         totals = [variable(b, zeros(V8)) for _ in range(wide)]
         # two taps a turn: between tests, the units have work for twice as long
         for turn, start, stop in ((16, I64(0), pairs), (8, pairs, size)):
@@ -128,14 +128,14 @@ def _fir_at(b, wide, taps, size, signal, output, sums):
                     window + totals, loaded[-wide + 1 :] * (wide > 1) + partial, strict=True
                 ):
                     b.store(vector, cell)
-        for place in range(wide):
-            store(b, b.load(totals[place]), out, 8 * place)
-    for place in range(wide):
+        for vector_at in range(wide):
+            store(b, b.load(totals[vector_at]), out, 8 * vector_at)
+    for vector_at in range(wide):
         store(
             b,
-            tree(b, [load(b, sums, 8 * (wide * part + place)) for part in range(8)]),
+            tree(b, [load(b, sums, 8 * (wide * part + vector_at)) for part in range(8)]),
             output,
-            8 * place,
+            8 * vector_at,
         )
 
 
@@ -200,9 +200,9 @@ def _pass(
     with loop(b, I64(0), count, 8) as i:
         store(b, b.fadd(load(b, signal, i), splat(b, ir.Constant(DOUBLE, TINY))), drives, i)
 
-    def sample(place):
-        drive = splat(b, b.load(b.gep(drives, [place])))
-        totals = load(b, source, b.mul(place, apart))
+    def sample(index):
+        drive = splat(b, b.load(b.gep(drives, [index])))
+        totals = load(b, source, b.mul(index, apart))
         for group in range(groups):
             new = update(group, drive, *map(b.load, held[group]))
             for address, vector in zip(held[group], new, strict=True):
@@ -210,11 +210,11 @@ def _pass(
             weight = (
                 weights[group]
                 if weights
-                else load(b, weights_at, b.add(b.mul(place, stride), I64(8 * group)))
+                else load(b, weights_at, b.add(b.mul(index, stride), I64(8 * group)))
             )
             totals = known(b, "fma", weight, new[0], totals)
         if last is None:
-            store(b, totals, sums_at, b.mul(place, I64(8)))
+            store(b, totals, sums_at, b.mul(index, I64(8)))
         return totals
 
     # eight samples a turn where the sums are added up: fold takes 7 additions for eight
@@ -233,7 +233,7 @@ def _pass(
             store(b, b.load(vector), address, 8 * group)
 
 
-def _finish(b, sums, place, output, direct=None):
+def _finish(b, sums, index, output, direct=None):
     """Emit flush(tree(sums)) as an output, for one sample or eight.
 
     direct: gain and signal of what goes straight from the input to the output.
@@ -246,14 +246,14 @@ def _finish(b, sums, place, output, direct=None):
             b,
             "fma",
             *(
-                (gain, b.load(b.gep(signal, [place])))
+                (gain, b.load(b.gep(signal, [index])))
                 if one
-                else (splat(b, gain), load(b, signal, place))
+                else (splat(b, gain), load(b, signal, index))
             ),
             value,
         )
-    b.store(flush(b, value), b.gep(output, [place])) if one else store(
-        b, flush(b, value), output, place
+    b.store(flush(b, value), b.gep(output, [index])) if one else store(
+        b, flush(b, value), output, index
     )
 
 
@@ -272,8 +272,8 @@ def poles(
         def update(group, drive, old):
             return [known(b, "fma", pole[group], old, drive)]
 
-        def total(sums, place):
-            _finish(b, sums, place, output, (gain, signal))
+        def total(sums, index):
+            _finish(b, sums, index, output, (gain, signal))
 
         # passes before the last leave their sums in lanes, for the next to go on with
         _pass(
@@ -362,9 +362,9 @@ def total(b, sums_at, output, count):
     """Compute flush(tree(sums)) of each sample."""
     whole = b.and_(count, I64(-8))
     for turn, start, stop in ((8, I64(0), whole), (1, whole, count)):
-        with loop(b, start, stop, turn) as place:
-            base = b.gep(sums_at, [b.mul(place, I64(8))])
-            _finish(b, [load(b, base, 8 * ahead) for ahead in range(turn)], place, output)
+        with loop(b, start, stop, turn) as index:
+            base = b.gep(sums_at, [b.mul(index, I64(8))])
+            _finish(b, [load(b, base, 8 * ahead) for ahead in range(turn)], index, output)
 
 
 def chebyshev(b, coefficients, terms, numbers, values, series, size):
@@ -383,11 +383,11 @@ def chebyshev(b, coefficients, terms, numbers, values, series, size):
             twice = [b.fadd(factor, factor) for factor in factors]
             last, before = ([variable(b, zeros(V8)) for _ in factors] for _ in range(2))
             # from the last term to the first: the recurrence is Clenshaw's
-            place = variable(b, b.add(column, b.mul(series, terms)))
+            term_at = variable(b, b.add(column, b.mul(series, terms)))
 
             def term(factors):
-                b.store(b.sub(b.load(place), series), place)
-                row = load(b, coefficients, b.load(place))
+                b.store(b.sub(b.load(term_at), series), term_at)
+                row = load(b, coefficients, b.load(term_at))
                 for factor, last_at, before_at in zip(factors, last, before, strict=True):
                     now = known(b, "fma", factor, b.load(last_at), b.fsub(row, b.load(before_at)))
                     b.store(b.load(last_at), before_at)

@@ -1,6 +1,6 @@
 """Functions that write instructions: what the compiled sources call, and ``maths``.
 
-A source imports them from here; for a step, ``TWINS`` has them in the place of the
+A source imports them from here; for a step, ``TWINS`` has them instead of the
 functions of ``stimlib.core.maths``.
 """
 
@@ -107,7 +107,7 @@ whole, single = Known(lambda w, x: cast(w.b, x, "i8")), Known(lambda w, x: cast(
 @known
 def at(w, p, o):
     """Return a pointer advanced by o words."""
-    return w.place(p, o)
+    return w.address(p, o)
 
 
 @known
@@ -410,4 +410,4 @@ TWINS |= {
     for name in "words copy search fir modes memory chebyshev each pairs series".split()
 }
 TWINS |= {getattr(maths, name): f for name, f in maths.ELEMENTARY.items()}
-"""What stands in the place of functions of ``maths``."""
+"""What stands for functions of ``maths``."""

@@ -5,7 +5,7 @@ Its text is compiled once and kept in the cache, named by content, like a segmen
 
 from functools import partial
 
-from stimlib.targets.llvm import kernels, vectors
+from stimlib.targets.llvm import kernels, rows, vectors
 from stimlib.targets.llvm.known import (
     FIR,
     MODES,
@@ -18,25 +18,8 @@ from stimlib.targets.llvm.known import (
     of,
     run,
 )
-from stimlib.targets.llvm.rows import (
-    ALIGNED,
-    C_ORDER,
-    CLOSE,
-    NUMBERS,
-    OPEN,
-    OPERATION,
-    SEGMENT,
-    WRITEABLE,
-)
 from stimlib.targets.llvm.values import Outer, exported
 
-# ctx: 0 rows before those of outputs, 1 &table, 2 &P, 3 &S, 4 &W, 5 &A, 6 inputs, 7
-# outputs, 8 place in A of the numbers of the outputs' rows, 9 &N, 10 &index,
-# 11 clocks, 12 number of warm clocks or -1, 13 &pending, 14 params, 15 samples seen, 16
-# &entry, 17 whether still rows have been run,
-#      18 numpy's array, 19 what tells float64, 20 &warm clocks
-# pending, 8 words: whether it waits (1, or 2: y is set too), place, target, left, y;
-# a ramp set after a jump at the same sample begins where the jump ends
 move_tile, _sound_tile = of(kernels.move_tile), of(kernels.sound_tile)
 _operation = of(vectors.operation)
 _fir = of(kernels.fir)
@@ -82,18 +65,18 @@ def modes(poles, weights, states, size, direct, signal, sums, output, count):
     )
 
 
-def open_clock(buffers, words, every, up, down, counts, size):  # words: (slot of by, child)
+def open_clock(buffers, operands, every, up, down, counts, size):  # operands: (slot of by, child)
     """Gather the samples at which a gate is open.
 
-    down gets their places in the parent's tile, and behind these in the root's.
+    down gets their numbers in the parent's tile, and behind these in the root's.
     """
-    gate = at(buffers, words[0])
+    gate = at(buffers, operands[0])
     # counted first: a gate is mostly open or shut for a whole tile, which takes no
     # gathering
     found = 0
     for sample in range(size):
         found += gate[sample] > 0.0
-    counts[words[1]] = found
+    counts[operands[1]] = found
     if found == size:
         move(down, every, size)
         move(at(down, 64), up, size)
@@ -108,59 +91,67 @@ def open_clock(buffers, words, every, up, down, counts, size):  # words: (slot o
 def standing(states, pending, params):
     """Return whether no parameter is being ramped."""
     for number in range(params):
-        if at(states, at(pending, 8 * number)[1])[2] > 0.0:  # see parameter.ParamState
+        # the state is that of parameter.ParamState
+        if at(states, at(pending, rows.SETTING_WORDS * number)[rows.PARAM_STATE])[2] > 0.0:
             return False
     return True
 
 
-def guard(row, numbers, states, buffers, slots, to, count):
-    """Write an output; its guard runs here, unless a row reads what it makes (row[7]).
+def guard(row, numbers, states, buffers, operands, to, count):
+    """Write an output; its guard runs here, unless a row reads what it makes.
 
     A whole tile of finite samples of an output that does not fade is only copied;
     otherwise the guard's segment runs.
     """
-    words, state = at(slots, row[3]), at(states, row[2])
+    own, state = at(operands, row[rows.OPERANDS_AT]), at(states, row[rows.STATE_AT])
     # With its segment for each tile, a scene that copies its input took 0.41 ns a
     # sample instead of 0.29. The state is that of guard.GuardState.
-    if count == 64 and row[7] == 0 and state[1] < 0.0 and _sound_tile(to, at(buffers, words[0])):
-        state[0], as_i8(state)[2] = at(buffers, words[0])[63], as_i8(state)[2] + 64
+    if (
+        count == 64
+        and row[rows.READ] == 0
+        and state[1] < 0.0
+        and _sound_tile(to, at(buffers, own[0]))
+    ):
+        state[0], as_i8(state)[2] = at(buffers, own[0])[63], as_i8(state)[2] + 64
     else:
-        if row[7] == 0:
-            call(row[0], at(numbers, row[1]), state, buffers, words, count)
-        move_tile(to, at(buffers, words[1]), count)
+        if row[rows.READ] == 0:
+            call(row[rows.CODE], at(numbers, row[rows.NUMBERS_AT]), state, buffers, own, count)
+        move_tile(to, at(buffers, own[1]), count)
 
 
 @exported("void", "i8*", "f8*", "f8*", "i8")
 def entry(ctx, motion, output, samples):
     """Run a program's table for n samples."""
-    rows, table, numbers, states, buffers, slots = (
-        ctx[0],
-        i8_at(ctx[1]),
-        f8_at(ctx[2]),
-        f8_at(ctx[3]),
-        f8_at(ctx[4]),
-        i8_at(ctx[5]),
+    row_count, table, numbers, states, buffers, operands = (
+        ctx[rows.ROWS],
+        i8_at(ctx[rows.TABLE]),
+        f8_at(ctx[rows.NUMBERS]),
+        f8_at(ctx[rows.STATES]),
+        f8_at(ctx[rows.BUFFERS]),
+        i8_at(ctx[rows.OPERANDS]),
     )
-    n_in, n_out, output_rows, counts, index, clocks, warm = (
-        ctx[6],
-        ctx[7],
-        at(slots, ctx[8]),
-        i8_at(ctx[9]),
-        i8_at(ctx[10]),
-        ctx[11],
-        ctx[12],
+    n_in, n_out, output_rows, counts, ticks, clocks, warm = (
+        ctx[rows.INPUTS],
+        ctx[rows.OUTPUTS],
+        at(operands, ctx[rows.OUTPUT_ROWS]),
+        i8_at(ctx[rows.COUNTS]),
+        i8_at(ctx[rows.TICKS]),
+        ctx[rows.CLOCKS],
+        ctx[rows.WARM],
     )
-    every, pending = at(index, 128 + 64), i8_at(ctx[13])  # places of the root's samples
+    # of each clock 64 ticks in its parent's tile and 64 in the root's; the root's own
+    # are all samples
+    every, pending = at(ticks, 128 + 64), i8_at(ctx[rows.PENDING])
     # settings that wait: what another thread sets now acts from the next call on
-    for number in range(ctx[14]):
-        row = at(pending, 8 * number)
-        if row[0] != 0:
-            state = as_i8(at(states, row[1]))
-            state[1], state[2] = row[2], row[3]
-            if row[0] == 2:
-                state[0] = row[4]
-            row[0] = 0
-            ctx[17] = 0
+    for number in range(ctx[rows.PARAMS]):
+        row = at(pending, rows.SETTING_WORDS * number)
+        if row[rows.WAITS] != 0:
+            state = as_i8(at(states, row[rows.PARAM_STATE]))
+            state[1], state[2] = row[rows.TARGET], row[rows.LEFT]
+            if row[rows.WAITS] == 2:
+                state[0] = row[rows.Y]
+            row[rows.WAITS] = 0
+            ctx[rows.STILL_DONE] = 0
     # tile by tile, and within a tile row by row: one call of a segment serves 64
     # samples, and what a row has written is still in the cache when the next reads it
     for start in range(0, samples, 64):
@@ -174,81 +165,98 @@ def entry(ctx, motion, output, samples):
                 move_tile(at(buffers, 64 * number), at(motion, number * samples + start), size)
         else:
             for number in range(warm):
-                clock = i8_at(ctx[20])[number]
+                clock = i8_at(ctx[rows.WARM_CLOCKS])[number]
                 counts[clock] = size
-                move(at(index, clock * 128 + 64), every, size)
+                move(at(ticks, clock * 128 + 64), every, size)
         # turn 0 runs rows that are one number as long as no parameter moves, once and
         # for whole tiles; after that only a setting makes them run again. While a
         # parameter is on its way they run like others, in turn 1.
-        for turn in range(1 if ctx[17] != 0 or not standing(states, pending, ctx[14]) else 0, 2):
-            for place in range(rows):
-                row = at(table, 8 * place)  # its words: see rows.py
-                clock = row[4]
+        for turn in range(
+            1
+            if ctx[rows.STILL_DONE] != 0 or not standing(states, pending, ctx[rows.PARAMS])
+            else 0,
+            2,
+        ):
+            for index in range(row_count):
+                row = at(table, rows.ROW_WORDS * index)
+                clock = row[rows.CLOCK]
                 count = counts[clock] if turn == 1 else 64
                 if turn == 0:
-                    if row[6] == 0:
+                    if row[rows.STILL] == 0:
                         continue
-                elif count == 0 or (warm >= 0 and row[5] == 0) or (row[6] != 0 and ctx[17] != 0):
+                # count 0: its clock has no sample in this tile. Nothing behind a gate
+                # that is shut runs, and its states stay.
+                elif (
+                    count == 0
+                    or (warm >= 0 and row[rows.AUTONOMOUS] == 0)
+                    or (row[rows.STILL] != 0 and ctx[rows.STILL_DONE] != 0)
+                ):
                     continue
-                words = at(slots, row[3])
-                # one word tells all kinds apart: addresses are above all codes
-                if row[0] >= SEGMENT:
-                    call(row[0], at(numbers, row[1]), at(states, row[2]), buffers, words, count)
-                elif row[0] >= OPERATION:
-                    _operation(row[0] - OPERATION, buffers, words, count)
-                elif row[0] == OPEN:
+                own = at(operands, row[rows.OPERANDS_AT])
+                if row[rows.CODE] >= rows.SEGMENT:
+                    call(
+                        row[rows.CODE],
+                        at(numbers, row[rows.NUMBERS_AT]),
+                        at(states, row[rows.STATE_AT]),
+                        buffers,
+                        own,
+                        count,
+                    )
+                elif row[rows.CODE] >= rows.OPERATION:
+                    _operation(row[rows.CODE] - rows.OPERATION, buffers, own, count)
+                elif row[rows.CODE] == rows.OPEN:
                     open_clock(
                         buffers,
-                        words,
+                        own,
                         every,
-                        at(index, clock * 128 + 64),
-                        at(index, words[1] * 128),
+                        at(ticks, clock * 128 + 64),
+                        at(ticks, own[1] * 128),
                         counts,
                         count,
                     )
-                elif row[0] == CLOSE:  # words: (inner, out, child)
-                    inner, out, places = (
-                        at(buffers, words[0]),
-                        at(buffers, words[1]),
-                        at(index, words[2] * 128),
+                elif row[rows.CODE] == rows.CLOSE:  # operands: (inner, out, child)
+                    inner, out, ticked = (
+                        at(buffers, own[0]),
+                        at(buffers, own[1]),
+                        at(ticks, own[2] * 128),
                     )
-                    if counts[words[2]] == count:
+                    if counts[own[2]] == count:
                         move_tile(out, inner, count)
                     else:
                         for sample in range(count):
                             out[sample] = 0.0
-                        for sample in range(counts[words[2]]):
-                            out[places[sample]] = inner[sample]
-                else:  # GATHER a parameter onto a child clock: w = (from, to)
-                    source, to, places = (
-                        at(buffers, words[0]),
-                        at(buffers, words[1]),
-                        at(index, clock * 128 + 64),
+                        for sample in range(counts[own[2]]):
+                            out[ticked[sample]] = inner[sample]
+                else:  # GATHER a parameter onto a child clock; operands: (from, to)
+                    source, to, ticked = (
+                        at(buffers, own[0]),
+                        at(buffers, own[1]),
+                        at(ticks, clock * 128 + 64),
                     )
                     for sample in range(count):
-                        to[sample] = source[places[sample]]
+                        to[sample] = source[ticked[sample]]
             if turn == 0:
-                ctx[17] = 1
+                ctx[rows.STILL_DONE] = 1
         if warm < 0:
             for number in range(n_out):
                 guard(
-                    at(table, 8 * output_rows[number]),
+                    at(table, rows.ROW_WORDS * output_rows[number]),
                     numbers,
                     states,
                     buffers,
-                    slots,
+                    operands,
                     at(output, number * samples + start),
                     size,
                 )
     if warm < 0:
-        ctx[15] += samples
+        ctx[rows.SEEN] += samples
 
 
 # of Python; an array has the words 1 type, 2 &data, 3 axes (an int), 4 &shape, 7 &type
 # of numbers, 8 flags (an int): see entry_points
 READ, WRITE = (
-    C_ORDER | ALIGNED,
-    C_ORDER | ALIGNED | WRITEABLE,
+    rows.C_ORDER | rows.ALIGNED,
+    rows.C_ORDER | rows.ALIGNED | rows.WRITEABLE,
 )
 number = Outer("PyLong_FromLongLong", "i8", ("i8",))
 value = Outer("PyLong_AsLongLong", "i8", ("i8",))
@@ -258,10 +266,10 @@ def fits(array, flags, ctx):
     """Return whether an object is an array of float64 with two axes and these flags."""
     # nothing is remembered about an array: it may have changed since its last call
     return (
-        array[1] == ctx[18]
+        array[1] == ctx[rows.ARRAY_TYPE]
         and array[3] & 0xFFFFFFFF == 2
         and array[8] & flags == flags
-        and i8_at(array[7])[3] & NUMBERS == ctx[19]
+        and i8_at(array[7])[3] & rows.DTYPE_BITS == ctx[rows.FLOAT64]
     )
 
 
@@ -278,7 +286,7 @@ def process(me, args, count):
     if not fits(motion, READ, ctx) or not fits(output, WRITE, ctx):
         return number(1)
     inputs, outputs, samples = i8_at(motion[4])[0], i8_at(output[4])[0], i8_at(output[4])[1]
-    if inputs != ctx[6] or outputs != ctx[7] or i8_at(motion[4])[1] != samples:
+    if inputs != ctx[rows.INPUTS] or outputs != ctx[rows.OUTPUTS] or i8_at(motion[4])[1] != samples:
         return number(1)
     if (
         inputs > 0
@@ -289,6 +297,6 @@ def process(me, args, count):
         # before an output is written, so an output may lie on a row of the inputs.
         return number(1)
     run(
-        ctx[16], ctx, f8_at(motion[2]), f8_at(output[2]), samples
+        ctx[rows.ENTRY], ctx, f8_at(motion[2]), f8_at(output[2]), samples
     )  # Python's lock is faster kept than given away
     return number(0)

@@ -19,7 +19,7 @@ from ...core import codegen, maths, steps
 from ...core.graph import kind, memo
 from ...core.source import source_of
 from ...core.steps import fields
-from ...errors import SceneError, place
+from ...errors import SceneError, line_of
 from . import known, lanes, walk
 from .cache import Code, load
 
@@ -123,7 +123,7 @@ def written(form: Form) -> tuple[str, str]:
     cls = form.cls
     code = cls.tile or cls.step
     steps.source(code)  # an error here names the step, not the first of its helpers
-    # no numbers of a design and no slots: scenes that differ in these share a segment
+    # no numbers of a design, no operands: scenes that differ in these share a segment
     lines: list[str] = []
     for part in form.parts if noise_behind(form) else form.parts[:1]:
         _uses(part.cls.tile or part.cls.step, {}, lines)
@@ -183,9 +183,9 @@ def segment(form: Form) -> Code:
     try:
         return load(text, owner, lambda: made(form))
     except SceneError as e:  # of lanes
-        raise SceneError(f"{place(f)}{what}: {e}") from None
+        raise SceneError(f"{line_of(f)}{what}: {e}") from None
     except walk.Unknown as e:
-        raise SceneError(f"{e.where or place(f)}{what}: it does not compile: {e}") from e
+        raise SceneError(f"{e.where or line_of(f)}{what}: it does not compile: {e}") from e
 
 
 _MEMORY = {"f": "PS", "F": "PS", "u": "CZ", "U": "CZ"}
@@ -207,7 +207,7 @@ def _take(form: Form, number: int, lines: list[str], after: list[str]) -> None:
     """
     suffix, part = str(number or ""), form.parts[number]
     kind = suffix if noise_behind(form) else ""
-    slot, at = sum(len(one.signals) for one in form.parts[:number]), 0
+    operand, at = sum(len(one.signals) for one in form.parts[:number]), 0
     if number:
         behind = sum(len(one.signals) for one in form.parts) + 2 * (number - 1)
         lines.append(f"P{suffix} = _sl.at(P, A[{behind}])")
@@ -219,7 +219,7 @@ def _take(form: Form, number: int, lines: list[str], after: list[str]) -> None:
     numbers, state, at_s = [], [], "0"
     for letter in part.p_kinds:
         memory = _MEMORY[letter][0] + suffix
-        if letter.isupper():  # words: place, size
+        if letter.isupper():  # two numbers: where it begins, its size
             start, size = codegen.each(f"_sl_np.int64(C{suffix}[%d])", (at, at + 1))
             numbers.append(f"_sl.array(_sl.at({memory}, {start}), {size})")
             at += 1
@@ -240,15 +240,15 @@ def _take(form: Form, number: int, lines: list[str], after: list[str]) -> None:
             at_s += " + 1"
     lines.append(f"p{suffix} = {codegen.record(f'_sl_P{kind}', numbers)}")
     lines.append(f"s{suffix} = {codegen.record(f'_sl_S{kind}', state)}")
-    slots = range(slot, slot + len(part.signals))
-    lines += codegen.each(f"%s{suffix} = _sl.array(_sl.at(W, A[%d]), n)", part.signals, slots)
+    operands = range(operand, operand + len(part.signals))
+    lines += codegen.each(f"%s{suffix} = _sl.array(_sl.at(W, A[%d]), n)", part.signals, operands)
     if part.cls.tile and part.cls.work:
         size = f"_sl_np.int64(C{suffix}[{at}])"
         lines.append(f"w{suffix} = _sl.array(_sl.at(W, A[{_scratch(form)}]), {size})")
 
 
 def _scratch(form: Form) -> int:
-    """Return the place of the scratch's slot in A, the last of a segment's words."""
+    """Return which operand is the slot of the scratch, the last of a segment's own."""
     signals = sum(len(one.signals) for one in form.parts)
     return signals + (6 if noise_behind(form) else 2 * len(form.beside))
 
@@ -292,7 +292,7 @@ def _run(form: Form) -> list[str]:
     """Return source lines that run a step or tile in the fastest possible way."""
     code: Any = form.cls.tile or form.cls.step
     inputs, numbers = form.inputs, (form.p_type, form.p_kinds)
-    slots = codegen.each("_sl.at(W, A[%d])", range(len(form.parts) * len(form.signals)))
+    signals = codegen.each("_sl.at(W, A[%d])", range(len(form.parts) * len(form.signals)))
     # From the fastest way to the one that always works. A tile is what its author wrote
     # for this; then vectors along the samples, two blocks in two lanes, and last a loop
     # over a step.
@@ -314,14 +314,14 @@ def _run(form: Form) -> list[str]:
         and form.p_kinds == form.p_kinds.lower()
     )
     if flat and lanes.in_vectors(code, *numbers, inputs):
-        x = "".join(codegen.each("%s, ", slots[:inputs]))
-        return [f"_sl.steps(_sl_block, p, ({x}), {slots[inputs]}, n)"]
+        x = "".join(codegen.each("%s, ", signals[:inputs]))
+        return [f"_sl.steps(_sl_block, p, ({x}), {signals[inputs]}, n)"]
     if form.beside and lanes.go_abreast(code, *numbers, form.s_type, form.s_kinds, inputs):
-        starts = range(0, len(slots), inputs + 1)
-        signals = _row([_row(slots[start : start + inputs]) for start in starts])
+        starts = range(0, len(signals), inputs + 1)
+        read = _row([_row(signals[start : start + inputs]) for start in starts])
         p, s = (_row(codegen.each(f"{letter}%s", members)) for letter in "ps")
-        outputs = _row(slots[inputs :: inputs + 1])
-        return [f"{s} = _sl.abreast(_sl_one, {p}, {s}, {signals}, {outputs}, n)"]
+        outputs = _row(signals[inputs :: inputs + 1])
+        return [f"{s} = _sl.abreast(_sl_one, {p}, {s}, {read}, {outputs}, n)"]
     # Two blocks that cannot go in lanes share the loop as they are: each still runs
     # while the other waits for its last sample.
     before, lines = [], []

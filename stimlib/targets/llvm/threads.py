@@ -3,15 +3,16 @@
 Its text is compiled once and kept, as that of ``runtime``.
 """
 
+from stimlib.targets.llvm import rows
 from stimlib.targets.llvm.instructions import I64
 from stimlib.targets.llvm.known import at, i8_at, known, run
 from stimlib.targets.llvm.values import Value, exported
 
 
 @known
-def take(walk, place):
-    """Return the number at a place and add one to it, atomically."""
-    return Value(walk.b.atomic_rmw("add", place.v, I64(1), "monotonic"), "i8", True)
+def take(walk, address):
+    """Return the number at an address and add one to it, atomically."""
+    return Value(walk.b.atomic_rmw("add", address.v, I64(1), "monotonic"), "i8", True)
 
 
 @exported("void", "i8*", "i8", "i8*", "f8*", "i8", "i8", "f8*", "i8", "i8")
@@ -27,7 +28,7 @@ def process(contexts, copies, turn, motion, motions, per_motion, output, per_cop
     while copy < copies:
         ctx = i8_at(contexts[copy])
         run(
-            ctx[16],
+            ctx[rows.ENTRY],
             ctx,
             at(motion, copy % motions * per_motion),
             at(output, copy * per_copy),

@@ -46,16 +46,16 @@ def _steps(b, step, numbers, inputs, output, count):
     Samples that fill up the last vector are computed as well.
     """
 
-    def write(place):
-        samples = [Lanes(b, load(b, address, place)) for address in inputs]
-        store(b, number(b, step(numbers, (), *samples)[0]), output, place)
+    def write(sample):
+        samples = [Lanes(b, load(b, address, sample)) for address in inputs]
+        store(b, number(b, step(numbers, (), *samples)[0]), output, sample)
 
     with b.if_else(b.icmp_signed("==", count, I64(64))) as (whole, part):
         with whole:  # no loop, which would take as long as the work
-            for place in range(0, 64, 8):
-                write(place)
-        with part, loop(b, I64(0), count, 8) as place:
-            write(place)
+            for sample in range(0, 64, 8):
+                write(sample)
+        with part, loop(b, I64(0), count, 8) as sample:
+            write(sample)
 
 
 def lanes_of(b, t):
@@ -95,14 +95,14 @@ def abreast(b, step, parameters, states, inputs, outputs, count):
     cells = [variable(b, gathered(b, fields)) for fields in zip(*states, strict=True)]
     # turning squares of eight samples in registers was no faster for eight blocks, and
     # slower for two and four
-    with loop(b, I64(0), count, 1) as place:
+    with loop(b, I64(0), count, 1) as sample:
         samples = [
-            Lanes(b, gathered(b, [b.load(b.gep(address, [place])) for address in addresses]))
+            Lanes(b, gathered(b, [b.load(b.gep(address, [sample])) for address in addresses]))
             for addresses in zip(*inputs, strict=True)
         ]
         old = type(states[0])(*(Lanes(b, b.load(cell)) for cell in cells))
         out, new = step(numbers, old, *samples)
-        spread(b, old[0].like(out), outputs, place)
+        spread(b, old[0].like(out), outputs, sample)
         for cell, value in zip(cells, new, strict=True):
             b.store(old[0].like(value), cell)
     last = [b.load(cell) for cell in cells]
@@ -143,11 +143,11 @@ def each(b, helper, given, inputs, output, count):
     ends = room(b, DOUBLE, 8)
     # the last eight, which may hold some of those before, first: the output may be an
     # input
-    with loop(b, I64(0), count, 8) as place:
-        first = b.icmp_signed("==", place, I64(0))
-        place = b.select(first, last, b.sub(place, I64(8)))
-        samples = [Lanes(b, load(b, address, place)) for address in inputs]
-        store(b, number(b, helper(numbers, *samples)), b.select(first, ends, b.gep(out, [place])))
+    with loop(b, I64(0), count, 8) as sample:
+        first = b.icmp_signed("==", sample, I64(0))
+        sample = b.select(first, last, b.sub(sample, I64(8)))
+        samples = [Lanes(b, load(b, address, sample)) for address in inputs]
+        store(b, number(b, helper(numbers, *samples)), b.select(first, ends, b.gep(out, [sample])))
     with b.if_then(b.icmp_signed(">", count, I64(0))):
         store(b, load(b, ends), out, last)
     with b.if_then(few):
@@ -157,8 +157,8 @@ def each(b, helper, given, inputs, output, count):
 def _masked(b, address, there, vector=None):
     """Load the elements whose mask is set, and 0 for others; store a given vector."""
     kind = ir.VectorType(DOUBLE, there.type.count)
-    place = b.bitcast(address, kind.as_pointer())
-    given = [vector, place, I32(8), there] if vector else [place, I32(8), there, zeros(kind)]
+    start = b.bitcast(address, kind.as_pointer())
+    given = [vector, start, I32(8), there] if vector else [start, I32(8), there, zeros(kind)]
     name = f"llvm.masked.{'store' if vector else 'load'}.v{kind.count}f64.p0v{kind.count}f64"
     return b.call(
         function(b, name, ir.VoidType() if vector else kind, [argument.type for argument in given]),
@@ -260,9 +260,9 @@ def series_abreast(b, helper, types, fields, size, x, y, n):
     """
     width = len(x)
     signal = room(b, ir.VectorType(DOUBLE, width), 64)  # of the longest tile
-    with loop(b, I64(0), n, 1) as place:
-        samples = [b.load(b.gep(address, [place])) for address in x]
-        b.store(gathered(b, samples), b.gep(signal, [place]))
+    with loop(b, I64(0), n, 1) as sample:
+        samples = [b.load(b.gep(address, [sample])) for address in x]
+        b.store(gathered(b, samples), b.gep(signal, [sample]))
 
     def own(values, stage):
         loaded = (v if v.type == DOUBLE else b.load(b.gep(v, [stage])) for v in values)
@@ -271,19 +271,19 @@ def series_abreast(b, helper, types, fields, size, x, y, n):
     with loop(b, I64(0), size, 1) as stage:
         numbers = types[0](*(Lanes(b, own(values, stage)) for values in fields[0]))
         cells = [variable(b, own(values, stage)) for values in fields[1]]
-        with loop(b, I64(0), n, 1) as place:
-            at = b.gep(signal, [place])
+        with loop(b, I64(0), n, 1) as sample:
+            at = b.gep(signal, [sample])
             old = types[1](*(Lanes(b, b.load(cell)) for cell in cells))
             out, new = helper(numbers, old, Lanes(b, b.load(at)))
             for cell, value in zip((at, *cells), (out, *new), strict=True):
                 b.store(number(b, value, width), cell)
         for cell, values in zip(cells, fields[1], strict=True):
             spread(b, b.load(cell), values, stage)
-    with loop(b, I64(0), n, 1) as place:
-        spread(b, b.load(b.gep(signal, [place])), y, place)
+    with loop(b, I64(0), n, 1) as sample:
+        spread(b, b.load(b.gep(signal, [sample])), y, sample)
 
 
-def operation(b, number, buffers, slots, count):
+def operation(b, number, buffers, operands, count):
     """Run the row of an operation.
 
     A holds the slots of its inputs and that of its output.
@@ -291,7 +291,7 @@ def operation(b, number, buffers, slots, count):
 
     def body(cls):
         *inputs, output = (
-            b.gep(buffers, [b.load(b.gep(slots, [I64(argument)]))])
+            b.gep(buffers, [b.load(b.gep(operands, [I64(argument)]))])
             for argument in range(len(signals(cls)) + 1)
         )
         _steps(b, bind(cls.step), (), inputs, output, count)
@@ -331,9 +331,9 @@ def _pairs(b, helper, key, first, deviates, count):
         with part:
             whole = b.and_(count, I64(-2 * WIDTHS[0]))
             for width, start, stop in zip(WIDTHS, (I64(0), whole), (whole, count), strict=True):
-                with loop(b, start, stop, 2 * width) as place:
-                    index = b.add(first, b.lshr(place, I64(1)))
-                    _draw(b, helper, key, index, b.gep(deviates, [place]), width)
+                with loop(b, start, stop, 2 * width) as deviate:
+                    index = b.add(first, b.lshr(deviate, I64(1)))
+                    _draw(b, helper, key, index, b.gep(deviates, [deviate]), width)
     b.ret_void()
 
 
@@ -354,9 +354,9 @@ def pairs_beside_modes(
 
 def _merged(one: list, other: list) -> list:
     """Return two lists of independent instructions as one, evenly mixed."""
-    places = [
+    ranked = [
         ((position + 0.5) / len(instructions), instructions is other, position)
         for instructions in (one, other)
         for position in range(len(instructions))
     ]
-    return [(other if second else one)[position] for _, second, position in sorted(places)]
+    return [(other if second else one)[position] for _, second, position in sorted(ranked)]

@@ -40,7 +40,7 @@ from .values import (
 )
 
 
-class Slot(NamedTuple):
+class Variable(NamedTuple):
     """A variable in memory: what it looks like, and the memory of each of its parts."""
 
     like: Any
@@ -69,12 +69,14 @@ class Writer(Walk):
                 self._memory(new_part.v.type) if hasattr(new_part, "v") else new_part
                 for new_part in leaves
             ]
-            frame.names[name] = Slot(like(x, iter(leaves)), memory)
-        slot = frame.names[name]
-        old, new = [*parts(slot.like)], [*parts(x)]
+            frame.names[name] = Variable(like(x, iter(leaves)), memory)
+        variable = frame.names[name]
+        old, new = [*parts(variable.like)], [*parts(x)]
         if len(old) != len(new):
             raise Unknown(f"{name} changes what it is made of")
-        for part, (old_part, new_part, to) in enumerate(zip(old, new, slot.memory, strict=True)):
+        for part, (old_part, new_part, to) in enumerate(
+            zip(old, new, variable.memory, strict=True)
+        ):
             if isinstance(old_part, Value):
                 new_part = number(new_part)
                 if new_part.kind != old_part.kind:
@@ -91,10 +93,10 @@ class Writer(Walk):
         """Return memory that is 0 where no branch sets it."""
         # it is read back only where Python would say that it has no value; undefined
         # bits there would depend on LLVM
-        place = room(self.b, kind)
+        memory = room(self.b, kind)
         with self.b.goto_entry_block():
-            self.b.store(ir.Constant(kind, None), place)
-        return place
+            self.b.store(ir.Constant(kind, None), memory)
+        return memory
 
     def _kept(self, part: Any, key: Any) -> Any:
         if not plain(part) and not isinstance(part, Value):
@@ -108,22 +110,22 @@ class Writer(Walk):
         """Whether nothing runs here any more."""
         return self.b.block.is_terminated
 
-    def read(self, slot: Any) -> Any:
+    def read(self, variable: Any) -> Any:
         """Return what is in a variable's memory."""
-        if not isinstance(slot, Slot):
-            return slot
-        pairs = zip(parts(slot.like), slot.memory, strict=True)
+        if not isinstance(variable, Variable):
+            return variable
+        pairs = zip(parts(variable.like), variable.memory, strict=True)
         return like(
-            slot.like,
+            variable.like,
             (
-                part._replace(v=self.b.load(place)) if hasattr(part, "v") else part
-                for part, place in pairs
+                part._replace(v=self.b.load(memory)) if hasattr(part, "v") else part
+                for part, memory in pairs
             ),
         )
 
-    def put(self, place: Pointer, given: Any) -> None:
-        """Write a number to its place."""
-        self.b.store(cast(self.b, given, place.kind).v, place.v)
+    def put(self, element: Pointer, given: Any) -> None:
+        """Write a number to an element."""
+        self.b.store(cast(self.b, given, element.kind).v, element.v)
 
     def part(self, of: Array, ends: Iterator[tuple[Value | None, Value]]) -> Array:
         """Return a slice of an array: its ends, each with that of the array."""
@@ -323,7 +325,7 @@ def written(
     ----------
     functions : dict of str to function
     twins : dict
-        What stands in the place of functions and types that a function may use.
+        What stands for functions and types that a function may use.
     syntax : dict
         Syntax trees by the code of functions whose source is in no file.
     """
