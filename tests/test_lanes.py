@@ -13,13 +13,14 @@ from laws import STRESS, assert_same, cut_at, pair, run
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Scene
-from stimlib.blocks import lowpass
+from stimlib import Input, Param, Scene
+from stimlib.blocks import enabled, lowpass, white_noise
 from stimlib.core import steps
-from stimlib.core.graph import Block, Map
+from stimlib.core.graph import Block, Map, signals
 from stimlib.core.maths import as_float, flush, fma, settle, where
 from stimlib.errors import SceneError
 from stimlib.targets.llvm import lanes
+from stimlib.targets.llvm.rows import OPERATIONS
 
 GAIN = 2.0
 TRIPLED, IN_PLACE = "return x * p.k * 3.0", "(y,), y"
@@ -27,7 +28,7 @@ HEAD = """
 from dataclasses import dataclass
 from typing import NamedTuple
 import numpy as np
-from stimlib.core.graph import Block, Map
+from stimlib.core.graph import Block, Map, signals
 from stimlib.core.maths import as_float, bits, copy, each, floor, flush, fma, settle
 from stimlib.core.maths import series, sqrt, unbits, where, words
 
@@ -342,6 +343,27 @@ def test_blocks_abreast_have_the_same_bits(f, count, forms):
     if f is decaying:
         forms = 1 + count % 2
     assert len(set(filter(None, ours._engine.segments))) == forms + 1  # with the guard
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_operations_in_a_row_have_the_same_bits(seed):
+    """With signals that others read, in a gate and outside."""
+    rng = np.random.default_rng(seed)
+    fed = [Input("a"), Input("b"), Param("k", -0.5)]
+    for _ in range(int(rng.integers(4, 40))):
+        make = OPERATIONS[rng.integers(len(OPERATIONS))]
+        some = [fed[-1], *(fed[i] for i in rng.integers(len(fed), size=2))]
+        fed.append(make(*some[: len(signals(make))]))
+    held = Param("h", 2.0) * 3.0 + Param("k", -0.5) - 1.0
+    gated = enabled(held + held * white_noise(1) - abs(held), by=fed[-2] > 0.25)
+    scene = Scene({"y": fed[-1], "z": fed[len(fed) // 2], "gated": gated})
+    ours, wanted = pair(scene, 1000)
+    x = np.vstack([motion(150)] * 2)[:2] * [[1.0], [-0.5]]
+    x[:, 100:104] = [[0.0, -0.0, 5e-324, 1e308], [-0.0, 0.0, 1.0, 1e308]]
+    for p in (ours, wanted):
+        p.set("k", 1.25, ramp=0.02)
+    x = x[: len(ours.inputs)]
+    assert_same(run(ours, x, cut_at(150, 13)), wanted.process(x))
 
 
 @pytest.mark.parametrize("order, count, forms", [(2, 11, 3), (4, 7, 2), (8, 8, 1), (8, 7, 1)])

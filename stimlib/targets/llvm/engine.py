@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import copy
 import ctypes
+import itertools
 import math
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +27,7 @@ from ...core.program import Program, design_of, first_states, lower
 from ...system.cache_folder import lock
 from . import entry_points, lanes, rows
 from .cache import Code, expect, load
-from .segments import Form, kinds, noise_behind, segment, written
+from .segments import Form, chained, kinds, noise_behind, plan, segment, written
 
 TILE = 64  # samples at most in one turn; the runtime and the kernels have it spelled out
 _P, _I = ctypes.c_void_p, ctypes.c_int64
@@ -78,9 +79,11 @@ class _Table:
         self.still = _still(program, design)
         self.listened: set[tuple[int, int]] = set()  # (instance, output) that a pick takes
         outputs = [*program.outputs.values()]
-        self.read = {argument for instance in program.instances for argument in instance.args} | {
-            index for index in outputs if outputs.count(index) > 1
-        }
+        self.readers: dict[int, set[int]] = {}
+        for index, instance in enumerate(program.instances):
+            for argument in instance.args:
+                self.readers.setdefault(argument, set()).add(index)
+        self.read = {*self.readers} | {index for index in outputs if outputs.count(index) > 1}
         self.at: dict[int, int] = {}  # the row of an instance
         # inputs first: the runtime copies input j to slot j
         for index in program.inputs.values():
@@ -93,12 +96,12 @@ class _Table:
             elif instance.kind == "pick":
                 self.listened.add((instance.args[0], block.output_index))
         works: list[int] = []
-        order = _order(program, design)
+        order = _rows(program, _order(program, design), self.still)
         expect(
-            written(self.form(group))
+            self.chain(group)[0] if _operation(instance) else written(self.form(group))
             for group in order
             if (instance := program.instances[group[0]]).kind == "block"
-            and instance.block.definition not in rows.OPERATIONS
+            and (len(group) > 1 or not _operation(instance))
         )
         # before any segment, which is linked to the kernels
         runtime()
@@ -188,7 +191,12 @@ class _Table:
                 self.slot(index),
                 instance.child,
             ]
-        elif cls in rows.OPERATIONS:
+        elif _operation(instance) and len(group) > 1:
+            text, given, read = self.chain(group)
+            operands = [self.arg(argument, instance.clock) for argument in given]
+            operands += [self.slot(member) for member in read]
+            address = load(*text, partial(chained, *text)).addresses["_sl_segment"]
+        elif _operation(instance):
             address = rows.OPERATION + rows.OPERATIONS.index(cls)
             operands = [
                 *(self.arg(argument, instance.clock) for argument in instance.args),
@@ -197,6 +205,25 @@ class _Table:
         else:
             address, operands, numbers = self.call(group)
         self.row(address, index, operands, numbers, instance.clock, self.still[index])
+
+    def chain(self, group: tuple[int, ...]) -> tuple[tuple[str, str], list[int], list[int]]:
+        """Return the text of operations in a row, and the signals of its segment.
+
+        These are what comes from elsewhere, and what others read.
+        """
+        instances = self.program.instances
+        args = [argument for index in group for argument in instances[index].args]
+        given = [index for index in dict.fromkeys(args) if index not in group]
+        read = [index for index in group if self.readers.get(index, set()) - set(group)]
+        number = {index: k for k, index in enumerate([*given, *group])}
+        operations = [
+            (
+                rows.OPERATIONS.index(instances[index].block.definition),
+                [number[argument] for argument in instances[index].args],
+            )
+            for index in group
+        ]
+        return plan(len(given), operations, [number[index] for index in read]), given, read
 
     def call(self, group: tuple[int, ...]) -> tuple[int, list[int], int]:
         """Return address, operands and numbers of a segment of one or more blocks."""
@@ -528,9 +555,6 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
     lanes of vectors or, where vectors lack an operation, two in one loop, each during
     the other's latency. So do white noise and the first bank of modes that filters it.
     """
-    # Rows are not fused any further: one function for a run of products and sums would
-    # save loads and stores, and cost a quarter of a second of compiling for every new
-    # run.
     instances = program.instances
     behind: dict[int, int] = {}  # of a white noise, the modes that filter it
     for index, instance in enumerate(instances):
@@ -582,6 +606,35 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
         for earlier in group[:whole]:
             done[earlier] = True
     return order
+
+
+LONG = 4
+"""So many operations in a row share a segment: each saves 0.1 ns a sample, and a new
+form of such a row takes 20 to 50 ms to compile, once a machine.
+"""
+
+
+def _operation(instance: Instance) -> bool:
+    return instance.kind == "block" and instance.block.definition in rows.OPERATIONS
+
+
+def _rows(
+    program: Program, order: list[tuple[int, ...]], still: list[bool]
+) -> list[tuple[int, ...]]:
+    """Return an order in which long runs of single operations are groups."""
+    joined: list[tuple[int, ...]] = []
+    for _, run in itertools.groupby(order, partial(_run_of, program.instances, still)):
+        groups = list(run)
+        if len(groups) >= LONG and _operation(program.instances[groups[0][0]]):
+            groups = [tuple(index for (index,) in groups)]
+        joined += groups
+    return joined
+
+
+def _run_of(instances: list[Instance], still: list[bool], group: tuple[int, ...]) -> Any:
+    """Return what operations of one run have in common."""
+    instance = instances[group[0]]
+    return _operation(instance) and (instance.clock, instance.autonomous, still[group[0]])
 
 
 def _before(

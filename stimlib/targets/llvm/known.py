@@ -306,8 +306,14 @@ def steps(w, step, numbers, inputs, output, count):
 
 
 @known
+def chain(w, inputs, operations, outputs, buffers, operands, count):
+    """Run operations in a row, as ``segments.plan`` lists them."""
+    vectors.chain(w.b, inputs, operations, outputs, buffers.v, operands.v, count.v)
+
+
+@known
 def abreast(w, step, numbers, states, inputs, outputs, count):
-    """Run a step on lanes along the slots of two blocks, one in each lane."""
+    """Run a step on lanes along the slots of blocks, one in each lane."""
     kinds = [[value.kind for value in map(number, one)] for one in states]
     made = vectors.abreast(
         w.b,

@@ -8,6 +8,7 @@ uses: an edit in any of them makes another segment.
 
 from __future__ import annotations
 
+import ast
 import types
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -186,6 +187,27 @@ def segment(form: Form) -> Code:
         raise SceneError(f"{line_of(f)}{what}: {e}") from None
     except walk.Unknown as e:
         raise SceneError(f"{e.where or line_of(f)}{what}: it does not compile: {e}") from e
+
+
+def plan(
+    inputs: int, operations: list[tuple[int, list[int]]], outputs: list[int]
+) -> tuple[str, str]:
+    """Return the text of a row of operations, and the stem of its entry.
+
+    An operation has its number among ``rows.OPERATIONS``, and the numbers of its
+    signals: inputs first, then the operations before it.
+    """
+    return repr((inputs, operations, outputs)), "Operations"
+
+
+def chained(text: str, _stem: str) -> walk.Intermediate:
+    """Return the segment of a row of operations as LLVM's text."""
+    inputs, operations, outputs = ast.literal_eval(text)
+    body = codegen.define(
+        "_sl_segment", ["P", "S", "W", "A", "n"], ["_sl.chain(*_sl_plan, W, A, n)"]
+    )
+    space = {"_sl": known, "_sl_plan": (inputs, operations, outputs)}
+    return walk.of_source(body, space, {"_sl_segment": ("void", *known.SEGMENT)}, known.TWINS)
 
 
 _MEMORY = {"f": "PS", "F": "PS", "u": "CZ", "U": "CZ"}

@@ -299,6 +299,25 @@ def operation(b, number, buffers, operands, count):
     cases(b, number, dict(enumerate(OPERATIONS)), body)
 
 
+def chain(b, inputs, operations, outputs, buffers, operands, count):
+    """Run operations in a row, with what goes from one to the next in registers.
+
+    Samples that fill up the last vector are computed as well.
+    """
+    addresses = [
+        b.gep(buffers, [b.load(b.gep(operands, [I64(signal)]))])
+        for signal in range(inputs + len(outputs))
+    ]
+    with loop(b, I64(0), count, 8) as place:
+        signals = [Lanes(b, load(b, address, place)) for address in addresses[:inputs]]
+        for number_of, given in operations:
+            step: Any = bind(OPERATIONS[number_of].step)
+            made = step((), (), *(signals[signal] for signal in given))[0]
+            signals.append(Lanes(b, number(b, made)))
+        for signal, address in zip(outputs, addresses[inputs:], strict=True):
+            store(b, signals[signal].v, address, place)
+
+
 def _draw(b, helper, key, first, deviates, width):
     """Emit deviates[2 k : 2 k + 2] = helper(key, first + k) for width pairs."""
     steps = ir.Constant(ir.VectorType(I64, width), list(range(width)))
