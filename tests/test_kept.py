@@ -4,6 +4,8 @@ import hashlib
 import io
 import math
 import os
+import subprocess
+import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -136,3 +138,24 @@ def test_a_differentiator_is_kept(folder):
     for _ in range(2):
         assert same(differentiator_taps.__wrapped__(*numbers), fresh)
     assert [p.name[:19] for p in folder.iterdir()] == ["differentiator_taps"]
+
+
+DESIGNED = """
+import hashlib
+import stimlib
+from stimlib.blocks import differentiator
+from stimlib.plate import Plate
+filter = differentiator(stimlib.Input("x"), 1000.0)
+made = [filter.design(44100.0)[0].taps, *Plate.paper(measured=True).solved(3)]
+print(hashlib.sha256(b"".join(a.tobytes() for a in made)).hexdigest())
+"""
+
+
+def test_threads_of_blas_change_no_bits(tmp_path):
+    made = set()
+    for threads in "12":
+        of = {"OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads}
+        of["STIMLIB_CACHE"] = str(tmp_path / threads)
+        run = [sys.executable, "-W", "ignore", "-c", DESIGNED]
+        made.add(subprocess.run(run, env=os.environ | of, capture_output=True, check=True).stdout)
+    assert len(made) == 1 and made.pop()

@@ -21,6 +21,7 @@ import numpy as np
 
 from ..system import safe_files
 from ..system.cache_folder import chosen, open_to_others, private
+from ..system.linear_algebra import one_thread
 
 T = TypeVar("T")
 SLOW = 0.05  # s of processor time; a design that takes less is not kept
@@ -51,7 +52,8 @@ def kept(design: Callable[..., T]) -> Callable[..., T]:
         with suppress(Exception):  # whatever a file may hold
             return _read(path, get_type_hints(design)["return"])
         began = time.thread_time()
-        found = design(*args, **named)
+        with one_thread():
+            found = design(*args, **named)
         if time.thread_time() - began > SLOW:
             with suppress(OSError):  # a full disk, or no folder of ours
                 private(path.parent)

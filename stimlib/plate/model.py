@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadValue, one_of, public
+from ..system.linear_algebra import one_thread
 from ..system.packages import package
 from .patch import Patch
 from .ritz import HELD, Axis, bending
@@ -270,13 +271,14 @@ class Plate:
         size = max(n, min(AT_ONCE, most))
         found = self._solved.get(size)
         if found is None:
-            K, M = self._system()
-            half = 1 / math.sqrt(M[0, 0])  # a bare plate's M is this number, twice, times 1
-            if self.patches:
-                w2, v = eigh(K, M, subset_by_index=[0, size - 1])
-            else:
-                w2, v = eigh(K * half**2, subset_by_index=[0, size - 1])
-                v *= half
+            with one_thread():
+                K, M = self._system()
+                half = 1 / math.sqrt(M[0, 0])  # a bare plate's M is this number, twice, times 1
+                if self.patches:
+                    w2, v = eigh(K, M, subset_by_index=[0, size - 1])
+                else:
+                    w2, v = eigh(K * half**2, subset_by_index=[0, size - 1])
+                    v *= half
             if w2[0] < 1e-9 * self.stiffness / (self.rho * self.thickness * self.length**4):
                 raise BadValue(
                     f"Plate: it buckles under in_plane_load = {self.in_plane_load:g} N/m; use a"
