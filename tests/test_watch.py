@@ -231,7 +231,7 @@ def test_each_version_plays_as_the_command_says(tmp_path, monkeypatch):
         wait(sink, seconds)
 
     monkeypatch.setattr(Sink, "wait", wait)
-    monkeypatch.setattr("stimlib.cli.devices.failed", failures.append)
+    monkeypatch.setattr("stimlib.cli.play.failed", failures.append)
 
     def corrected(played):
         until(lambda: any(turns))  # what has failed has faded out, and it goes on

@@ -6,10 +6,11 @@ Each group of commands has a module. Module ``app`` has their common code; ``sce
 
 from . import (  # noqa: I001  each adds its commands, in the order of --help
     files,
+    play,
+    devices,
     export,
     convert,
     sweeps,
-    devices,
     live,
     experiments,
     verify,
@@ -26,6 +27,7 @@ __all__ = [
     "export",
     "files",
     "live",
+    "play",
     "verify",
     "schemas",
     "scenes",

@@ -9,12 +9,11 @@ import typer
 
 from . import options as opt
 from .app import command, print_json
-from .devices import safety_of
 from .motions import motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
 
 
-@command("export", safety=safety_of, motions=motions_of)
+@command("export", safety=opt.safety_of, motions=motions_of)
 def export_(
     scene: SceneText,
     folder: Annotated[

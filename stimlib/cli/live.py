@@ -15,7 +15,6 @@ import typer
 from ..errors import BadValue
 from . import options as opt
 from .app import command, errors, note, print_json, say
-from .devices import safety_of
 from .motions import motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
 from .watching import Watched
@@ -41,7 +40,7 @@ def page_safety_of(
 ) -> Any:
     """Return the safety stage of a page; full scales default to those of the page."""
     full_scale = full_scale or ",".join(f"{name}={v!r}" for name, v in scales().items())
-    return safety_of(None, full_scale=full_scale, peak=peak, static=static, slew=slew)
+    return opt.safety_of(None, full_scale=full_scale, peak=peak, static=static, slew=slew)
 
 
 Ranges = Annotated[

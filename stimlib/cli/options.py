@@ -150,6 +150,11 @@ def of_each(text: str | None, option: str) -> Any:
     return text
 
 
+def ports(connect: list[str]) -> list[str] | str | None:
+    """Return the ports to connect to: those named, none, or the system's."""
+    return None if connect == ["none"] else connect or "system"
+
+
 def ranges(items: list[str], option: str) -> dict[str, tuple[float, float]]:
     """Return the ranges that options such as ``--range x=0:0.1`` give."""
     found = {}
@@ -165,3 +170,32 @@ def ranges(items: list[str], option: str) -> dict[str, tuple[float, float]]:
 def length(seconds: float | None, recorded: float | None) -> float:
     """Return the length for ``--seconds``: by default that of the recording, or 5 s."""
     return seconds if seconds is not None else recorded or 5.0
+
+
+def safety_of(
+    scene: Any,
+    *,
+    full_scale: Annotated[
+        str | None,
+        typer.Option(
+            help=(
+                "Physical value at which the device reaches 1.0, such as 50 (N); outputs are "
+                "limited to it. If units differ: a=50,b=0.1. By default outputs without a unit "
+                "play 20 dB below full scale."
+            ),
+            show_default=False,
+        ),
+    ] = None,
+    peak: Peak = None,
+    static: Static = None,
+    slew: Slew = None,
+) -> Any:
+    """Return the safety stage for the given options."""
+    from ..run.safety import Safety, quiet_scale
+
+    return Safety(
+        of_each(full_scale, "--full-scale") or quiet_scale(scene),
+        slew=of_each(slew, "--slew"),
+        peak=peak,
+        static=static,
+    )

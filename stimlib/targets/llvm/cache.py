@@ -42,7 +42,9 @@ LONG = "runtime_", "pump_"
 """What takes a second to compile, and is missing in an empty cache; a block class takes
 a tenth.
 """
-PARTS = "../walk machine values walk known rows instructions lanes kernels vectors segments".split()
+PARTS = (
+    "../walk machine values walk known rows clocks instructions lanes kernels vectors segments"
+).split()
 """Files beside this one that are compiled into entries, or say how."""
 
 

@@ -6,6 +6,7 @@ Its text is compiled once and kept in the cache, named by content, like a segmen
 from functools import partial
 
 from stimlib.targets.llvm import kernels, rows, vectors
+from stimlib.targets.llvm.clocks import open_clock
 from stimlib.targets.llvm.known import (
     FIR,
     MODES,
@@ -63,29 +64,6 @@ def modes(poles, weights, states, size, direct, signal, sums, output, count):
         (size - first) >> 3,
         first == 0,
     )
-
-
-def open_clock(buffers, operands, every, up, down, counts, size):  # operands: (slot of by, child)
-    """Gather the samples at which a gate is open.
-
-    down gets their numbers in the parent's tile, and behind these in the root's.
-    """
-    gate = at(buffers, operands[0])
-    # counted first: a gate is mostly open or shut for a whole tile, which takes no
-    # gathering
-    found = 0
-    for sample in range(size):
-        found += gate[sample] > 0.0
-    counts[operands[1]] = found
-    if found == size:
-        move(down, every, size)
-        move(at(down, 64), up, size)
-    elif found > 0:
-        found = 0
-        for sample in range(size):
-            if gate[sample] > 0.0:
-                down[found], down[64 + found] = sample, up[sample]
-                found += 1
 
 
 def standing(states, pending, params):
