@@ -26,7 +26,7 @@ class Last(Block):
     sign = "last"
     begins_early = False
 
-    def units(self, *u):
+    def units(self, *inputs):
         return _unit(self.unit)
 
 
@@ -41,13 +41,13 @@ class Loop(Block):
         if not isinstance(self.last, Last):
             raise BadValue(f"a loop needs its Last, not {self.last!r}")
 
-    def units(self, *u):
-        if u[0] != u[1] and not (isinstance(self.body, Const) and self.body.value == 0):
+    def units(self, *inputs):
+        if inputs[0] != inputs[1] and not (isinstance(self.body, Const) and self.body.value == 0):
             raise UnitError(
-                f"loop: from a last value in [{u[1]}] it computes {self.body!r} in [{u[0]}]; give"
-                f' unit="{u[0]}"'
+                f"loop: from a last value in [{inputs[1]}] it computes {self.body!r} in"
+                f' [{inputs[0]}]; give unit="{inputs[0]}"'
             )
-        return u[1]
+        return inputs[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +61,8 @@ class Tap(Block):
         if not isinstance(self.loop, Loop):
             raise BadValue(f"a tap needs its Loop, not {self.loop!r}")
 
-    def units(self, *u):
-        return u[1]
+    def units(self, *inputs):
+        return inputs[1]
 
 
 @public
@@ -124,4 +124,4 @@ def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
     if not made:
         raise BadValue("loop: the function must return a signal")
     whole = Loop(as_block(made[0]), last)
-    return whole, *(Tap(whole, as_block(v)) for v in made[1:])
+    return whole, *(Tap(whole, as_block(signal)) for signal in made[1:])

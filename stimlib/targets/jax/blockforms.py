@@ -52,72 +52,92 @@ class Run(NamedTuple):
 
 
 # Linear time-invariant parts ----------------------------------------------------------
-def rows(x: Any, size: int) -> Any:
+def rows(signal: Any, size: int) -> Any:
     """Reshape a signal (n,) to (tiles, size), padded with zeros at the end."""
-    return jnp.pad(x, (0, -x.shape[0] % size)).reshape(-1, size)
+    return jnp.pad(signal, (0, -signal.shape[0] % size)).reshape(-1, size)
 
 
-def spread(x: Any, n: int) -> Any:
-    """Return a number as an array of n samples."""
-    return jnp.broadcast_to(x, (n,))
+def spread(value: Any, count: int) -> Any:
+    """Return a number as an array of so many samples."""
+    return jnp.broadcast_to(value, (count,))
 
 
-def later(x: Any, by: int, before: Any = 0.0) -> Any:
+def later(signal: Any, samples: int, before: Any = 0.0) -> Any:
     """Delay a signal by some samples; the first samples are ``before``."""
-    n = x.shape[0]
-    return jnp.concatenate([jnp.broadcast_to(jnp.asarray(before, x.dtype), (by,)), x])[:n]
+    count = signal.shape[0]
+    return jnp.concatenate(
+        [jnp.broadcast_to(jnp.asarray(before, signal.dtype), (samples,)), signal]
+    )[:count]
 
 
-def decay(a: np.ndarray, v: Any, first: Any) -> Any:
+def decay(poles: np.ndarray, drive: Any, first: Any) -> Any:
     """Return the states before each update of the recursion s' = a s + v.
 
-    a (k,) holds numbers of at most 1, v is (n, k), first (k,).
+    a is ``poles`` (k,), numbers of at most 1; v is ``drive`` (n, k); first is (k,).
     """
-    n, k = v.shape
-    factor = jnp.asarray(a, v.dtype)
-    if n <= SHORT:
-        return lax.scan(lambda s, v: (factor * s + v, s), first, v)[1]
-    m = math.isqrt(n)
-    length = -(-n // m)
-    v = jnp.pad(v, ((0, length * m - n), (0, 0))).reshape(m, length, k).swapaxes(0, 1)
-    q, qs = lax.scan(lambda s, v: (factor * s + v, s), jnp.zeros((m, k), v.dtype), v)
-    starts = decay(a**length, q, first)
-    power = jnp.asarray(a ** np.arange(length)[:, None], v.dtype)
-    return (power[:, None] * starts + qs).swapaxes(0, 1).reshape(m * length, k)[:n]
+    count, modes = drive.shape
+    factor = jnp.asarray(poles, drive.dtype)
+    if count <= SHORT:
+        return lax.scan(lambda state, drive: (factor * state + drive, state), first, drive)[1]
+    blocks = math.isqrt(count)
+    length = -(-count // blocks)
+    drive = (
+        jnp.pad(drive, ((0, length * blocks - count), (0, 0)))
+        .reshape(blocks, length, modes)
+        .swapaxes(0, 1)
+    )
+    sums, all_sums = lax.scan(
+        lambda state, drive: (factor * state + drive, state),
+        jnp.zeros((blocks, modes), drive.dtype),
+        drive,
+    )
+    starts = decay(poles**length, sums, first)
+    power = jnp.asarray(poles ** np.arange(length)[:, None], drive.dtype)
+    return (
+        (power[:, None] * starts + all_sums).swapaxes(0, 1).reshape(blocks * length, modes)[:count]
+    )
 
 
-def toeplitz(h: Any, xp: Any) -> Any:
-    """Return the lower triangular Toeplitz matrix T[i, j] = h[i - j]."""
-    d = np.arange(h.shape[0])[:, None] - np.arange(h.shape[0])
-    return xp.where(d >= 0, h[np.maximum(d, 0)], 0.0)
+def toeplitz(response: Any, module: Any) -> Any:
+    """Return the lower triangular Toeplitz matrix T[i, j] = response[i - j]."""
+    lag = np.arange(response.shape[0])[:, None] - np.arange(response.shape[0])
+    return module.where(lag >= 0, response[np.maximum(lag, 0)], 0.0)
 
 
-def bank(e: np.ndarray, r: Any, x: Any, dtype: Any, direct: float = 0.0, first: Any = None) -> Any:
+def bank(
+    leaks: np.ndarray, weights: Any, signal: Any, dtype: Any, direct: float = 0.0, first: Any = None
+) -> Any:
     """Run a bank of modes, q_k += x - e_k q_k; y = direct x + sum_k r_k q_k, in tiles.
 
+    e are the leaks, r the weights, and a = 1 - e the poles:
     y = T x + R a^i q(start), q(end) = a^64 q(start) + E x.
     """
-    xp: Any = jnp
-    if isinstance(r, np.ndarray):
-        xp, e, r = np, e[r != 0], r[r != 0]
-        if not e.size:
-            return direct * x
-    j = np.arange(1, TILE + 1)[:, None]
+    module: Any = jnp
+    if isinstance(weights, np.ndarray):
+        module, leaks, weights = np, leaks[weights != 0], weights[weights != 0]
+        if not leaks.size:
+            return direct * signal
+    exponent = np.arange(1, TILE + 1)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         # of the poles
         powers = np.concatenate(
-            [np.ones((1, e.size)), np.where(e < 1, np.exp(j * np.log1p(-e)), (1 - e) ** j)]
+            [
+                np.ones((1, leaks.size)),
+                np.where(leaks < 1, np.exp(exponent * np.log1p(-leaks)), (1 - leaks) ** exponent),
+            ]
         )
-    h = xp.asarray(powers[:TILE]) @ r
-    T = toeplitz(h, xp) + direct * np.eye(TILE)
-    u = rows(x.astype(dtype), TILE)
-    q0 = jnp.zeros(e.size, dtype) if first is None else jnp.asarray(first).astype(dtype)
-    q = decay(powers[TILE], u @ jnp.asarray(powers[TILE - 1 :: -1], dtype), q0)
-    y = u @ jnp.asarray(T.T, dtype) + q @ jnp.asarray((powers[1:] * r).T, dtype)
-    return y.reshape(-1)[: x.shape[0]]
+    response = module.asarray(powers[:TILE]) @ weights
+    matrix = toeplitz(response, module) + direct * np.eye(TILE)
+    tiles = rows(signal.astype(dtype), TILE)
+    start = jnp.zeros(leaks.size, dtype) if first is None else jnp.asarray(first).astype(dtype)
+    states = decay(powers[TILE], tiles @ jnp.asarray(powers[TILE - 1 :: -1], dtype), start)
+    output = tiles @ jnp.asarray(matrix.T, dtype) + states @ jnp.asarray(
+        (powers[1:] * weights).T, dtype
+    )
+    return output.reshape(-1)[: signal.shape[0]]
 
 
-def taps_tiles(taps: np.ndarray, x: Any) -> Any:
+def taps_tiles(taps: np.ndarray, signal: Any) -> Any:
     """Run an FIR filter as a banded Toeplitz matrix over tiles.
 
     y[n] = sum_k taps[k] x[n-k]; each tile needs those before it.
@@ -125,77 +145,82 @@ def taps_tiles(taps: np.ndarray, x: Any) -> Any:
     The result has the type of x: taps may take small differences, which are meaningful
     for noise in float32 but not for a position.
     """
-    n, m = x.shape[0], taps.size
-    before = -(-(m - 1) // TILE)
-    k = before * TILE + np.arange(TILE) - np.arange((before + 1) * TILE)[:, None]
-    B = jnp.asarray(np.where((k >= 0) & (k < m), taps[np.clip(k, 0, m - 1)], 0.0), x.dtype)
-    tiles = jnp.pad(rows(x, TILE), ((before, 0), (0, 0)))
+    length, order = signal.shape[0], taps.size
+    before = -(-(order - 1) // TILE)
+    lag = before * TILE + np.arange(TILE) - np.arange((before + 1) * TILE)[:, None]
+    band = jnp.asarray(
+        np.where((lag >= 0) & (lag < order), taps[np.clip(lag, 0, order - 1)], 0.0), signal.dtype
+    )
+    tiles = jnp.pad(rows(signal, TILE), ((before, 0), (0, 0)))
     count = tiles.shape[0] - before
-    parts = [tiles[j : j + count] @ B[j * TILE : (j + 1) * TILE] for j in range(before + 1)]
-    return sum(parts[1:], parts[0]).reshape(-1)[:n]
+    parts = [
+        tiles[tile : tile + count] @ band[tile * TILE : (tile + 1) * TILE]
+        for tile in range(before + 1)
+    ]
+    return sum(parts[1:], parts[0]).reshape(-1)[:length]
 
 
-def running(x: Any) -> Any:
+def running(signal: Any) -> Any:
     """Return the sum of all earlier samples at each sample.
 
     Whole numbers stay exact; those of a gate are summed as a product with a matrix of
     ones.
     """
-    u = rows(x, TILE)
-    if x.dtype == jnp.bool_:
-        u, x = u.astype(jnp.int32), x.astype(jnp.int32)
+    tiles = rows(signal, TILE)
+    if signal.dtype == jnp.bool_:
+        tiles, signal = tiles.astype(jnp.int32), signal.astype(jnp.int32)
         inside = (
-            u.astype(jnp.float32) @ jnp.asarray(np.triu(np.ones((TILE, TILE))), jnp.float32)
+            tiles.astype(jnp.float32) @ jnp.asarray(np.triu(np.ones((TILE, TILE))), jnp.float32)
         ).astype(jnp.int32)
     else:
-        inside = jnp.cumsum(u, axis=1)
-    if u.shape[0] == 1:
-        tops = jnp.zeros((1,), x.dtype)
+        inside = jnp.cumsum(tiles, axis=1)
+    if tiles.shape[0] == 1:
+        tops = jnp.zeros((1,), signal.dtype)
     else:
         tops = (
             running(inside[:, -1])
-            if u.shape[0] > TILE
+            if tiles.shape[0] > TILE
             else jnp.cumsum(inside[:, -1]) - inside[:, -1]
         )
-    return (inside - u + tops[:, None]).reshape(-1)[: x.shape[0]]
+    return (inside - tiles + tops[:, None]).reshape(-1)[: signal.shape[0]]
 
 
-def latest(mark: Any) -> Any:
+def latest(marks: Any) -> Any:
     """Return the index of the last marked sample at each sample, or -1."""
-    at = jnp.where(mark, jnp.arange(mark.shape[0], dtype=jnp.int32), -1)
-    u = jnp.pad(at, (0, -at.shape[0] % TILE), constant_values=-1).reshape(-1, TILE)
-    inside = lax.cummax(u, axis=1)
+    marked = jnp.where(marks, jnp.arange(marks.shape[0], dtype=jnp.int32), -1)
+    tiles = jnp.pad(marked, (0, -marked.shape[0] % TILE), constant_values=-1).reshape(-1, TILE)
+    inside = lax.cummax(tiles, axis=1)
     before = later(lax.cummax(inside[:, -1]), 1, -1)
-    return jnp.maximum(inside, before[:, None]).reshape(-1)[: mark.shape[0]]
+    return jnp.maximum(inside, before[:, None]).reshape(-1)[: marks.shape[0]]
 
 
-def fir(b, p, s, x, run):
+def fir(block, numbers, state, signals, run):
     """Run the block ``Fir``."""
-    taps = p.taps[::-1][: int(p.order) + 1]
-    return taps_tiles(taps, spread(x[0], run.n))
+    taps = numbers.taps[::-1][: int(numbers.order) + 1]
+    return taps_tiles(taps, spread(signals[0], run.n))
 
 
-def grain(b, p, s, x, run):
+def grain(block, numbers, state, signals, run):
     """Run the block ``Grain``."""
-    return taps_tiles(p.shape, spread(x[0], run.n))
+    return taps_tiles(numbers.shape, spread(signals[0], run.n))
 
 
-def modes(b, p, s, x, run):
+def modes(block, numbers, state, signals, run):
     """Run the block ``Modes``."""
-    return bank(1 - p.p, p.r, spread(x[0], run.n), run.dtype, p.d)
+    return bank(1 - numbers.p, numbers.r, spread(signals[0], run.n), run.dtype, numbers.d)
 
 
-def pink(b, p, s, x, run):
+def pink(block, numbers, state, signals, run):
     """Run pink noise as a bank of modes, starting from its stationary state."""
-    if not isinstance(b.white, noise.White):
-        return modes(b, p, s, x, run)
+    if not isinstance(block.white, noise.White):
+        return modes(block, numbers, state, signals, run)
     from ...design.noise import cholesky, stationary_covariance
 
-    live = p.r != 0
-    e = 1 - p.p[live]
-    g = deviates(stream_key(run.key, *b.white.noise_key, 1), 0, e.size, jnp.float64)
-    q = jnp.asarray(cholesky(stationary_covariance(e))) @ g
-    return bank(1 - p.p, p.r, spread(x[0], run.n), run.dtype, p.d, q)
+    live = numbers.r != 0
+    leaks = 1 - numbers.p[live]
+    draws = deviates(stream_key(run.key, *block.white.noise_key, 1), 0, leaks.size, jnp.float64)
+    first = jnp.asarray(cholesky(stationary_covariance(leaks))) @ draws
+    return bank(1 - numbers.p, numbers.r, spread(signals[0], run.n), run.dtype, numbers.d, first)
 
 
 # Noise --------------------------------------------------------------------------------
@@ -205,64 +230,74 @@ U = np.uint64
 PAIRS = 4096
 
 
-def stream_key(run_key: Any, seed: int, stream: int, use: int) -> Any:
+def stream_key(run_key: Any, seed: int, stream: int, counter_use: int) -> Any:
     """Return ``noise.noise_key`` for a traced key of the run."""
-    own = seed & 0xFFFFFFFF, seed >> 32, stream, use
-    words = *map(U, own), run_key & noise.LOW, run_key >> noise.HALF_WORD
-    c = noise.philox(*(jnp.asarray(w, jnp.uint64) for w in words))
-    return c[0] | (c[1] << noise.HALF_WORD)
+    counter = seed & 0xFFFFFFFF, seed >> 32, stream, counter_use
+    words = *map(U, counter), run_key & noise.LOW, run_key >> noise.HALF_WORD
+    drawn = noise.philox(*(jnp.asarray(word, jnp.uint64) for word in words))
+    return drawn[0] | (drawn[1] << noise.HALF_WORD)
 
 
-def integers(key: Any, m: Any) -> tuple[Any, Any]:
-    """Return the two random words of each pair m of a stream, as on any target."""
-    return traced.bind(noise.pair_of_words)(key, m)
+def integers(key: Any, pairs: Any) -> tuple[Any, Any]:
+    """Return the two random words of each pair of a stream, as on any target."""
+    return traced.bind(noise.pair_of_words)(key, pairs)
 
 
-def deviates(key: Any, start: int, n: int, dtype: Any) -> Any:
-    """Return the normal deviates start .. start + n - 1 of a stream.
+def deviates(key: Any, start: int, count: int, dtype: Any) -> Any:
+    """Return the normal deviates start .. start + count - 1 of a stream.
 
     start may be below 0.
     """
-    odd = start % 2
-    pairs = (n + odd + 1) // 2
-    m = jnp.asarray(U((start % 2**64) >> 1)) + jnp.arange(pairs, dtype=jnp.uint64)
-    m = rows(m & U(2**63 - 1), min(pairs, PAIRS))  # after pair -1 comes pair 0
-    radius, turn = (f if dtype == jnp.float32 else traced.bind(g) for f, g in SHORT_FORMS)
-    words = lax.map(lambda m: integers(key, m), m)
-    r, (c, d) = lax.map(lambda w: (radius(w[0]), turn(w[1])), words)
-    r, c, d = (v.reshape(-1)[:pairs] for v in (r, c, d))
-    return jnp.stack([r * c, r * d], axis=-1).reshape(-1)[odd : odd + n]
+    skipped = start % 2
+    pairs = (count + skipped + 1) // 2
+    indices = jnp.asarray(U((start % 2**64) >> 1)) + jnp.arange(pairs, dtype=jnp.uint64)
+    indices = rows(indices & U(2**63 - 1), min(pairs, PAIRS))  # after pair -1 comes pair 0
+    radius, turn = (
+        short if dtype == jnp.float32 else traced.bind(exact) for short, exact in SHORT_FORMS
+    )
+    words = lax.map(lambda indices: integers(key, indices), indices)
+    radii, (cosine, sine) = lax.map(lambda drawn: (radius(drawn[0]), turn(drawn[1])), words)
+    radii, cosine, sine = (column.reshape(-1)[:pairs] for column in (radii, cosine, sine))
+    return jnp.stack([radii * cosine, radii * sine], axis=-1).reshape(-1)[skipped : skipped + count]
 
 
-def short_radius(a: Any) -> Any:
+def short_radius(first: Any) -> Any:
     """Compute ``noise.radius`` in float32.
 
-    It is log(1 - v) where u is near 1, so that small radii keep their digits.
+    It is log(1 - v), of the complement v, where u is near 1, so that small radii keep
+    their digits.
     """
-    u, v = a.astype(jnp.float32), (~a).astype(jnp.float32)
-    near = jnp.log1p(-(v + 0.5) * np.float32(2.0**-64))
+    upper, lower = first.astype(jnp.float32), (~first).astype(jnp.float32)
+    near = jnp.log1p(-(lower + 0.5) * np.float32(2.0**-64))
     return jnp.sqrt(
-        -2 * jnp.where(a >> U(63) > 0, near, jnp.log((u + np.float32(0.5)) * np.float32(2.0**-64)))
+        -2
+        * jnp.where(
+            first >> U(63) > 0, near, jnp.log((upper + np.float32(0.5)) * np.float32(2.0**-64))
+        )
     )
 
 
-def short_turn(b: Any) -> tuple[Any, Any]:
+def short_turn(second: Any) -> tuple[Any, Any]:
     """Compute ``noise.turn`` in float32, from the same integers."""
-    v = ((b >> noise.SHIFT_11) & noise.BITS_51).astype(jnp.int64) - (1 << 50)
-    angle = v.astype(jnp.float32) * np.float32(2.0**-53 * 2 * math.pi)
-    quarter = b >> noise.SHIFT_62
-    c, s = jnp.cos(angle), jnp.sin(angle)
-    odd = (quarter & U(1)) != 0
-    x0, x1 = jnp.where(odd, s, c), jnp.where(odd, c, s)
-    return jnp.where(((quarter + U(1)) & U(2)) != 0, -x0, x0), jnp.where(quarter > U(1), -x1, x1)
+    centred = ((second >> noise.SHIFT_11) & noise.BITS_51).astype(jnp.int64) - (1 << 50)
+    angle = centred.astype(jnp.float32) * np.float32(2.0**-53 * 2 * math.pi)
+    quarter = second >> noise.SHIFT_62
+    cosine, sine = jnp.cos(angle), jnp.sin(angle)
+    swapped = (quarter & U(1)) != 0
+    one, other = jnp.where(swapped, sine, cosine), jnp.where(swapped, cosine, sine)
+    return jnp.where(((quarter + U(1)) & U(2)) != 0, -one, one), jnp.where(
+        quarter > U(1), -other, other
+    )
 
 
 SHORT_FORMS = (short_radius, noise.radius), (short_turn, noise.turn)
 
 
-def white(b, p, s, x, run):
+def white(block, numbers, state, signals, run):
     """Run the block ``White``."""
-    return deviates(stream_key(run.key, b.seed, b.stream, 0), -lead(run.fs), run.n, run.dtype)
+    return deviates(
+        stream_key(run.key, block.seed, block.stream, 0), -lead(run.fs), run.n, run.dtype
+    )
 
 
 # Gates --------------------------------------------------------------------------------
@@ -275,40 +310,48 @@ def smoothed(exact: Any, distance: Any, width: Any) -> Any:
     return lax.stop_gradient(exact) + (soft - lax.stop_gradient(soft))
 
 
-def gate(b, p, s, x, run):
+def gate(block, numbers, state, signals, run):
     """Run a gate: open after a rise above ``on``, until a fall to ``off``."""
-    v = spread(x[0], run.n)
-    event = (v > p.on) | ~(v > p.off)
-    at = latest(event)
-    g = jnp.where((at >= 0) & (v[at] > p.on), 1.0, 0.0)
+    signal = spread(signals[0], run.n)
+    event = (signal > numbers.on) | ~(signal > numbers.off)
+    last = latest(event)
+    opened = jnp.where((last >= 0) & (signal[last] > numbers.on), 1.0, 0.0)
     if run.surrogate is None:
-        return g
-    return smoothed(g, v - jnp.where(later(g, 1) > 0, p.off, p.on), run.surrogate * p.on)
+        return opened
+    return smoothed(
+        opened,
+        signal - jnp.where(later(opened, 1) > 0, numbers.off, numbers.on),
+        run.surrogate * numbers.on,
+    )
 
 
-def comparison(b, p, s, x, run):
+def comparison(block, numbers, state, signals, run):
     """Run a comparison, which may have a smoothed derivative."""
-    y = traced.bind(type(b).step)(p, (), *x)[0]
-    if run.surrogate is None or not (jnp.ndim(x[0]) or jnp.ndim(x[1])):
-        return y
-    distance = spread(x[0] - x[1], run.n)
-    return smoothed(y, distance, run.surrogate * jnp.sqrt(jnp.mean(distance**2) + 1e-300))
+    exact = traced.bind(type(block).step)(numbers, (), *signals)[0]
+    if run.surrogate is None or not (jnp.ndim(signals[0]) or jnp.ndim(signals[1])):
+        return exact
+    distance = spread(signals[0] - signals[1], run.n)
+    return smoothed(exact, distance, run.surrogate * jnp.sqrt(jnp.mean(distance**2) + 1e-300))
 
 
-def guard(b, p, s, x, run):
+def guard(block, numbers, state, signals, run):
     """Run the guard, which fades out the last finite value from a fault on."""
-    v = spread(x[0], run.n)
-    i = jnp.arange(run.n)
-    bad = v - v != 0
-    at = jnp.where(bad.any(), jnp.argmax(bad), run.n)
-    last = jnp.where(at > 0, v[jnp.maximum(at - 1, 0)], 0.0)
-    left = jnp.maximum(p.m - (i - at), 0.0)
-    return jnp.where(i < at, v, last * (left / p.m)).astype(run.dtype)
+    signal = spread(signals[0], run.n)
+    index = jnp.arange(run.n)
+    broken = signal - signal != 0
+    fault = jnp.where(broken.any(), jnp.argmax(broken), run.n)
+    last = jnp.where(fault > 0, signal[jnp.maximum(fault - 1, 0)], 0.0)
+    left = jnp.maximum(numbers.m - (index - fault), 0.0)
+    return jnp.where(index < fault, signal, last * (left / numbers.m)).astype(run.dtype)
 
 
-def delay(b, p, s, x, run):
+def delay(block, numbers, state, signals, run):
     """Run the block ``Delay``."""
-    return later(spread(x[0], run.n), min(int(p.n), run.n)) if p.n < run.n else jnp.zeros(run.n)
+    return (
+        later(spread(signals[0], run.n), min(int(numbers.n), run.n))
+        if numbers.n < run.n
+        else jnp.zeros(run.n)
+    )
 
 
 # Contact: where a history begins ------------------------------------------------------
@@ -326,56 +369,63 @@ class History(NamedTuple):
     way: Any  # movement since contact, 0 off contact
 
 
-def history(x: Any, contact: Any, cold: float, n: int) -> History:
+def history(position: Any, contact: Any, cold: float, count: int) -> History:
     """Return the movements since contact.
 
     If ``cold`` was above 1 before the first contact, the history starts with a step
     from 0.
     """
-    x = spread(x, n)
+    position = spread(position, count)
     if steady(contact):
-        first = jnp.where(cold > 1, 0.0, x[0])
-        return History(jnp.ones(n, bool), jnp.zeros(n, int), x - later(x, 1, first), x - first)
-    on = spread(jnp.asarray(contact) > 0, n)
-    fresh = on & ~later(on, 1, False)
+        first = jnp.where(cold > 1, 0.0, position[0])
+        return History(
+            jnp.ones(count, bool),
+            jnp.zeros(count, int),
+            position - later(position, 1, first),
+            position - first,
+        )
+    touched = spread(jnp.asarray(contact) > 0, count)
+    fresh = touched & ~later(touched, 1, False)
     start = latest(fresh)
-    first = jnp.where((start == jnp.argmax(fresh)) & (cold > 1), 0.0, x[start])
-    d = jnp.where(on, x - jnp.where(fresh, first, later(x, 1)), 0.0)
-    return History(on, start, d, jnp.where(on, x - first, 0.0))
+    first = jnp.where((start == jnp.argmax(fresh)) & (cold > 1), 0.0, position[start])
+    movement = jnp.where(touched, position - jnp.where(fresh, first, later(position, 1)), 0.0)
+    return History(touched, start, movement, jnp.where(touched, position - first, 0.0))
 
 
-def maxwell_arms(b, p, s, x, run):
+def maxwell_arms(block, numbers, state, signals, run):
     """Run the block ``MaxwellArms``."""
-    h = history(x[0], x[1], s.cold, run.n)
-    if steady(x[1]):
-        return bank(p.e, p.r, h.d, run.dtype)
-    a, r = jnp.asarray(1 - p.e, run.dtype), jnp.asarray(p.r, run.dtype)
+    moved = history(signals[0], signals[1], state.cold, run.n)
+    if steady(signals[1]):
+        return bank(numbers.e, numbers.r, moved.d, run.dtype)
+    poles, weights = jnp.asarray(1 - numbers.e, run.dtype), jnp.asarray(numbers.r, run.dtype)
 
-    def body(q, d):
-        q = a * q + d
-        return q, jnp.sum(r * q)
+    def body(sums, movement):
+        sums = poles * sums + movement
+        return sums, jnp.sum(weights * sums)
 
-    return in_contact(body, jnp.zeros(a.size, run.dtype), h.on, h.d.astype(run.dtype))
+    return in_contact(body, jnp.zeros(poles.size, run.dtype), moved.on, moved.d.astype(run.dtype))
 
 
-def in_contact(body: Callable, start: Any, on: Any, *rows: Any) -> Any:
+def in_contact(body: Callable, start: Any, touched: Any, *rows: Any) -> Any:
     """Run a loop over samples in contact, ``state, y = body(state, *row)``.
 
     Off contact the state is ``start`` and y is 0.
     """
 
-    def sample(s, row):
-        on, *x = row
-        after, y = body(s, *x)
-        return jax.tree.map(lambda a, b: jnp.where(on, a, b), after, start), jnp.where(on, y, 0.0)
+    def sample(state, row):
+        touched, *given = row
+        after, output = body(state, *given)
+        return jax.tree.map(lambda new, old: jnp.where(touched, new, old), after, start), jnp.where(
+            touched, output, 0.0
+        )
 
-    return lax.scan(sample, start, (on, *rows))[1]
+    return lax.scan(sample, start, (touched, *rows))[1]
 
 
-def kelvin_chain(b, p, s, x, run):
+def kelvin_chain(block, numbers, state, signals, run):
     """Run the block ``KelvinChain``."""
-    f = spread(x[0], run.n)
-    return bank(p.e, p.r, later(f, 1), run.dtype) + p.d * f
+    force = spread(signals[0], run.n)
+    return bank(numbers.e, numbers.r, later(force, 1), run.dtype) + numbers.d * force
 
 
 # Springpots ---------------------------------------------------------------------------
@@ -388,197 +438,243 @@ class HistoryWeights(NamedTuple):
     scale: Any  # fs^alpha
 
 
-def springpot(b, p, s, x, run):
+def springpot(block, numbers, state, signals, run):
     """Run the block ``Springpot``."""
-    h = history(x[0], x[1], s.cold, run.n)
-    if p.alpha in (0.0, 1.0):
-        return h.d * p.fs if p.alpha else h.way
-    w = HistoryWeights(p.r, p.taps, p.constant, p.scale)
-    if steady(x[1]):
-        return whole_history(p.e, w, h, run)
-    return _scan_history(p.e, lambda a: w, 0.5, h, run)
+    moved = history(signals[0], signals[1], state.cold, run.n)
+    if numbers.alpha in (0.0, 1.0):
+        return moved.d * numbers.fs if numbers.alpha else moved.way
+    fixed = HistoryWeights(numbers.r, numbers.taps, numbers.constant, numbers.scale)
+    if steady(signals[1]):
+        return whole_history(numbers.e, fixed, moved, run)
+    return _scan_history(numbers.e, lambda order: fixed, 0.5, moved, run)
 
 
-def whole_history(e: np.ndarray, w: HistoryWeights, h: History, run: Run) -> Any:
+def whole_history(leaks: np.ndarray, weighted: HistoryWeights, moved: History, run: Run) -> Any:
     """Return a springpot's sum over all movements: eight taps, then modes.
 
     The modes start eight samples later.
     """
-    near = sum(w.taps[7 - j] * later(h.d, j) for j in range(8))
-    return w.scale * (near + w.constant * later(h.way, 8) + bank(e, w.r, later(h.d, 8), run.dtype))
+    near = sum(weighted.taps[7 - delay] * later(moved.d, delay) for delay in range(8))
+    return weighted.scale * (
+        near
+        + weighted.constant * later(moved.way, 8)
+        + bank(leaks, weighted.r, later(moved.d, 8), run.dtype)
+    )
 
 
-def springpot_live(b, p, s, x, run):
+def springpot_live(block, numbers, state, signals, run):
     """Run ``SpringpotLive``: its weights depend on the order, its modes do not."""
-    alpha = jnp.asarray(x[1])
+    alpha = jnp.asarray(signals[1])
     alpha = jnp.where(alpha >= 0, jnp.where(alpha <= 1, alpha, 1.0), 0.0)
-    h = history(x[0], x[2], s.cold, run.n)
-    if steady(x[2]) and not jnp.ndim(alpha):
-        y = whole_history(p.e, weights(p, alpha), h, run)
+    moved = history(signals[0], signals[2], state.cold, run.n)
+    if steady(signals[2]) and not jnp.ndim(alpha):
+        output = whole_history(numbers.e, weights(numbers, alpha), moved, run)
     else:
-        y = _scan_history(p.e, lambda a: weights(p, a), alpha, h, run)
-    ends = jnp.where(alpha > 0.5, h.d * p.fs, h.way)
-    exact = jnp.where((alpha == 0) | (alpha == 1), ends, y)
+        output = _scan_history(numbers.e, lambda order: weights(numbers, order), alpha, moved, run)
+    ends = jnp.where(alpha > 0.5, moved.d * numbers.fs, moved.way)
+    exact = jnp.where((alpha == 0) | (alpha == 1), ends, output)
     # the order's derivative is that of the sum, also at 0 and 1
-    y = y + lax.stop_gradient(exact - y)
-    return jnp.where(h.on, jnp.where(alpha == x[1], y, jnp.nan), 0.0)
+    output = output + lax.stop_gradient(exact - output)
+    return jnp.where(moved.on, jnp.where(alpha == signals[1], output, jnp.nan), 0.0)
 
 
-def weights(p: pot.LiveParams, alpha: Any) -> HistoryWeights:
+def weights(numbers: pot.LiveParams, alpha: Any) -> HistoryWeights:
     """Compute the weights of ``fractional.reweigh`` for all modes at once."""
-    m, power, poly = int(p.nodes), traced.bind(pot.power), p.poly.reshape(pot.COEFFICIENTS, -1)
-    t, left, a, b = 2.0 * alpha - 1.0, 1.0 - alpha, 0.0, 0.0
-    for row in poly[:0:-1]:
-        a, b = 2.0 * t * a + (row - b), a
-    series = t * a + (poly[0] - b)
-    gain = jnp.sin(math.pi * jnp.where(alpha > 0.5, left, alpha)) / math.pi
-    g = jnp.concatenate([left * series[8 : 8 + m], jnp.broadcast_to(gain, (p.a.size - m,))])
-    r = g * p.a * power(alpha, p.high, p.rest)
-    taps = series[:8] * jnp.concatenate([jnp.broadcast_to(left, (7,)), jnp.ones(1)])
-    return HistoryWeights(r[1:], taps, r[0], power(alpha, p.fs_high, p.fs_rest))
+    nodes, power, polynomials = (
+        int(numbers.nodes),
+        traced.bind(pot.power),
+        numbers.poly.reshape(pot.COEFFICIENTS, -1),
+    )
+    argument, remaining, last, before = 2.0 * alpha - 1.0, 1.0 - alpha, 0.0, 0.0
+    for row in polynomials[:0:-1]:
+        last, before = 2.0 * argument * last + (row - before), last
+    series = argument * last + (polynomials[0] - before)
+    gain = jnp.sin(math.pi * jnp.where(alpha > 0.5, remaining, alpha)) / math.pi
+    scaled = jnp.concatenate(
+        [remaining * series[8 : 8 + nodes], jnp.broadcast_to(gain, (numbers.a.size - nodes,))]
+    )
+    modal = scaled * numbers.a * power(alpha, numbers.high, numbers.rest)
+    taps = series[:8] * jnp.concatenate([jnp.broadcast_to(remaining, (7,)), jnp.ones(1)])
+    return HistoryWeights(modal[1:], taps, modal[0], power(alpha, numbers.fs_high, numbers.fs_rest))
 
 
-def _scan_history(e: np.ndarray, weigh: Callable, alpha: Any, h: History, run: Run) -> Any:
+def _scan_history(leaks: np.ndarray, weigh: Callable, alpha: Any, moved: History, run: Run) -> Any:
     """Run ``whole_history`` from rest at each contact, as a loop over samples.
 
     The order may be a signal.
     """
-    a = jnp.asarray(1 - e)
+    poles = jnp.asarray(1 - leaks)
     moving = jnp.ndim(alpha) > 0
 
-    def body(state, d, order):
-        line, q, total = state
-        line, q, total = jnp.concatenate([line[1:], d[None]]), a * q + line[0], total + line[0]
-        w = weigh(order if moving else alpha)
-        return (line, q, total), w.scale * (
-            jnp.sum(w.taps * line) + w.constant * total + jnp.sum(w.r * q)
+    def body(state, movement, order):
+        recent, sums, total = state
+        recent, sums, total = (
+            jnp.concatenate([recent[1:], movement[None]]),
+            poles * sums + recent[0],
+            total + recent[0],
+        )
+        weighted = weigh(order if moving else alpha)
+        return (recent, sums, total), weighted.scale * (
+            jnp.sum(weighted.taps * recent) + weighted.constant * total + jnp.sum(weighted.r * sums)
         )
 
     return in_contact(
-        body, (jnp.zeros(8), jnp.zeros(e.size), jnp.zeros(())), h.on, h.d, spread(alpha, run.n)
+        body,
+        (jnp.zeros(8), jnp.zeros(leaks.size), jnp.zeros(())),
+        moved.on,
+        moved.d,
+        spread(alpha, run.n),
     )
 
 
-def series(b, p, s, x, run):
+def series(block, numbers, state, signals, run):
     """Run ``Series`` as a loop that solves for the inner displacement per sample."""
-    h = history(x[0], x[1], s.cold, run.n)
-    a = jnp.asarray(1 - p.e)
+    moved = history(signals[0], signals[1], state.cold, run.n)
+    poles = jnp.asarray(1 - numbers.e)
 
-    def body(state, d, way):
+    def body(before, movement, position):
         # movements of the springpot, its modes, its way until 8 samples ago and now
-        line, q, total, z = state
-        q, total = a * q + line[0], total + line[0]
-        rest = jnp.sum(p.taps[:7] * line[1:]) + p.constant * total + jnp.sum(p.r * q)
-        u = d if p.dashpot else way - z
-        step = (p.other * u - p.pot * rest) / (p.other + p.pot * p.newest)
-        return (jnp.concatenate([line[1:], step[None]]), q, total, z + step), p.pot * (
-            p.newest * step + rest
+        recent, sums, total, inner = before
+        sums, total = poles * sums + recent[0], total + recent[0]
+        rest = (
+            jnp.sum(numbers.taps[:7] * recent[1:])
+            + numbers.constant * total
+            + jnp.sum(numbers.r * sums)
         )
+        outer = movement if numbers.dashpot else position - inner
+        step = (numbers.other * outer - numbers.pot * rest) / (
+            numbers.other + numbers.pot * numbers.newest
+        )
+        return (
+            jnp.concatenate([recent[1:], step[None]]),
+            sums,
+            total,
+            inner + step,
+        ), numbers.pot * (numbers.newest * step + rest)
 
-    start = jnp.zeros(8), jnp.zeros(p.e.size), jnp.zeros(()), jnp.zeros(())
-    return in_contact(body, start, h.on, h.d, h.way)
+    start = jnp.zeros(8), jnp.zeros(numbers.e.size), jnp.zeros(()), jnp.zeros(())
+    return in_contact(body, start, moved.on, moved.d, moved.way)
 
 
-def short_memory(b, p, s, x, run):
+def short_memory(block, numbers, state, signals, run):
     """Run the block ``ShortMemory``."""
-    h = history(x[0], x[1], s.cold, run.n)
-    if steady(x[1]):
-        return taps_tiles(p.taps[::-1], h.way)
-    taps = jnp.asarray(p.taps)
+    moved = history(signals[0], signals[1], state.cold, run.n)
+    if steady(signals[1]):
+        return taps_tiles(numbers.taps[::-1], moved.way)
+    taps = jnp.asarray(numbers.taps)
 
-    def body(line, z):
-        line = jnp.concatenate([line, z[None]])
-        return line[1:], jnp.sum(taps * line)
+    def body(recent, newest):
+        recent = jnp.concatenate([recent, newest[None]])
+        return recent[1:], jnp.sum(taps * recent)
 
-    return in_contact(body, jnp.zeros(p.taps.size - 1), h.on, h.way)
+    return in_contact(body, jnp.zeros(numbers.taps.size - 1), moved.on, moved.way)
 
 
-def downsampled(b, p, s, x, run):
+def downsampled(block, numbers, state, signals, run):
     """Run the block ``Downsampled``, one weight at a time."""
-    h = history(x[0], x[1], s.cold, run.n)
-    i = jnp.arange(run.n)
-    k = i - h.start
-    m = jnp.maximum((k + fractional.POINTS - 1) // fractional.POINTS, 1)
+    moved = history(signals[0], signals[1], state.cold, run.n)
+    index = jnp.arange(run.n)
+    since = index - moved.start
+    stride = jnp.maximum((since + fractional.POINTS - 1) // fractional.POINTS, 1)
 
-    def body(total, jw):
-        j, w = jw
-        inside = j * m <= k
-        return total + jnp.where(inside, w * h.way[jnp.where(inside, i - j * m, 0)], 0.0), None
+    def body(total, item):
+        number, weight = item
+        inside = number * stride <= since
+        return total + jnp.where(
+            inside, weight * moved.way[jnp.where(inside, index - number * stride, 0)], 0.0
+        ), None
 
-    total = lax.scan(body, jnp.zeros(run.n), (jnp.arange(p.weights.size), jnp.asarray(p.weights)))[
-        0
-    ]
-    y = p.scale * jnp.exp(-p.alpha * jnp.log(m.astype(jnp.float64))) * total
-    return jnp.where(h.on, jnp.where(k < s.past.size, y, jnp.nan), 0.0)
+    total = lax.scan(
+        body, jnp.zeros(run.n), (jnp.arange(numbers.weights.size), jnp.asarray(numbers.weights))
+    )[0]
+    output = numbers.scale * jnp.exp(-numbers.alpha * jnp.log(stride.astype(jnp.float64))) * total
+    return jnp.where(moved.on, jnp.where(since < state.past.size, output, jnp.nan), 0.0)
 
 
 # Carrier ------------------------------------------------------------------------------
 TOP_BITS = U(0xFFFFFFFFF8000000)
 
 
-def lost(a: Any, b: Any) -> Any:
+def lost(one: Any, other: Any) -> Any:
     """Return the exact rounding error of the product a b.
 
     The factors are split into halves of 26 bits, whose products are exact.
     """
     split = traced.bits
-    high = [traced.unbits(split(jnp.asarray(v, jnp.float64)) & TOP_BITS) for v in (a, b)]
-    low = [v - h for v, h in zip((a, b), high, strict=True)]
-    return ((high[0] * high[1] - a * b) + (high[0] * low[1] + low[0] * high[1])) + low[0] * low[1]
+    high = [
+        traced.unbits(split(jnp.asarray(factor, jnp.float64)) & TOP_BITS) for factor in (one, other)
+    ]
+    low = [factor - part for factor, part in zip((one, other), high, strict=True)]
+    return ((high[0] * high[1] - one * other) + (high[0] * low[1] + low[0] * high[1])) + low[
+        0
+    ] * low[1]
 
 
-def increment(p: Any, g: Any) -> Any:
+def increment(numbers: Any, frequency: Any) -> Any:
     """Compute ``carrier.increment`` for a frequency within 0 .. fs/2."""
-    main = g * p.high
+    main = frequency * numbers.high
     whole = jnp.floor(main)
-    rest = jnp.floor((main - whole) + (g * p.low + lost(g, p.high)) + 0.5)
+    rest = jnp.floor(
+        (main - whole) + (frequency * numbers.low + lost(frequency, numbers.high)) + 0.5
+    )
     return whole.astype(jnp.uint64) + rest.astype(jnp.int64).astype(jnp.uint64)
 
 
-def carrier(b, p, s, x, run):
+def carrier(block, numbers, state, signals, run):
     """Run the block ``Carrier``, with integer phases as on any target.
 
     The derivative is that of the sum of the frequencies.
     """
-    f, contact = x
-    count = jnp.maximum(jnp.arange(run.n) - int(s.wait), 0)  # samples that have moved the phase
-    held = jnp.where(f > 0, jnp.where(f < p.top, f, p.top), 0.0)
+    frequency, contact = signals
+    count = jnp.maximum(jnp.arange(run.n) - int(state.wait), 0)  # samples that have moved the phase
+    held = jnp.where(frequency > 0, jnp.where(frequency < numbers.top, frequency, numbers.top), 0.0)
     turns = held / run.fs  # per sample
-    inc = lax.stop_gradient(increment(p, held))
-    if jnp.ndim(f):
-        counts = jnp.arange(run.n) >= int(s.wait)
-        phase = running(jnp.where(counts, inc, U(0)))
-        way = running(jnp.where(counts, turns, 0.0))
+    step = lax.stop_gradient(increment(numbers, held))
+    if jnp.ndim(frequency):
+        counts = jnp.arange(run.n) >= int(state.wait)
+        phase = running(jnp.where(counts, step, U(0)))
+        turned = running(jnp.where(counts, turns, 0.0))
     else:
-        phase = count.astype(jnp.uint64) * inc
-        way = count * turns
-    x0 = phase + jnp.asarray(s.phase, jnp.uint64)
+        phase = count.astype(jnp.uint64) * step
+        turned = count * turns
+    start = phase + jnp.asarray(state.phase, jnp.uint64)
 
-    def sound(f, way, turns, contact):
-        rising = (x0 + QUARTER) >> U(63) == 0
-        t = traced.bind(fold)(x0) + jnp.where(rising, 2.0, -2.0) * (way - lax.stop_gradient(way))
-        q = traced.as_float(inc) * WORD + (turns - lax.stop_gradient(turns))
+    def sound(frequency, turned, turns, contact):
+        rising = (start + QUARTER) >> U(63) == 0
+        position = traced.bind(fold)(start) + jnp.where(rising, 2.0, -2.0) * (
+            turned - lax.stop_gradient(turned)
+        )
+        size = traced.as_float(step) * WORD + (turns - lax.stop_gradient(turns))
         # at 0 Hz no sample lies over a zero crossing
-        half = traced.bind(sinpi)(jnp.where(q > 0, q, 0.5))
-        y = traced.bind(rectified)(p.mode, t, q, 1.0 / half)
-        return jnp.where(contact > 0, jnp.where(f - f == 0, y, f - f), 0.0)
+        half = traced.bind(sinpi)(jnp.where(size > 0, size, 0.5))
+        output = traced.bind(rectified)(numbers.mode, position, size, 1.0 / half)
+        return jnp.where(
+            contact > 0, jnp.where(frequency - frequency == 0, output, frequency - frequency), 0.0
+        )
 
-    return traced.run(sound, jnp.asarray(f), way, turns, jnp.asarray(contact))
+    return traced.run(sound, jnp.asarray(frequency), turned, turns, jnp.asarray(contact))
 
 
-def response_limit(b, p, s, x, run):
+def response_limit(block, numbers, state, signals, run):
     """Run the block ``ResponseLimit``."""
-    k, per = (jnp.asarray(v).reshape(-1, p.keep.size) for v in (p.k, p.per))
+    gains, inverse = (
+        jnp.asarray(field).reshape(-1, numbers.keep.size) for field in (numbers.k, numbers.per)
+    )
 
-    def sample(carry, x):
-        ahead, at = carry
-        ends = jnp.sort(jnp.array([(1 - ahead) * per[at], (-1 - ahead) * per[at]]), axis=0)
-        y = jnp.clip(x, jnp.minimum(ends[0].max(), 0.0), jnp.maximum(ends[1].min(), 0.0))
-        rest, after = ahead + k[at] * jnp.where(jnp.isfinite(x), y, 0.0), (at + 1) % b.every
-        rest = jnp.where(after == 0, p.keep * jnp.append(rest[1:], 0.0), rest)
-        return (rest, after), jnp.where(jnp.isfinite(x), y, x)
+    def sample(carry, signals):
+        ahead, phase = carry
+        ends = jnp.sort(
+            jnp.array([(1 - ahead) * inverse[phase], (-1 - ahead) * inverse[phase]]), axis=0
+        )
+        output = jnp.clip(signals, jnp.minimum(ends[0].max(), 0.0), jnp.maximum(ends[1].min(), 0.0))
+        carried, after = (
+            ahead + gains[phase] * jnp.where(jnp.isfinite(signals), output, 0.0),
+            (phase + 1) % block.every,
+        )
+        carried = jnp.where(after == 0, numbers.keep * jnp.append(carried[1:], 0.0), carried)
+        return (carried, after), jnp.where(jnp.isfinite(signals), output, signals)
 
-    return lax.scan(sample, (jnp.zeros(p.keep.size), 0), spread(x[0], run.n))[1]
+    return lax.scan(sample, (jnp.zeros(numbers.keep.size), 0), spread(signals[0], run.n))[1]
 
 
 LOWERINGS: dict[type[Block], Callable] = {

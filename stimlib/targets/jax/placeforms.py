@@ -10,50 +10,73 @@ from ...blocks import surfaces
 from . import traced
 
 
-def cells_of(key, lo):
-    """Return seven lattice values, starting at the cell of lo.
+def cells_of(key, low):
+    """Return seven lattice values, starting at the cell of low.
 
     They are made in a loop, as XLA would otherwise compute them again for every use.
     """
-    lattice, half = traced.bind(surfaces.lattice), jnp.floor(0.5 * jnp.floor(lo))
-    first = half.astype(jnp.int64).astype(jnp.uint64)
-    z = lax.map(
-        lambda k: jnp.stack(lattice(key, first + k)), jnp.arange(4, dtype=jnp.uint64)
+    lattice, pair = traced.bind(surfaces.lattice), jnp.floor(0.5 * jnp.floor(low))
+    first = pair.astype(jnp.int64).astype(jnp.uint64)
+    values = lax.map(
+        lambda number: jnp.stack(lattice(key, first + number)), jnp.arange(4, dtype=jnp.uint64)
     ).reshape(8, -1)
-    return jnp.where(jnp.floor(lo) > 2.0 * half, z[1:], z[:7])
+    return jnp.where(jnp.floor(low) > 2.0 * pair, values[1:], values[:7])
 
 
-def mean(z, lo, hi):
-    """Return the mean of an octave from lo to hi, both in cells.
+def mean(values, low, high):
+    """Return the mean of an octave from low to high, both in cells.
 
     It is not valid where they are four or more cells apart.
     """
-    spline, f, g = traced.bind(surfaces.spline_mean), jnp.floor(lo), jnp.floor(hi)
-    cells = f + jnp.arange(5.0)[:, None]  # a movement of less than four touches no more
-    a, b = (jnp.clip(v - cells, 0.0, 1.0) for v in (lo, hi))
-    area = jnp.sum(jnp.where(cells <= g, (b - a) * spline(z[:5], z[1:6], z[2:], a, b), 0.0), axis=0)
+    spline, first, last = traced.bind(surfaces.spline_mean), jnp.floor(low), jnp.floor(high)
+    cells = first + jnp.arange(5.0)[:, None]  # a movement of less than four touches no more
+    start, end = (jnp.clip(edge - cells, 0.0, 1.0) for edge in (low, high))
+    area = jnp.sum(
+        jnp.where(
+            cells <= last,
+            (end - start) * spline(values[:5], values[1:6], values[2:], start, end),
+            0.0,
+        ),
+        axis=0,
+    )
     return jnp.where(
-        f == g, spline(z[0], z[1], z[2], lo - f, hi - f), area / jnp.where(f == g, 1.0, hi - lo)
+        first == last,
+        spline(values[0], values[1], values[2], low - first, high - first),
+        area / jnp.where(first == last, 1.0, high - low),
     )
 
 
-def spatial_noise(b, p, s, x, run):
+def spatial_noise(block, numbers, state, signals, run):
     """Run the block ``SpatialNoise``."""
-    on = jnp.broadcast_to(jnp.asarray(x[1]) > 0, (run.n,))
-    u = jnp.where(on, jnp.broadcast_to(x[0], (run.n,)), 0.0)
-    v = traced.bind(surfaces.held_place)(u * p.scale)
-    fresh = on & ~jnp.concatenate([jnp.zeros(1, bool), on])[: run.n]
-    before = jnp.where(fresh, v, jnp.concatenate([v[:1], v])[: run.n])
-    low, high, gain = jnp.minimum(before, v), jnp.maximum(before, v), traced.bind(surfaces.gain)
-    keys, at, own, finer = map(jnp.asarray, (p.keys, p.at, p.own, p.finer))
-    scale = jnp.asarray(0.5 ** np.arange(p.own.size))
+    touched = jnp.broadcast_to(jnp.asarray(signals[1]) > 0, (run.n,))
+    position = jnp.where(touched, jnp.broadcast_to(signals[0], (run.n,)), 0.0)
+    current = traced.bind(surfaces.held_place)(position * numbers.scale)
+    fresh = touched & ~jnp.concatenate([jnp.zeros(1, bool), touched])[: run.n]
+    before = jnp.where(fresh, current, jnp.concatenate([current[:1], current])[: run.n])
+    low, high, gain = (
+        jnp.minimum(before, current),
+        jnp.maximum(before, current),
+        traced.bind(surfaces.gain),
+    )
+    keys, offsets, own_widths, finer = map(
+        jnp.asarray, (numbers.keys, numbers.at, numbers.own, numbers.finer)
+    )
+    scale = jnp.asarray(0.5 ** np.arange(numbers.own.size))
     fixed = lax.stop_gradient(low)
-    lattices = lax.map(lambda row: cells_of(row[0], fixed * row[2] + row[1]), (keys, at, scale))
+    lattices = lax.map(
+        lambda row: cells_of(row[0], fixed * row[2] + row[1]), (keys, offsets, scale)
+    )
 
-    def octave(y, row):
-        z, at, own, finer, scale = row
-        lo, hi = low * scale + at, high * scale + at
-        r = hi - lo
-        return y + jnp.where(r < 4.0, gain(r, own, finer) * mean(z, lo, hi), 0.0), None
+    def octave(total, row):
+        lattice, offset, width, finer, scale = row
+        lowest, highest = low * scale + offset, high * scale + offset
+        distance = highest - lowest
+        return total + jnp.where(
+            distance < 4.0, gain(distance, width, finer) * mean(lattice, lowest, highest), 0.0
+        ), None
 
-    return jnp.where(on, lax.scan(octave, u - u, (lattices, at, own, finer, scale))[0], 0.0)
+    return jnp.where(
+        touched,
+        lax.scan(octave, position - position, (lattices, offsets, own_widths, finer, scale))[0],
+        0.0,
+    )

@@ -13,80 +13,109 @@ from . import traced
 from .recurrence import affine, run_step, scan_arrays
 
 
-def cascade(b, p, s, x, run):
+def cascade(block, numbers, state, signals, run):
     """Run the sections of a filter in series, each with an affine update of two states.
 
     It is in float64, which a low cutoff needs.
     """
-    v = jnp.broadcast_to(x[0], (run.n,))
-    M = np.stack([np.stack([1 - p.c, -p.a], -1), np.stack([p.b, 1 - p.d], -1)], -2)
+    signal = jnp.broadcast_to(signals[0], (run.n,))
+    matrices = np.stack(
+        [np.stack([1 - numbers.c, -numbers.a], -1), np.stack([numbers.b, 1 - numbers.d], -1)], -2
+    )
 
-    def section(v, row):
-        M, drive, h0, e1, e0 = row
-        states = affine(M, v[:, None] * drive, jnp.zeros(2, v.dtype))
-        s1, s2 = states[:, 0], states[:, 1]
-        return h0 * (v - s2) + e1 * s1 + e0 * s2, None
+    def section(signal, row):
+        matrix, drive, direct, first, second = row
+        states = affine(matrix, signal[:, None] * drive, jnp.zeros(2, signal.dtype))
+        one, two = states[:, 0], states[:, 1]
+        return direct * (signal - two) + first * one + second * two, None
 
-    rows = [*map(jnp.asarray, (M, np.stack([p.a, p.d], -1), p.h0, p.e1, p.e0))]
-    return lax.scan(section, v.astype(jnp.float64), rows)[0].astype(v.dtype)
+    rows = [
+        *map(
+            jnp.asarray,
+            (matrices, np.stack([numbers.a, numbers.d], -1), numbers.h0, numbers.e1, numbers.e0),
+        )
+    ]
+    return lax.scan(section, signal.astype(jnp.float64), rows)[0].astype(signal.dtype)
 
 
-def turning(p, s, event, freq, decay):
+def turning(numbers, state, event, frequency, decay):
     """Run one sample of a ring that never rests, so that its state is linear."""
-    return turned(p, turn(p, freq, decay), s, event)
+    return turned(numbers, turn(numbers, frequency, decay), state, event)
 
 
-def ring(b, p, s, x, run):
+def ring(block, numbers, state, signals, run):
     """Run the block ``Ring``."""
-    return run_step(turning, p, s, x, run.n)
+    return run_step(turning, numbers, state, signals, run.n)
 
 
-def avatar(b, p, s, x, run):
+def avatar(block, numbers, state, signals, run):
     """Run ``DelayAvatar`` sample by sample, as it reads its history at any point."""
-    return scan_arrays(traced.bind(b.step), traced.on_arrays(p), s, x, run.n)
+    return scan_arrays(traced.bind(block.step), traced.on_arrays(numbers), state, signals, run.n)
 
 
-def cursor(b, p, s, x, run):
+def cursor(block, numbers, state, signals, run):
     """Run ``Cursor`` sample by sample.
 
     The ratio's derivative is that of Newton's last step, which is that of the implicit
     function.
     """
-    table, one = jnp.asarray(p.c).reshape(-1, int(p.width)), np.eye(4)
+    table, one = jnp.asarray(numbers.c).reshape(-1, int(numbers.width)), np.eye(4)
 
-    def cell(v, per, n):
-        held = jnp.clip(v * per, 0.0, n)
-        i = jnp.minimum(lax.stop_gradient(jnp.floor(held)), n - 1.0)
-        w, d = (
-            jnp.stack([f(row[0], row[1], row[2], row[3], held - i) for row in one])
-            for f in (spline, spline_slope)
+    def cell(position, density, count):
+        held = jnp.clip(position * density, 0.0, count)
+        index = jnp.minimum(lax.stop_gradient(jnp.floor(held)), count - 1.0)
+        weights, slopes = (
+            jnp.stack([function(row[0], row[1], row[2], row[3], held - index) for row in one])
+            for function in (spline, spline_slope)
         )
-        return i.astype(jnp.int64), w, d, jnp.where(held == v * per, per, 0.0)
+        return (
+            index.astype(jnp.int64),
+            weights,
+            slopes,
+            jnp.where(held == position * density, density, 0.0),
+        )
 
     def level(x, y):
-        (i, wx, dx, free_x), (j, wy, dy, free_y) = cell(x, p.px, p.nx), cell(y, p.py, p.ny)
-        near = lax.dynamic_slice(table, (i, j), (4, 4))
-        S, sx, sy = wx @ near @ wy, dx @ near @ wy, wx @ near @ dy
-        inside = jnp.where((S > 0.0) & (S < 1.0), 1.0, 0.0)
-        return jnp.clip(S, 0.0, 1.0), free_x * inside * sx, free_y * inside * sy
-
-    def better(c, x, y, dx, dy):
-        S, sx, sy = level(x + 0.5 * c * dx, y + 0.5 * c * dy)
-        slope = -2.1 / (1.1 * (1.0 + S) ** 2) * 0.5 * (sx * dx + sy * dy)
-        return jnp.clip(c - (ratio(S) - c) / (slope - 1.0), 1.0 / 22.0, 1.0)
-
-    def step(s, row):
-        px, py, contact = row
-        place = s.x, s.y, px - s.px, py - s.py
-        still = lax.stop_gradient(place)
-        c = lax.fori_loop(0, 5, lambda _, c: better(c, *still), ratio(level(*still[:2])[0]))
-        c = better(lax.stop_gradient(c), *place)
-        on, fresh = contact > 0.0, s.cold > 0.0
-        x, y = (
-            jnp.where(on, jnp.where(fresh, p, at + c * d), at)
-            for p, at, d in ((px, s.x, place[2]), (py, s.y, place[3]))
+        (column, weights_x, slopes_x, free_x), (line, weights_y, slopes_y, free_y) = (
+            cell(x, numbers.px, numbers.nx),
+            cell(y, numbers.py, numbers.ny),
         )
-        return s._replace(x=x, y=y, px=px, py=py, cold=jnp.where(on, 0.0, 1.0)), (x, y)
+        near = lax.dynamic_slice(table, (column, line), (4, 4))
+        stiffness, slope_x, slope_y = (
+            weights_x @ near @ weights_y,
+            slopes_x @ near @ weights_y,
+            weights_x @ near @ slopes_y,
+        )
+        # a level is held between 0 and 1, and has no slope where it is
+        inside = jnp.where((stiffness > 0.0) & (stiffness < 1.0), 1.0, 0.0)
+        return jnp.clip(stiffness, 0.0, 1.0), free_x * inside * slope_x, free_y * inside * slope_y
 
-    first = type(s)(*(jnp.asarray(v, jnp.float64) for v in s))
-    return lax.scan(step, first, [jnp.broadcast_to(v, (run.n,)).astype(jnp.float64) for v in x])[1]
+    def better(guess, x, y, move_x, move_y):
+        # one step of Newton's method: the ratio decides where the cursor goes, and the
+        # level there decides the ratio
+        stiffness, slope_x, slope_y = level(x + 0.5 * guess * move_x, y + 0.5 * guess * move_y)
+        slope = -2.1 / (1.1 * (1.0 + stiffness) ** 2) * 0.5 * (slope_x * move_x + slope_y * move_y)
+        return jnp.clip(guess - (ratio(stiffness) - guess) / (slope - 1.0), 1.0 / 22.0, 1.0)
+
+    def step(before, row):
+        hand_x, hand_y, contact = row
+        moved = before.x, before.y, hand_x - before.px, hand_y - before.py
+        still = lax.stop_gradient(moved)
+        # five steps without a derivative, and one with: its derivative is that of the
+        # implicit function
+        solved = lax.fori_loop(
+            0, 5, lambda _, guess: better(guess, *still), ratio(level(*still[:2])[0])
+        )
+        solved = better(lax.stop_gradient(solved), *moved)
+        touched, fresh = contact > 0.0, before.cold > 0.0
+        x, y = (
+            jnp.where(touched, jnp.where(fresh, hand, start + solved * change), start)
+            for hand, start, change in ((hand_x, before.x, moved[2]), (hand_y, before.y, moved[3]))
+        )
+        cold = jnp.where(touched, 0.0, 1.0)
+        return before._replace(x=x, y=y, px=hand_x, py=hand_y, cold=cold), (x, y)
+
+    first = type(state)(*(jnp.asarray(value, jnp.float64) for value in state))
+    return lax.scan(
+        step, first, [jnp.broadcast_to(value, (run.n,)).astype(jnp.float64) for value in signals]
+    )[1]

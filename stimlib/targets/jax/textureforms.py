@@ -14,37 +14,51 @@ from ...blocks.texture import Place, inside, least, part, weight
 from . import traced
 
 
-def texture(b, p, s, x, run):
+def texture(block, numbers, state, signals, run):
     """Run the block ``Texture``."""
-    every, poles = int(p.every), int(p.poles)
-    white, speed, force = (jnp.broadcast_to(v, (run.n,))[::every] for v in x)
-    held, lowest, one, all_three = (traced.bind(f) for f in (part, least, weight, inside))
-    at: Any = Place(held(abs(speed), p.per_speed), held(force, p.per_force))
-    planes = [*map(jnp.asarray, (p.ax, p.ay, p.a, p.bx, p.by, p.b))]
-    t = jnp.argmax(lowest(Place(at.x[:, None], at.z[:, None]), *planes), axis=1)
-    own = [v[t] for v in planes]
-    q = jnp.stack(all_three(one(at, *own[:3]), one(at, *own[3:])), axis=1)
-    corners = jnp.asarray(p.corners.reshape(-1, 3).astype(int))[t]
+    every, poles = int(numbers.every), int(numbers.poles)
+    white, speed, force = (jnp.broadcast_to(drives, (run.n,))[::every] for drives in signals)
+    held, lowest, weigh, all_three = (
+        traced.bind(helper) for helper in (part, least, weight, inside)
+    )
+    motion: Any = Place(held(abs(speed), numbers.per_speed), held(force, numbers.per_force))
+    planes = [
+        *map(jnp.asarray, (numbers.ax, numbers.ay, numbers.a, numbers.bx, numbers.by, numbers.b))
+    ]
+    triangle = jnp.argmax(lowest(Place(motion.x[:, None], motion.z[:, None]), *planes), axis=1)
+    planes_there = [drives[triangle] for drives in planes]
+    shares = jnp.stack(
+        all_three(weigh(motion, *planes_there[:3]), weigh(motion, *planes_there[3:])), axis=1
+    )
+    corners = jnp.asarray(numbers.corners.reshape(-1, 3).astype(int))[triangle]
 
-    def mean(v):
-        return jnp.einsum("nk,nk...->n...", q, jnp.asarray(v)[corners])
+    def mean(values):
+        return jnp.einsum("nk,nk...->n...", shares, jnp.asarray(values)[corners])
 
-    c = jnp.cos(jnp.pi * mean(p.lsf.reshape(p.gain.size, -1)))
-    variance = mean(p.variance)
-    some = variance > 0  # a root has no slope at 0
-    deviation = mean(p.gain) * jnp.where(some, jnp.sqrt(jnp.where(some, variance, 1.0)), 0.0)
-    v, ar, ma = deviation * white, predictor(c[:, :poles]), predictor(c[:, poles:])
+    cosines = jnp.cos(jnp.pi * mean(numbers.lsf.reshape(numbers.gain.size, -1)))
+    variance = mean(numbers.variance)
+    varied = variance > 0  # a root has no slope at 0
+    deviation = mean(numbers.gain) * jnp.where(
+        varied, jnp.sqrt(jnp.where(varied, variance, 1.0)), 0.0
+    )
+    drives, recursions, averages = (
+        deviation * white,
+        predictor(cosines[:, :poles]),
+        predictor(cosines[:, poles:]),
+    )
 
-    def sample(state, row):
-        before, past = state
-        v, ar, ma = row
-        y = v + ma @ before - ar @ past
-        return (later(before, v), later(past, y)), y
+    def sample(memory, row):
+        before, past = memory
+        drive, recursive, direct = row
+        output = drive + direct @ before - recursive @ past
+        return (later(before, drive), later(past, output)), output
 
-    start = jnp.zeros(ma.shape[1]), jnp.zeros(poles)
-    out = lax.scan(sample, start, (v, ar, ma))[1]
-    rows = jnp.asarray(p.rows.reshape(every, -1))
-    last = jnp.stack([jnp.pad(out, (k, 0))[: out.size] for k in range(rows.shape[1])], axis=1)
+    start = jnp.zeros(averages.shape[1]), jnp.zeros(poles)
+    out = lax.scan(sample, start, (drives, recursions, averages))[1]
+    rows = jnp.asarray(numbers.rows.reshape(every, -1))
+    last = jnp.stack(
+        [jnp.pad(out, (delay, 0))[: out.size] for delay in range(rows.shape[1])], axis=1
+    )
     return (last @ rows.T).reshape(-1)[: run.n].astype(run.dtype)
 
 
@@ -53,24 +67,24 @@ def later(row, new):
     return jnp.concatenate([new[None], row])[: row.size]
 
 
-def predictor(c):
+def predictor(cosines):
     """Return a_1 .. a_p from rows of cosines of p line spectral frequencies.
 
-    The rows are (n, p); (P + Q)/2 is multiplied out.
+    The rows are (n, order p); (P + Q)/2 is multiplied out.
     """
-    n, p = c.shape
+    count, order = cosines.shape
     halves = []
     for first, sign in ((0, 1.0), (1, -1.0)):
-        half = jnp.ones((n, 1))
-        for k in range(first, p, 2):
-            middle = 2 * c[:, k : k + 1] * jnp.pad(half, ((0, 0), (1, 1)))
+        half = jnp.ones((count, 1))
+        for number in range(first, order, 2):
+            middle = 2 * cosines[:, number : number + 1] * jnp.pad(half, ((0, 0), (1, 1)))
             half = jnp.pad(half, ((0, 0), (0, 2))) - middle + later_by(half, 2)
-        if p % 2 == 0:
+        if order % 2 == 0:
             half = jnp.pad(half, ((0, 0), (0, 1))) + sign * later_by(half, 1)
         elif sign < 0:
             half = jnp.pad(half, ((0, 0), (0, 2))) - later_by(half, 2)
         halves.append(half)
-    return (halves[0] + halves[1])[:, 1 : p + 1] / 2
+    return (halves[0] + halves[1])[:, 1 : order + 1] / 2
 
 
 def later_by(rows, by):

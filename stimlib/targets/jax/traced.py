@@ -40,8 +40,8 @@ def sqrt(x):
 
 @sqrt.defjvp
 def _sqrt(primals, tangents):
-    y = sqrt(primals[0])
-    return y, tangents[0] * jnp.where(y > 0, 0.5 / jnp.where(y > 0, y, 1.0), 0.0)
+    root = sqrt(primals[0])
+    return root, tangents[0] * jnp.where(root > 0, 0.5 / jnp.where(root > 0, root, 1.0), 0.0)
 
 
 @jax.custom_jvp
@@ -52,21 +52,25 @@ def log(x):
 
 @log.defjvp
 def _log(primals, tangents):
-    x = primals[0]
-    return log(x), tangents[0] * jnp.where(x > 0, 1 / jnp.where(x > 0, x, 1.0), 0.0)
+    value = primals[0]
+    return log(value), tangents[0] * jnp.where(value > 0, 1 / jnp.where(value > 0, value, 1.0), 0.0)
 
 
 @jax.custom_jvp
-def divide(a, b):
+def divide(numerator, denominator):
     """Return a / b, with a derivative of 0 where b is 0."""
-    return a / b
+    return numerator / denominator
 
 
 @divide.defjvp
 def _divide(primals, tangents):
-    (a, b), (da, db) = primals, tangents
-    safe = jnp.where(b == 0, jnp.ones_like(b), b)
-    return divide(a, b), jnp.where(b == 0, jnp.zeros_like(b), (da - a / safe * db) / safe)
+    (numerator, denominator), (change_above, change_below) = primals, tangents
+    safe = jnp.where(denominator == 0, jnp.ones_like(denominator), denominator)
+    return divide(numerator, denominator), jnp.where(
+        denominator == 0,
+        jnp.zeros_like(denominator),
+        (change_above - numerator / safe * change_below) / safe,
+    )
 
 
 floor, exp, sin, cos, tanh, where = jnp.floor, jnp.exp, jnp.sin, jnp.cos, jnp.tanh, jnp.where
@@ -125,55 +129,59 @@ TYPES = {
 _bound: dict[types.FunctionType, Callable] = {}
 
 
-def bind(f: Callable) -> Callable:
+def bind(function: Callable) -> Callable:
     """Return a function that uses JAX's mathematics in place of stimlib's."""
-    assert isinstance(f, types.FunctionType)
-    if f in _bound:
-        return _bound[f]
+    assert isinstance(function, types.FunctionType)
+    if function in _bound:
+        return _bound[function]
     scope: dict[str, Any] = {"__builtins__": builtins}
-    twin = types.FunctionType(f.__code__, scope, f.__name__, f.__defaults__, f.__closure__)
-    _bound[f] = twin  # before its helpers, should they refer to it
-    for name in _names(f.__code__):
-        if name in f.__globals__:
-            scope[name] = _twin(f, name, f.__globals__[name])
+    twin = types.FunctionType(
+        function.__code__, scope, function.__name__, function.__defaults__, function.__closure__
+    )
+    _bound[function] = twin  # before its helpers, should they refer to it
+    for name in _names(function.__code__):
+        if name in function.__globals__:
+            scope[name] = _twin(function, name, function.__globals__[name])
     return twin
 
 
 def _names(code: types.CodeType) -> set[str]:
     return set(code.co_names).union(
-        *(_names(c) for c in code.co_consts if isinstance(c, types.CodeType))
+        *(_names(inner) for inner in code.co_consts if isinstance(inner, types.CodeType))
     )
 
 
-def _twin(f: Callable, name: str, v: Any) -> Any:
-    if v is np:
-        return types.SimpleNamespace(**{t.__name__: TYPES[t] for t in TYPES})
-    if v is maths:
+def _twin(function: Callable, name: str, value: Any) -> Any:
+    if value is np:
+        return types.SimpleNamespace(**{kind.__name__: TYPES[kind] for kind in TYPES})
+    if value is maths:
         return NAMESPACE
-    if isinstance(v, type) and v in TYPES:
-        return TYPES[v]
-    ours = getattr(v, "__name__", "")
-    if callable(v) and v is getattr(maths, ours, None):
+    if isinstance(value, type) and value in TYPES:
+        return TYPES[value]
+    ours = getattr(value, "__name__", "")
+    if callable(value) and value is getattr(maths, ours, None):
         if ours not in TWINS:
             raise SceneError(
-                f"{f.__qualname__} uses {name}, which works on arrays: it needs a lowering of its"
-                " own for JAX"
+                f"{function.__qualname__} uses {name}, which works on arrays: it needs a lowering"
+                " of its own for JAX"
             )
         return TWINS[ours]
-    return bind(v) if isinstance(v, types.FunctionType) else v
+    return bind(value) if isinstance(value, types.FunctionType) else value
 
 
-def on_arrays(p: Any) -> Any:
+def on_arrays(numbers: Any) -> Any:
     """Return design numbers whose arrays can be indexed by signals."""
-    return jax.tree.map(lambda v: jnp.asarray(v) if isinstance(v, np.ndarray) else v, p)
+    return jax.tree.map(
+        lambda field: jnp.asarray(field) if isinstance(field, np.ndarray) else field, numbers
+    )
 
 
 # Evaluating with finite derivatives ---------------------------------------------------
-def run(f: Callable, *args: Any) -> Any:
+def run(function: Callable, *args: Any) -> Any:
     """Return f(*args), computing every quotient by ``divide``."""
     flat, tree_in = jax.tree.flatten(args)
     closed, shape = jax.make_jaxpr(
-        lambda *a: f(*jax.tree.unflatten(tree_in, a)), return_shape=True
+        lambda *given: function(*jax.tree.unflatten(tree_in, given)), return_shape=True
     )(*flat)
     return jax.tree.unflatten(
         jax.tree.structure(shape), _evaluate(closed.jaxpr, closed.consts, flat)
@@ -181,27 +189,31 @@ def run(f: Callable, *args: Any) -> Any:
 
 
 def _evaluate(jaxpr: Any, consts: Any, args: Any) -> list[Any]:
-    env: dict[Any, Any] = {}
+    values: dict[Any, Any] = {}
 
-    def read(v):
-        return v.val if isinstance(v, core.Literal) else env[v]
+    def read(variable):
+        return variable.val if isinstance(variable, core.Literal) else values[variable]
 
-    for v, a in zip([*jaxpr.constvars, *jaxpr.invars], [*consts, *args], strict=True):
-        env[v] = a
-    for e in jaxpr.eqns:
-        x = [*map(read, e.invars)]
-        inner = body_of(e)
-        if e.primitive.name == "div" and jnp.issubdtype(e.outvars[0].aval.dtype, jnp.floating):
-            out = [divide(*x)]
+    for variable, given in zip([*jaxpr.constvars, *jaxpr.invars], [*consts, *args], strict=True):
+        values[variable] = given
+    for equation in jaxpr.eqns:
+        operands = [*map(read, equation.invars)]
+        inner = body_of(equation)
+        if equation.primitive.name == "div" and jnp.issubdtype(
+            equation.outvars[0].aval.dtype, jnp.floating
+        ):
+            results = [divide(*operands)]
         elif inner is not None:
-            out = _evaluate(inner.jaxpr, inner.consts, x)
+            results = _evaluate(inner.jaxpr, inner.consts, operands)
         else:
-            out = e.primitive.bind(*x, **e.primitive.get_bind_params(e.params))
-            out = out if e.primitive.multiple_results else [out]
-        env.update(zip(e.outvars, out, strict=True))
+            results = equation.primitive.bind(
+                *operands, **equation.primitive.get_bind_params(equation.params)
+            )
+            results = results if equation.primitive.multiple_results else [results]
+        values.update(zip(equation.outvars, results, strict=True))
     return [*map(read, jaxpr.outvars)]
 
 
-def body_of(e: Any) -> Any:
+def body_of(equation: Any) -> Any:
     """Return the body that a call of a plain jitted function runs, or None."""
-    return e.params["jaxpr"] if e.primitive.name in ("pjit", "jit") else None
+    return equation.params["jaxpr"] if equation.primitive.name in ("pjit", "jit") else None

@@ -83,12 +83,12 @@ def expect(pieces: Iterable[tuple[str, str]]) -> None:
     Pieces are arguments of ``load``. Nothing is done unless somebody counts.
     """
     for tell in counted:
-        new = {
+        missing = {
             name: text
             for text, stem in pieces
             if (name := _name(text, stem)) not in _loaded and not (folder() / name).exists()
         }
-        tell("".join(new.values()).count("\n"), 0)
+        tell("".join(missing.values()).count("\n"), 0)
 
 
 def load(text: str, stem: str, make: Callable[[], walk.Intermediate] | None = None) -> Code:
@@ -115,8 +115,8 @@ def load(text: str, stem: str, make: Callable[[], walk.Intermediate] | None = No
         if name not in _loaded:
             try:
                 _loaded[name] = _load(folder() / name, text, make)
-            except OSError as e:  # full or gone in the middle
-                temporary(folder(), e)
+            except OSError as error:  # full or gone in the middle
+                temporary(folder(), error)
                 try:
                     _loaded[name] = _load(folder() / name, text, make)
                 except OSError as again:
@@ -127,50 +127,52 @@ def load(text: str, stem: str, make: Callable[[], walk.Intermediate] | None = No
 
 
 def _load(entry: Path, text: str, make: Callable[[], walk.Intermediate] | None) -> Code:
-    of = _sums(text)
-    if (code := _kept(entry, of)) is None:
+    own_hash = _sums(text)
+    if (code := _kept(entry, own_hash)) is None:
         if entry.name.startswith(LONG):
             for tell in announce:
                 tell("compiling for this machine, once: about two seconds")
         with _turn(entry, text):
-            if (code := _kept(entry, of)) is None:
+            if (code := _kept(entry, own_hash)) is None:
                 began = time.perf_counter()
                 _publish(entry, text, make)
-                took = time.perf_counter() - began
-                where = entry.parent
-                logger.info("cache miss: %s compiled in %.2f s, into %s", entry.name, took, where)
-                code = _kept(entry, of)
+                seconds = time.perf_counter() - began
+                cache = entry.parent
+                logger.info(
+                    "cache miss: %s compiled in %.2f s, into %s", entry.name, seconds, cache
+                )
+                code = _kept(entry, own_hash)
     if code is None:
         raise OSError(f"what was written to {entry} is not what is there")
     return code
 
 
-def _kept(entry: Path, of: str) -> Code | None:
+def _kept(entry: Path, own_hash: str) -> Code | None:
     """Return the code of an entry, or None unless it is intact and can be used here."""
-    if (found := _sound(entry, of)) is None:
+    if (found := _sound(entry, own_hash)) is None:
         return None
-    head, data = found
+    header, code_bytes = found
     try:
-        if machine.missing(head["calls"]):
+        if machine.missing(header["calls"]):
             return None
-        code = Code(entry.name, machine.addresses(data, head["names"]))
+        code = Code(entry.name, machine.addresses(code_bytes, header["names"]))
     except (LookupError, RuntimeError, TypeError):  # sums that fit, and code that does not
         return None
     logger.debug("cache hit: %s in %s", entry.name, entry.parent)
     return code
 
 
-def _sound(entry: Path, of: str) -> tuple[dict[str, Any], bytes] | None:
+def _sound(entry: Path, own_hash: str) -> tuple[dict[str, Any], bytes] | None:
     """Return the parts of an entry, or None unless it is intact and made of this."""
     try:
         info = os.lstat(entry)
         if not stat.S_ISREG(info.st_mode) or open_to_others(info):
             return None
-        line, _, data = safe_files.read(entry, "sidecar_bytes").partition(b"\n")
-        head = json.loads(line)
-        wanted = head.pop("sha256")
-        whole = json.dumps(head).encode() + data
-        return (head, data) if head["of"] == of and wanted == _sum(whole) else None
+        line, _, code_bytes = safe_files.read(entry, "sidecar_bytes").partition(b"\n")
+        header = json.loads(line)
+        wanted = header.pop("sha256")
+        whole = json.dumps(header).encode() + code_bytes
+        return (header, code_bytes) if header["of"] == own_hash and wanted == _sum(whole) else None
     except (OSError, SinkError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
@@ -178,11 +180,11 @@ def _sound(entry: Path, of: str) -> tuple[dict[str, Any], bytes] | None:
 def _publish(entry: Path, text: str, make: Callable[[], walk.Intermediate] | None) -> None:
     """Compile an entry and move it into the cache, whatever is there."""
     made = make() if make else walk.of_module(text, entry.name, known.TWINS)
-    data, calls = machine.machine_code(made.llvm, ours=make is not None)
-    head = {"of": _sums(text), "names": made.names, "calls": calls}
-    line = json.dumps(head | {"sha256": _sum(json.dumps(head).encode() + data)}).encode()
+    code_bytes, calls = machine.machine_code(made.llvm, ours=make is not None)
+    header = {"of": _sums(text), "names": made.names, "calls": calls}
+    line = json.dumps(header | {"sha256": _sum(json.dumps(header).encode() + code_bytes)}).encode()
     try:
-        safe_files.publish(entry, line + b"\n" + data)
+        safe_files.publish(entry, line + b"\n" + code_bytes)
     except SinkError as e:
         raise e.__cause__ if isinstance(e.__cause__, OSError) else OSError(str(e)) from None
     entry.chmod(0o600)  # whatever the umask is
@@ -198,10 +200,10 @@ def _turn(entry: Path, text: str) -> Iterator[None]:
     system has no locks, or the other process takes longer than WAIT, both compile, and
     one result is kept. Only the process that holds the lock removes the lock file.
     """
-    at, until = entry.with_name(f"{entry.name}.lock"), time.monotonic() + WAIT
+    lock_file, latest = entry.with_name(f"{entry.name}.lock"), time.monotonic() + WAIT
     with ExitStack() as stack:
-        while not _sound(entry, _sums(text)) and time.monotonic() < until:
-            if safe_files.taken(stack, at):
+        while not _sound(entry, _sums(text)) and time.monotonic() < latest:
+            if safe_files.taken(stack, lock_file):
                 break
             stack.close()
             time.sleep(0.02)

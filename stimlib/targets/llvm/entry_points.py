@@ -44,15 +44,15 @@ def _method(address: int) -> Any:
     return _Method(b"process", address, METH_FASTCALL, None)
 
 
-def function(address: int, me: int) -> Callable[..., int]:
+def function(address: int, context: int) -> Callable[..., int]:
     """Return a builtin function for machine code at an address.
 
     It receives a number in addition to its arguments.
     """
-    new = ctypes.PYFUNCTYPE(
+    make = ctypes.PYFUNCTYPE(
         ctypes.py_object, ctypes.POINTER(_Method), ctypes.py_object, ctypes.c_void_p
     )(("PyCFunction_NewEx", ctypes.pythonapi))
-    return new(ctypes.byref(_method(address)), me, None)
+    return make(ctypes.byref(_method(address)), context, None)
 
 
 def checked(address: int, context: int, rows: tuple[int, int]) -> Callable[..., int]:
@@ -60,27 +60,29 @@ def checked(address: int, context: int, rows: tuple[int, int]) -> Callable[..., 
     entry = ENTRY(address)
 
     def process(*arrays: Any) -> int:
-        if len(arrays) != 2 or any(type(a) is not np.ndarray for a in arrays):
+        if len(arrays) != 2 or any(type(array) is not np.ndarray for array in arrays):
             return 1
-        x, y = arrays
-        n = y.shape[-1] if y.ndim == 2 else -1
-        shapes = x.shape == (rows[0], n) and y.shape == (rows[1], n)
-        if not shapes or x.dtype != float or y.dtype != float or not y.flags.writeable:
+        motion, output = arrays
+        samples = output.shape[-1] if output.ndim == 2 else -1
+        shapes = motion.shape == (rows[0], samples) and output.shape == (rows[1], samples)
+        if not shapes or motion.dtype != float or output.dtype != float:
             return 1
-        if not (x.flags.c_contiguous and x.flags.aligned and y.flags.carray):
+        # carray: contiguous, aligned and writeable
+        if not (motion.flags.c_contiguous and motion.flags.aligned and output.flags.carray):
             return 1
-        here, there = (a.__array_interface__["data"][0] for a in arrays)
-        apart, a, b = there - here, 8 * rows[0] * n, 8 * rows[1] * n
-        if a > 0 and -b < apart < a and apart % (8 * n) != 0:
+        read_at, write_at = (array.__array_interface__["data"][0] for array in arrays)
+        apart = write_at - read_at
+        read, written = 8 * rows[0] * samples, 8 * rows[1] * samples
+        if read > 0 and -written < apart < read and apart % (8 * samples) != 0:
             return 1  # a sample would be written before it is read
-        entry(context, here, there, n)
+        entry(context, read_at, write_at, samples)
         return 0
 
     return process
 
 
-def _word(address: int, k: int) -> int:
-    return ctypes.c_int64.from_address(address + 8 * k).value
+def _word(address: int, index: int) -> int:
+    return ctypes.c_int64.from_address(address + 8 * index).value
 
 
 @cache
@@ -89,24 +91,25 @@ def array_words() -> tuple[int, int] | None:
 
     None if arrays are not laid out in memory as the compiled code expects.
     """
-    a = np.zeros((3, 5))
-    letters = int.from_bytes(f"{a.dtype.kind}{a.dtype.char}{a.dtype.byteorder}".encode(), "little")
+    array = np.zeros((3, 5))
+    dtype = array.dtype
+    letters = int.from_bytes(f"{dtype.kind}{dtype.char}{dtype.byteorder}".encode(), "little")
     flags = C_ORDER | ALIGNED | WRITEABLE
     seen = (
-        [_word(id(a), k) for k in (1, 2, 3, 7)]
-        + [_word(_word(id(a), 4), k) for k in (0, 1)]
-        + [_word(id(a.dtype), 3)]
+        [_word(id(array), index) for index in (1, 2, 3, 7)]
+        + [_word(_word(id(array), 4), index) for index in (0, 1)]
+        + [_word(id(dtype), 3)]
     )
     seen[2], seen[-1] = seen[2] & 0xFFFFFFFF, seen[-1] & DTYPE_BITS
     wanted = [
         id(np.ndarray),
-        a.ctypes.data,
-        a.ndim,
-        id(a.dtype),
-        *a.shape,
-        a.dtype.num << 32 | letters,
+        array.ctypes.data,
+        array.ndim,
+        id(dtype),
+        *array.shape,
+        dtype.num << 32 | letters,
     ]
-    if seen != wanted or _word(id(a), 8) & flags != flags:
+    if seen != wanted or _word(id(array), 8) & flags != flags:
         logger.info("numpy %s lays out its arrays in an unknown way: slower calls", np.__version__)
         return None
     return id(np.ndarray), seen[-1]

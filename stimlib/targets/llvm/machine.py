@@ -42,8 +42,11 @@ def features() -> list[str]:
     """
     bits = os.environ.get("STIMLIB_VECTOR_BITS") or "512"
     one_of("STIMLIB_VECTOR_BITS", bits, [*map(str, WIDER)])
-    have = llvm.get_host_cpu_features().flatten().split(",")
-    return ["-" + f[1:] if f[1:].startswith(WIDER[int(bits)]) else f for f in have]
+    present = llvm.get_host_cpu_features().flatten().split(",")
+    return [
+        "-" + feature[1:] if feature[1:].startswith(WIDER[int(bits)]) else feature
+        for feature in present
+    ]
 
 
 FEATURES = features()
@@ -94,7 +97,11 @@ def machine_code(text: str, ours: bool) -> tuple[bytes, list[str]]:
     module = optimised(text, ours)
     with choices() if ours else nullcontext():
         code = _target_machine().emit_object(module)
-    calls = [f.name for f in module.functions if f.is_declaration and f.name[:5] != "llvm."]
+    calls = [
+        function.name
+        for function in module.functions
+        if function.is_declaration and function.name[:5] != "llvm."
+    ]
     return code, calls
 
 
