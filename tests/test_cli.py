@@ -230,6 +230,7 @@ ALL = f"{LISTED}, ready"
         ("show squeeze(k=" + "9" * 400 + ")", "beyond what a float"),
         ("show bumps(waveform=3)", "bumps: waveform = 3 must be a text or"),
         ("show viscoelastic(alpha='a')", "a number"),
+        ("show squeeze(2)", "name=number"),
         ("show squeeze(**{'k':1})", "name=number"),
         ("show squeeze(k={[]:1})", "name=number"),
         (["show", DEEP], "name=number"),

@@ -241,15 +241,14 @@ def run_files(files: list[str]) -> None:
 def _shipped(name: str, words: str) -> Scene:
     """Call a shipped scene with literal keyword arguments."""
     make = shipped()[name]
-    chosen: dict[Any, Any]
-    try:
-        call = ast.parse(name + words, mode="eval").body
-        assert isinstance(call, ast.Call) and not call.args
-        chosen = {k.arg: ast.literal_eval(k.value) for k in call.keywords}
-        assert None not in chosen
+    chosen: dict[Any, Any] = {None: 0}
     # as deep as the parser goes
-    except (SyntaxError, ValueError, TypeError, AssertionError, RecursionError, MemoryError):
-        raise BadValue(f"scene {name}{words}: write {name}(name=number, ..)") from None
+    with suppress(SyntaxError, ValueError, TypeError, RecursionError, MemoryError):
+        call = ast.parse(name + words, mode="eval").body
+        if isinstance(call, ast.Call) and not call.args:
+            chosen = {k.arg: ast.literal_eval(k.value) for k in call.keywords}
+    if None in chosen:
+        raise BadValue(f"scene {name}{words}: write {name}(name=number, ..)")
     need(name, chosen, inspect.signature(make).parameters, "argument")
     return make(**chosen)
 

@@ -322,7 +322,7 @@ class Experiment:
         self._check_questions_and_scenes()
         self._check_plan()
         self._check_names()
-        assert self.texts  # or a language that is none is found in the first session
+        _ = self.texts  # or a language that is none is found in the first session
         if isinstance(self.design, Design):
             self._check_design(self.design)
         for known in () if callable(self.familiarisation) else self.familiarisation.values():
