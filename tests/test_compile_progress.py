@@ -46,7 +46,7 @@ def caches(tmp_path):
 
 def in_terminal(folder, *more):
     """Return what a command that compiles into a cache shows in a terminal."""
-    own = f"{folder.parent}/own.py:level --sink null --fast --seconds 0.1".split()
+    own = f"{folder.parent}/own.py:level", *"--sink null --fast --seconds 0.1".split()
     env = {"STIMLIB_CACHE": str(folder), "PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "100"}
     words = [sys.executable, "-m", "stimlib", "play", *own, *more]
     here, there = pty.openpty()

@@ -351,12 +351,13 @@ class Pulse:
             "load-module module-native-protocol-unix\nload-module module-null-sink sink_name=null"
             " rate=8000 channels=1 format=float32le\nset-default-sink null\n"
         )
+        (folder / "client.conf").write_text("autospawn = no\n")
         self.environment = {
             "STIMLIB_CACHE": str(cache_folder.chosen()),  # not that of the new HOME
             "XDG_RUNTIME_DIR": str(run),
             "HOME": str(folder),
             "JACK_NO_START_SERVER": "1",
-            "PULSE_SERVER": f"unix:{run}/pulse/native",
+            "PULSE_CLIENTCONFIG": str(folder / "client.conf"),  # PULSE_SERVER ends at a space
         }
         self._run = partial(
             subprocess.Popen, env=os.environ | self.environment, stderr=subprocess.DEVNULL

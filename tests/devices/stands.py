@@ -15,6 +15,7 @@ import stimlib
 from stimlib.devices import ControlLoop, NidaqSink, NullSink
 from stimlib.motion.generators import minimum_jerk
 from stimlib.run.safety import Safety
+from stimlib.system import cache_folder
 
 FS = 8000
 HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
@@ -118,13 +119,13 @@ def alsa(folder):
     """Environment in which ALSA has a device "stimfile" that writes what it gets into a
     file, without a clock.
     """
-    config = folder / "asound.conf"
-    config.write_text(
+    (folder / ".asoundrc").write_text(
         f'pcm.stimfile {{ type file file "{folder / "out.raw"}" format "raw" slave.pcm "null" '
         'hint { show on description "stimfile" } }\n'
     )
     return {
-        "ALSA_CONFIG_PATH": f"/usr/share/alsa/alsa.conf:{config}",
+        "STIMLIB_CACHE": str(cache_folder.chosen()),  # not that of the new HOME
+        "HOME": str(folder),  # ALSA_CONFIG_PATH ends at a space
         "JACK_DEFAULT_SERVER": "stimlib_none",
     }
 

@@ -381,8 +381,8 @@ def test_a_rest_lasts(monkeypatch, capsys):
 
 
 def words_of(file, folder, *more):
-    words = f"{file}:short --participant P07 --session 1 --data"
-    return [*words.split(), str(folder), "--sink", "offline", *more]
+    words = "--participant P07 --session 1 --data".split()
+    return [f"{file}:short", *words, str(folder), "--sink", "offline", *more]
 
 
 def goes_on(words, answers=0):

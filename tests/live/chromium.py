@@ -74,6 +74,7 @@ class Browser:
                 f"--user-data-dir={folder}",
                 "about:blank",
             ],
+            env=os.environ | {"XDG_CONFIG_HOME": folder},  # or reports of crashes stay in HOME
             start_new_session=True,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
