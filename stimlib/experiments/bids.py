@@ -14,7 +14,6 @@ import os
 import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -288,14 +287,15 @@ def _tables(
     if others := names - {experiment.name}:
         raise BadValue(f"{what}: sessions of {others.pop()}, and not of {experiment.name}")
     check_apart(told)
-    labels: dict[str, str] = {}
-    for code in sorted({s.header["participant"] for s in told}):
-        tries = (f"{label(code)}x{k}" if k > 1 else label(code) for k in count(1))
-        # not every file system tells p1 from P1
-        taken = {v.casefold() for v in labels.values()}
-        labels[code] = next(v for v in tries if v.casefold() not in taken)
+    codes = {s.header["participant"].casefold(): s.header["participant"] for s in told}
+    for code in (s.header["participant"] for s in told):
+        if code != (other := codes[code.casefold()]):
+            raise BadValue(
+                f"{what}: {code} and {other} differ by capitals alone, and some file systems take"
+                " their folders for one; export each by itself"
+            )
     return {
-        (labels[s.header["participant"]], s.header["session"]): (s, columns([s], training=True))
+        (subject(s.header["participant"]), s.header["session"]): (s, columns([s], training=True))
         for s in told
     }, " All answers are simulated." if told[0].simulated else ""
 
@@ -377,6 +377,22 @@ def label(text: str) -> str:
     if not found:
         raise BadValue(f"to_bids: {text!r} has no letter or digit for a label")
     return found
+
+
+def subject(code: str) -> str:
+    """Return the BIDS label of a participant's code, which no other code has.
+
+    A label has letters and digits only: - becomes qd, and _ becomes qu. A q that could
+    be taken for the begin of these is doubled.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.bids import subject
+    >>> subject("P07"), subject("sub-01"), subject("P_01"), subject("Q1-qd")
+    ('P07', 'subqd01', 'Pqu01', 'Q1qdqqd')
+    """
+    text = re.sub("q(?=[qdu_-])", "qq", code, flags=re.I)
+    return text.replace("-", "qd").replace("_", "qu")
 
 
 def _json(data: dict[str, Any]) -> str:

@@ -56,12 +56,38 @@ def blinded(seed: int, name: str) -> str:
     return f"c{seed_of(seed, 'blind', name) % 10000:04}"
 
 
-CODE = re.compile(r"(?!PILOT-)(?=.*\d)[A-Z0-9]([A-Z0-9_-]{0,62}[A-Z0-9])?", re.ASCII | re.I)
-# a long word and a number, which may be a name
-NAMED = re.compile(
-    r"(?!participant|subject|person|patient|control|proband|visitor)[A-Z]{5,}[-_]?\d{1,4}", re.I
+WORDS = (
+    "participant|subject|person|people|proband|patient|visitor|user|player|volunteer|student"
+    "|group|pilot|control|healthy|stroke|case|test|demo|code|team|pair|dyad|class|cohort|site"
+    "|study|session|adult|child|children|young|older|elderly|senior|female|male|left|right"
+    "|sighted|blind|deaf|novice|expert|naive|trained|sham|placebo|treatment|condition|part|subj"
 )
-BIRTHDAY = re.compile(r"(19|20)\d\d-?(0[1-9]|1[0-2])-?(0[1-9]|[12]\d|3[01])", re.ASCII)
+"""Words that a code may have in small letters; others may be names."""
+_DAY, _MONTH = r"(0[1-9]|[12]\d|3[01])", r"(0[1-9]|1[0-2])"
+_DATES = [
+    order.format(year=year, month=_MONTH, day=_DAY, mark=mark)
+    for year, mark in ((r"(19|20)\d\d", "[-_]?"), (r"\d\d", "[-_]"))
+    for order in (
+        "{year}{mark}{month}{mark}{day}",
+        "{day}{mark}{month}{mark}{year}",
+        "{month}{mark}{day}{mark}{year}",
+    )
+]
+RULES = {
+    r"(?![A-Z0-9]([A-Z0-9_-]{0,62}[A-Z0-9])?\Z)": "it must have 1 to 64 letters of A to Z and"
+    " digits, with - and _ only between them; write such as P07, 12 or sub-01",
+    r"PILOT-": "PILOT- in front marks the folders of pilots; leave it out, and say --pilot"
+    " (pilot=True) for a pilot",
+    r"\D*\Z": "it has no digit, as names have none; add a number, such as P07",
+    rf"([A-Z]+[-_]?)?({'|'.join(_DATES)})\Z": "it looks like a date, perhaps of birth; give a"
+    " number that has nothing to do with the person, such as P07",
+    # a single number, and a word in small letters
+    r"(?=\D*\d{1,4}\D*\Z).*?"
+    rf"(?!({WORDS})s?(?-i:(?![a-z])))(?-i:[A-Z][a-z]{{3,}}|(?<![A-Za-z])[a-z]{{4,}})": "a word with"
+    " a number may be a name; give a code such as P07, or write letters that are no name in"
+    " capitals",
+}
+"""What a code must not look like, and the words of the error."""
 
 
 def check_code(participant: str, others: Iterable[str] = ()) -> None:
@@ -70,13 +96,9 @@ def check_code(participant: str, others: Iterable[str] = ()) -> None:
     Of the other codes, none may differ by capitals alone: not every file system tells
     p1 from P1.
     """
-    wrong = NAMED.fullmatch(participant) or BIRTHDAY.fullmatch(participant)
-    if wrong or not CODE.fullmatch(participant):
-        raise BadValue(
-            f"participant {participant!r} must be a code with a number, of letters, digits, - and"
-            " _, such as P07, 12, sub-01 or that of a platform: no name, no date of birth, and no"
-            " PILOT- in front"
-        )
+    for pattern, problem in RULES.items():
+        if re.match(pattern, participant, re.ASCII | re.I):
+            raise BadValue(f"participant {participant!r} must be a code: {problem}")
     for other in others:
         if other != participant and other.casefold() == participant.casefold():
             raise BadValue(
@@ -99,10 +121,10 @@ def folder_of(
     ------
     BadValue
         A participant that is no code with a number, such as P07, 12 or sub-01 (names of
-        people do not belong in data), or differs by capitals alone from one who has a
-        session; a session below 1, or an experiment name that cannot name a folder.
+        people do not belong in data; the error names the rule), or differs by capitals
+        alone from one who has a session; a session below 1, or an experiment name that
+        cannot name a folder.
     """
-    check_code(participant)
     if isinstance(session, bool) or not isinstance(session, int) or not 1 <= session < 10**6:
         raise BadValue(f"session = {session!r} must be a whole number from 1 on")
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,99}", experiment):
@@ -114,8 +136,8 @@ def folder_of(
     names = [p.name for p in place.iterdir()] if place.is_dir() else []
     known = [re.fullmatch(r"(?:PILOT-)?(.+)-s\d+", name) for name in names]
     codes = [found[1] for found in known if found]
-    # who has a session keeps it, even where both of two such codes do
-    check_code(participant, () if participant in codes else codes)
+    if participant not in codes:  # who has a session keeps the code, whatever the rules were
+        check_code(participant, codes)
     return place / f"{'PILOT-' if pilot else ''}{participant}-s{session}"
 
 

@@ -325,6 +325,8 @@ def test_each_trial_is_a_row_of_every_export_or_it_is_refused(export, kinds, dra
         found.append(replace(one, folder=Path(place), header=header, records=records))
     names = {(who, number) for who, number, *_ in drawn}
     good = len(names) == len(drawn) and len({kind for *_, kind, _ in drawn}) == 1
+    # not every file system tells p1 from P1
+    good = good and (export is table_rows or not {"P1", "p1"} <= {who for who, _ in names})
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "out"
         if not good:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
+from unicodedata import normalize
 
 import numpy as np
 import pytest
@@ -69,6 +70,7 @@ from stimlib.experiments import (
     status,
     stream,
 )
+from stimlib.experiments.bids import subject
 from stimlib.experiments.presentation import measured
 from stimlib.experiments.reader import folder_of
 from stimlib.experiments.session import LOG, Session
@@ -403,11 +405,16 @@ def test_experiments_and_trials_that_make_no_sense(words, trial, why):
         (partial(Answer, {"softer": "first"}, np.nan), "seconds = nan is not finite"),
         (partial(present, experiment(), pair(), "jak"), "no sink 'jak'; there are null, jack"),
         *(
-            (partial(Session, experiment(), "data", name), "must be a code")
-            for name in (
-                *["Anna", "P", "P07 ", "../P07", "P07\n", "Maximilian1", "1990-05-17", "19900517"],
-                *["a@b.c1", "P.7", "-7", "7-", "pilot-7", "7" * 65, "\u0667", "P\u00f6l7", ""],
+            (partial(Session, experiment(), "data", name), f"must be a code: .*{why}")
+            for why, names in (
+                ("A to Z", ["P07 ", "../P07", "P07\n", "a@b.c1", "P.7", "-7", "7-", "7" * 65, ""]),
+                ("A to Z", ["\u0667", "P\u00f6l7", "P\uff17", "Po\u0308l7"]),
+                ("no digit", ["Anna", "P", "A-B"]),
+                ("marks the folders of pilots", ["pilot-7"]),
+                ("a date", ["1990-05-17", "19900517", "03041985", "85-04-03", "P03-04-85"]),
+                ("may be a name", ["Maximilian1", "Anna1", "anna_1", "P7-Anna", "StrokeAnna3"]),
             )
+            for name in names
         ),
         *(
             (partial(Session, experiment(design=design), "data", "P01"), why)
@@ -854,6 +861,7 @@ def test_a_rest_is_counted_from_the_last_answer_also_after_a_resume(tmp_path):
     st.integers(1, 12),
 )
 @example(["12", "007", "7", "sub-01", "P_01", "P01", "5f3a9bc2d4e18a0012ab34cd", "P01-s1"], 1)
+@example(["Group12", "Pilot03", "stroke12", "HC-03", "ANMU12", "A2ZQXKLMNOP1", "010203"], 1)
 def test_one_code_is_one_folder_on_every_file_system(tmp_path_factory, codes, session):
     data, made = tmp_path_factory.mktemp("data"), {}
     for code in codes:
@@ -868,10 +876,26 @@ def test_one_code_is_one_folder_on_every_file_system(tmp_path_factory, codes, se
             folder.mkdir(parents=True, exist_ok=True)
             made[code, pilot] = folder.name.casefold()
     assert len(set(made.values())) == len(made)
-    assert not {"12", "007", "sub-01", "P_01"} & set(codes) - {c for c, _ in made}
+    kept = {c for c, _ in made}
+    assert len({subject(c).casefold() for c in kept}) == len(kept)
+    assert not {"12", "007", "sub-01", "P_01", "Group12", "ANMU12"} & set(codes) - kept
 
 
-def test_two_codes_that_differ_by_capitals_and_have_sessions_are_read(tmp_path):
-    for name in ("P1-s1", "p1-s1"):
+def test_200_codes_of_all_kinds_have_200_folders_and_labels(tmp_path):
+    rng = random.Random(65)
+    forms = ("P{:02}", "{}", "{:03}", "sub-{:02}", "P_{:02}", "Group{}", "HC-{:03}", "q-{}", "qd{}")
+    codes = [form.format(n) for n in range(1, 21) for form in forms]
+    codes += [f"{rng.randrange(16**24):024x}" for _ in range(20)]
+    for code in (codes := list(dict.fromkeys(codes))):
+        folder_of("pair", tmp_path, code).mkdir(parents=True)
+    names = [p.name for p in (tmp_path / "pair").iterdir()]
+    for form in ("NFC", "NFD", "NFKC"):
+        shown = [[normalize(form, n).casefold() for n in x] for x in (names, map(subject, codes))]
+        assert [len(set(x)) for x in shown] == [len(codes)] * 2
+    assert len(codes) == 200 and all(map(str.isalnum, map(subject, codes)))
+
+
+def test_codes_that_have_sessions_and_are_refused_today_are_read(tmp_path):
+    for name in (kept := ["P1-s1", "p1-s1", "Anna1-s1"]):
         (tmp_path / "pair" / name).mkdir(parents=True)
-    assert [folder_of("pair", tmp_path, who).name for who in ("P1", "p1")] == ["P1-s1", "p1-s1"]
+    assert [folder_of("pair", tmp_path, who).name for who in ("P1", "p1", "Anna1")] == kept
