@@ -199,6 +199,11 @@ def test_tables_of_all_kinds_are_one(tmp_path):
     (tmp_path / "rows.csv").write_text("k,seed,motion\n1.5,0,a\n2,1,b\n")
     arrow = pa.table(wanted)
     pq.write_table(arrow, tmp_path / "rows.parquet")
+    for name, encoding in (("excel.csv", "utf-8-sig"), ("unicode.csv", "utf-16")):
+        text = "k;seed;motion\r\n1,5;0;a\r\n2,0;1;b\r\n".replace(
+            ";", ";" if "8" in encoding else "\t"
+        )
+        (tmp_path / name).write_text(text, encoding)
     categories = arrow.set_column(2, "motion", arrow["motion"].dictionary_encode())
 
     class Stream:  # what polars, duckdb and others have
@@ -208,7 +213,7 @@ def test_tables_of_all_kinds_are_one(tmp_path):
         wanted,
         arrow,
         categories,
-        tmp_path / "rows.csv",
+        *(tmp_path / name for name in ("rows.csv", "excel.csv", "unicode.csv")),
         str(tmp_path / "rows.parquet"),
         Stream(),
     ):

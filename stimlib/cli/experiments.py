@@ -475,10 +475,14 @@ def analyse(
     out: Annotated[
         Path | None, typer.Option(help="Also write all trials as a table, .csv.")
     ] = None,
+    separator: opt.Separator = ",",
+    decimal: opt.Decimal = ".",
+    bom: opt.Bom = False,
 ):
     """Run the experiment's own analysis on all sessions.
 
-    Without one, print all trials as a table on stdout.
+    Without one, print all trials as a table on stdout. For Excel with a decimal comma
+    say --separator ";" --decimal "," --bom.
 
     [bold]stimlib experiment analyse pair.py:pair --out trials.csv[/]
     """
@@ -505,7 +509,7 @@ def analyse(
             )
     if any(table["simulated"]):
         note("a simulated observer gave these answers, and no participant")
-    text = csv_of(table)
+    text = csv_of(table, separator, decimal, bom)
     if out is not None:
         safe_files.publish(out, text)
     if made.analysis is not None:

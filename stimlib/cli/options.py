@@ -75,6 +75,18 @@ Log = Annotated[
 ]
 Quiet = Annotated[bool, typer.Option(help="Show no progress bar and no report.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of text.")]
+Separator = Annotated[
+    str, typer.Option(help="Separator of the columns of a table: , ; | or [bold]tab[/].")
+]
+Decimal = Annotated[
+    str, typer.Option(help="Decimal sign of the numbers in a table: a point or a comma.")
+]
+Bom = Annotated[
+    bool,
+    typer.Option(
+        "--bom", help="Begin a table with a byte order mark, by which Excel knows its UTF-8."
+    ),
+]
 Import = Annotated[
     list[str],
     typer.Option(

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -454,23 +455,54 @@ def _moved(displayed: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def csv_of(table: Mapping[str, Sequence[Any]]) -> str:
+def csv_of(
+    table: Mapping[str, Sequence[Any]], separator: str = ",", decimal: str = ".", bom: bool = False
+) -> str:
     """Return columns as CSV text, with a header of their names.
+
+    Parameters
+    ----------
+    table : mapping of str to sequence
+    separator : str
+        What separates columns: ``,`` ``;`` ``|`` or ``tab``.
+    decimal : str
+        Decimal sign of numbers, ``.`` or ``,``; texts stay as they are.
+    bom : bool
+        Whether the text begins with a byte order mark, by which Excel knows UTF-8.
+
+    Raises
+    ------
+    BadValue
+        Another separator or decimal sign, or one for both.
 
     Examples
     --------
     >>> from stimlib.experiments.reader import csv_of
-    >>> print(csv_of({"level": [1.0, 2.0], "outcome": ["yes", "no"]}), end="")
-    level,outcome
-    1.0,yes
-    2.0,no
+    >>> table = {"level": [1.0, 2.0], "outcome": ["yes", "no"]}
+    >>> print(csv_of(table, separator=";", decimal=","), end="")
+    level;outcome
+    1,0;yes
+    2,0;no
     """
+    mark = {"tab": "\t"}.get(separator, separator)
+    for name, value, known in (("separator", mark, ",;|\t"), ("decimal", decimal, ".,")):
+        if len(value) != 1 or value not in known:
+            one_of = " ".join(known).replace("\t", "tab")
+            raise BadValue(f"{name} = {value!r} must be one of {one_of}")
+    if mark == decimal:
+        raise BadValue(
+            f"separator and decimal are both {decimal!r}: separate columns by ; where numbers have"
+            " a comma"
+        )
+
+    def cell(value: Any) -> Any:
+        if isinstance(value, Real):
+            return str(value).replace(".", decimal)
+        # csv quotes no carriage return alone, and who reads it takes that for a new row
+        return re.sub("\r\n?", "\n", value) if isinstance(value, str) else value
+
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
+    writer = csv.writer(text, delimiter=mark, lineterminator="\n")
     writer.writerow(table)
-    # csv quotes no carriage return alone, and who reads it takes that for a new row
-    writer.writerows(
-        [re.sub("\r\n?", "\n", v) if isinstance(v, str) else v for v in row]
-        for row in zip(*table.values(), strict=True)
-    )
-    return text.getvalue()
+    writer.writerows(map(cell, row) for row in zip(*table.values(), strict=True))
+    return "\ufeff" * bom + text.getvalue()

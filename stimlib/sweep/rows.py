@@ -6,6 +6,7 @@ import inspect
 import math
 import os
 from collections.abc import Callable, Collection, Iterable, Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,6 +15,7 @@ import numpy as np
 from ..core.scene import Scene
 from ..core.units import unit
 from ..errors import BadValue, UnitError, UnknownName, public, shortened
+from ..motion.layout import decimal_sign, layout_of, text_of
 from ..system.limits import limits
 from ..system.packages import package
 
@@ -130,7 +132,8 @@ def table_of(rows: Any) -> pa.Table:
     ----------
     rows : mapping of str to sequence, table, or path
         Columns by name; a table of pandas, polars, Arrow or others that support Arrow's
-        C stream; or a CSV or Parquet file.
+        C stream; or a Parquet or CSV file, whose encoding, separator and decimal sign
+        are found.
 
     Raises
     ------
@@ -174,7 +177,7 @@ def _read(pa: Any, rows: Any) -> pa.Table:
         if path.suffix.lower() == ".parquet":
             return arrow("pyarrow.parquet").read_table(path)
         if path.suffix.lower() == ".csv":
-            return arrow("pyarrow.csv").read_csv(path)
+            return _read_csv(path)
         raise BadValue(f"rows: {rows} is neither a .csv nor a .parquet file")
     if isinstance(rows, Mapping):
         return pa.table(_columns(rows))
@@ -184,6 +187,22 @@ def _read(pa: Any, rows: Any) -> pa.Table:
         return pa.table(rows)
     raise BadValue(
         f"rows must be columns by name, a table, or the path of one; got {type(rows).__name__}"
+    )
+
+
+def _read_csv(path: Path) -> pa.Table:
+    """Read a CSV file, whose encoding, separator and decimal sign are found."""
+    data, _ = text_of(str(path), path.read_bytes())
+    mark, decimal = ",", "."
+    if data.strip():
+        found = layout_of(str(path), data, lambda names: sum(map(str.isidentifier, names)))
+        mark = found.separator.replace(" ", ",")
+        decimal = decimal_sign(data, 0, mark)
+    csv = arrow("pyarrow.csv")
+    return csv.read_csv(
+        BytesIO(data),
+        parse_options=csv.ParseOptions(delimiter=mark),
+        convert_options=csv.ConvertOptions(decimal_point=decimal),
     )
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from statistics import NormalDist
 
 import numpy as np
+import pandas as pd
 import pytest
 from refusals import refused
 from typer.testing import CliRunner
@@ -116,6 +117,12 @@ def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
     rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
     assert [r["softer"] for r in rows] == ["first", "second", "first", "first"]
     assert rows[1]["replays"] == "1"
+    excel = "--separator", ";", "--decimal", ",", "--bom", "--out", tmp_path / "e.csv"
+    stimlib("analyse", *where, *excel)
+    told = pd.read_csv(tmp_path / "e.csv", sep=";", decimal=",")
+    pd.testing.assert_frame_equal(told, pd.read_csv(tmp_path / "t.csv"))
+    assert (tmp_path / "e.csv").read_bytes().startswith(b"\xef\xbb\xbfparticipant;session;")
+    assert "both ','" in stimlib("analyse", *where, "--decimal", ",", status=2)
 
 
 def test_simulated_sessions_are_pilots(file, tmp_path):

@@ -9,10 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
+from laws import STRESS
 from refusals import refused
 
 import stimlib
-from stimlib.errors import RecordingError
+from stimlib.errors import BadValue, RecordingError
+from stimlib.experiments.reader import csv_of
 from stimlib.files import audio
 from stimlib.motion.recorded import recording
 from stimlib.motion.reports import known_in
@@ -347,3 +349,39 @@ def test_a_sidecar_has_what_was_skipped(tmp_path, monkeypatch):
         read = audio.read("a.wav")[1].get("motion_read")
         assert read == ({"x": notes} if notes else None)
         proc.reset()
+
+
+# Tables for Excel ---------------------------------------------------------------------
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+WORDS = st.text('aé;,|\t" \n#%1.-', max_size=6)
+
+
+@settings(max_examples=500 if STRESS else 40)
+@given(st.lists(st.tuples(FINITE, WORDS), min_size=1, max_size=6), st.booleans())
+def test_tables_that_stimlib_writes_are_read_back(tmp_path_factory, rows, bom):
+    path = tmp_path_factory.mktemp("out") / "answers.csv"
+    values, words = zip(*rows, strict=True)
+    table = {"t_s": [k / 8 for k in range(len(rows))], "level": values, "words": words}
+    for separator, decimal in ((s, d) for s in (",", ";", "tab", "|") for d in ".," if s != d):
+        text = csv_of(table, separator, decimal, bom)
+        assert text.count("\ufeff") == bom
+        path.write_text(text, "utf-8", newline="")
+        got = read_table(path, known=lambda names: len({"t_s", "level"} & set(names)))
+        assert got.names == ("t_s", "level", "words")
+        for batch in got.batches():
+            if separator in ",;":  # elsewhere a comma must be shown to be a decimal sign
+                assert batch.numbers(["level"]).tolist() == [[*values]]
+            assert [w.lstrip(" ") for w in batch.texts("words")] == [w.lstrip(" ") for w in words]
+        sep = {"tab": "\t"}.get(separator, separator)
+        pandas = pd.read_csv(path, sep=sep, decimal=decimal)["level"]
+        assert pandas.tolist() == pytest.approx([*values], rel=1e-14, abs=1e-300)
+
+
+def test_other_signs_of_tables_are_refused():
+    for words, why in (
+        ({"separator": "::"}, r"separator = '::' must be one of , ; \| tab"),
+        ({"decimal": ";"}, "decimal = ';' must be one of . ,"),
+        ({"decimal": ","}, "both ','.*separate columns by ;"),
+    ):
+        refused(BadValue, why, csv_of, {"a": [1.5]}, **words)
+    assert csv_of({"a": [1.5, "1.5", None, True, 2]}, ";", ",") == 'a\n1,5\n1.5\n""\nTrue\n2\n'
