@@ -267,12 +267,33 @@ def ramp(c, k, part):
     deliver(c, k, 1, False)
 
 
-def rise(c, n):
-    """Write the fade-in frames from silence to the first sample, or back.
+def ahead(c, lost):
+    """Return the frames of silence before the session is to rise."""
+    return max(c[BEGIN] - c[FRAMES] - lost, 0) if c[ROSE] == 0 and c[FADE_AT] > 0 else 0
+
+
+def rest(c, n):
+    """Write the silence before a session that begins at a given time.
 
     Return how many of the n frames were written.
     """
-    done = 0
+    if ahead(c, 0) > 0:
+        commands(c, 0)
+        if c[MOTION] == LIVE:  # the newest is what it begins with
+            store(c, M_READ, max(c[M_READ], load(c, M_WRITE) - c[M_KEEP]))
+    done = min(ahead(c, 0), n)
+    c[BEGAN] = c[FRAMES] + ahead(c, 0) + c[LEAD]
+    for j in range(c[CHANNELS]):
+        for k in range(done):
+            f4_at(i8_at(c[OUTS])[j])[k * c[STRIDE]] = single(0.0)
+    return done
+
+
+def rise(c, done, n):
+    """Write the fade-in frames from silence to the first sample, or back.
+
+    The first is frame ``done``. Return how many of the n frames are written then.
+    """
     if c[LEAD] > 0:
         commands(c, 0)
         if c[LEAD] == c[FADE] and c[FADE_AT] > 0:
@@ -320,10 +341,10 @@ def marked(c, i, m):
             last[j] = v
 
 
-def timed(c, i, ns):
-    """Record the time at which the block of sample i began."""
+def timed(c, ns):
+    """Record the time at which the block of the current frame began."""
     store(c, TIMES, c[TIMES] + 1)
-    store(c, TIMED_AT, i)
+    store(c, TIMED_AT, c[FRAMES])
     store(c, TIMED_NS, ns)
     store(c, TIMES, c[TIMES] + 1)
 
@@ -421,7 +442,7 @@ def produce_at(c, n, lost, start):
     """Make the frames of one session, whose first is due at the time ``start``."""
     store(c, CALLS, c[CALLS] + 1)
     begun = now(c)
-    done, program = 0, i8_at(c[CONTEXT])
+    done, silent, program = 0, 0, i8_at(c[CONTEXT])
     begins = 0  # the frame at which a session that follows begins
     if load(c, STATE) == RUNNING:
         late(c, n, start)
@@ -431,11 +452,15 @@ def produce_at(c, n, lost, start):
             c[LOST] += gone
             c[UNDERRUNS] += gone > 0
         c[WAS] = RUNNING
-        done = rise(c, n)
+        c[FRAMES] += lost
+        timed(c, start)
+        if program[15] == 0:
+            silent = rest(c, n)
+        done = rise(c, silent, n)
         first = program[15] - done
         if c[LEAD] == 0:
-            timed(c, first, start)
             done = advance(c, done, n, 1)
+        c[FRAMES] += n
         begins = min(max(min(c[FADE_AT], c[END]) - first, 0), n)
         if program[15] >= c[END]:
             done = fall(c, done, n)
@@ -449,7 +474,7 @@ def produce_at(c, n, lost, start):
         c[STALL] = 0
     if load(c, NEXT) != 0:
         follow(c, i8_at(c[NEXT]), begins, n, lost, start)
-    if done > 0:
+    if done > silent:
         count(c[HISTOGRAM], now(c) - begun)
 
 
@@ -484,10 +509,10 @@ def pump(c, n, lost):
 
 
 # what devices call --------------------------------------------------------------------
-def begin_at(c, t):
-    """Record the device's time t at a block's beginning, until sample 0 has passed."""
+def begin_at(c, t, lost):
+    """Record the device's time of sample 0, from t at the beginning of a block."""
     if i8_at(c[CONTEXT])[15] == 0:
-        c[ORIGIN] = t + c[LEAD]
+        c[ORIGIN] = t + ahead(c, lost) + c[LEAD]
 
 
 @exported("i4", "u4", "i8*")
@@ -521,14 +546,15 @@ def jack(frames, c):
         c[REPEATS] += 1
         return 0
     c[REPEATS] = 0
-    begin_at(c, t)
-    produce(c, n, lost if lost < 0x80000000 else 0)
+    lost = lost if lost < 0x80000000 else 0
+    begin_at(c, t, lost)
+    produce(c, n, lost)
     before = c[UNDERRUNS]
     late = (frame_time(c[FRAME_TIME], c[CLIENT]) - t) & 0xFFFFFFFF
     while load(c, WAIT) == 0 and n <= late < 0x80000000:
         withdraw(c)
         t += late
-        begin_at(c, t)
+        begin_at(c, t, late - n)
         produce(c, n, late - n)
         c[UNDERRUNS] = before + 1
         late = (frame_time(c[FRAME_TIME], c[CLIENT]) - t) & 0xFFFFFFFF

@@ -358,7 +358,7 @@ class Pump:
         return found
 
     def timed(self) -> tuple[int, int] | None:
-        """Return a sample, and the monotonic time in ns when its block began."""
+        """Return a frame, and the monotonic time in ns when its block began."""
         for _ in range(10):
             before = self.read("TIMES")
             pair = self.read("TIMED_AT"), self.read("TIMED_NS")

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,8 +19,10 @@ import numpy as np
 
 from ..errors import BadValue, SinkError, shortened
 
-WINDOW = 30.0
-"""Length in s of the window for fitting the device's clock."""
+WINDOW, RECENT = 30.0, 1.0
+"""Length in s of the window for fitting the device's clock, and of that around a start
+at a given time: a server that was late before has moved its clock.
+"""
 
 FEW, EARLY = 20, 2e-3
 """With fewer calls than FEW, their spread is not known, and the uncertainty is at least
@@ -83,6 +86,13 @@ class Clock:
     fs : float
         Nominal sample rate in Hz.
 
+    Attributes
+    ----------
+    zero : int
+        The frame of sample 0.
+    window : float, s
+        Earlier blocks are forgotten.
+
     Examples
     --------
     >>> from stimlib.devices.markers import Clock
@@ -94,18 +104,18 @@ class Clock:
     """
 
     def __init__(self, fs: float):
-        self.fs = fs
+        self.fs, self.zero, self.window = fs, 0, WINDOW
         self._pairs: deque[tuple[int, int]] = deque()
         self._line: tuple[float, float, float, int, int] | None = None
         self._lock = threading.Lock()
 
-    def add(self, sample: int, ns: int) -> None:
-        """Add the first sample of a block and the time in ns when the block began."""
+    def add(self, frame: int, ns: int) -> None:
+        """Add the first frame of a block and the time in ns when the block began."""
         with self._lock:
-            if not self._pairs or self._pairs[-1][0] != sample:
-                self._pairs.append((sample, ns))
+            if not self._pairs or self._pairs[-1][0] != frame:
+                self._pairs.append((frame, ns))
                 self._line = None
-            while sample - self._pairs[0][0] > WINDOW * self.fs:
+            while frame - self._pairs[0][0] > self.window * self.fs:
                 self._pairs.popleft()
 
     @property
@@ -121,7 +131,7 @@ class Clock:
             if self._line is None:
                 self._line = self._fitted()
             offset, slope, error, at, ns = self._line
-        n = sample - at
+        n = sample + self.zero - at
         return (ns + 1e9 * n / self.fs + offset + slope * n) * 1e-9, error * 1e-9
 
     def _fitted(self) -> tuple[float, float, float, int, int]:
@@ -138,6 +148,20 @@ class Clock:
         if len(n) < FEW:
             error = max(error, 1e9 * EARLY)
         return offset, slope, error, at, ns
+
+
+def behind(clock: Callable[[], float]) -> float:
+    """Return by how many seconds ``time.monotonic`` is ahead of another clock.
+
+    Examples
+    --------
+    >>> import time
+    >>> abs(behind(lambda: time.monotonic() - 5.0) - 5.0) < 1e-3
+    True
+    """
+    readings = [(time.monotonic(), clock(), time.monotonic()) for _ in range(9)]
+    before, theirs, after = min(readings, key=lambda r: r[2] - r[0])
+    return (before + after) / 2 - theirs
 
 
 Send = Callable[[Marker], None]

@@ -63,6 +63,9 @@ class SessionReport:
     jitter : float, s
         For a stream with the sender's times: 99 % of the rows came within this time
         after the earliest.
+    start_error : float or None, s
+        For a start at a given time: how much later than that sample 0 left the device,
+        as measured by the computer's clock.
     silent : str
         Empty, or what to say of a session whose motion in real time never came.
     quiet : float, s
@@ -100,6 +103,7 @@ class SessionReport:
     lateness: dict[str, float] = field(default_factory=dict)
     silent: str = ""
     quiet: float = 0.0
+    start_error: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain JSON data."""
@@ -132,6 +136,10 @@ class SessionReport:
             (
                 self.quiet > SILENT and not self.silent,
                 f"the last position was held for the last {self.quiet:.3g} s",
+            ),
+            (
+                self.start_error is not None,
+                f"began {1e3 * (self.start_error or 0.0):.3f} ms after the given time",
             ),
             (self.rows, f"{self.rows} rows of motion"),
             (
@@ -199,6 +207,7 @@ class Recorder:
         pair = p.timed()
         if pair is not None:
             self.markers.clock.add(*pair)
+            self.markers.clock.zero = p.read("BEGAN")
         if writer is not None and p.read("DROPPED"):
             raise SinkError(
                 f"the log cannot follow: more than {words.EVENTS} changes and losses wait for"

@@ -33,7 +33,7 @@ from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
 from . import words
 from .engine import PUMP, Pump
-from .markers import Markers, Send, checked_name
+from .markers import RECENT, WINDOW, Markers, Send, behind, checked_name
 from .process import abandoned, account, begin, begin_playing, end_playing, open_sinks, signals_wait
 from .session import Recorder, SessionReport
 from .sources import (
@@ -65,6 +65,12 @@ LONGEST_BLOCK = 0.25
 WAITS = 2.0
 """Seconds after which a function of the motion that has not returned ends the
 session.
+"""
+
+
+NEAR, FAR = 0.1, 86400.0
+"""Seconds to a start at a given time: at least NEAR, the fade and the device's buffers,
+so that the device's clock is known by then; more than FAR is another clock's.
 """
 
 
@@ -156,6 +162,8 @@ class Sink:
     _feeder: Feeder | Receiver | None = None
     _counted: Any = None  # what counts the motion: rows, rejected, jitter and missing()
     _last_latency = 0.0
+    _at: float | None = None  # when sample 0 is to leave the device, and how late it was
+    _start_error: float | None = None
     _recorder: Any = SimpleNamespace(stales=0)  # until it is started
     _telling: Any = SimpleNamespace(count=0, lost=0, unsent=0)
     _next: Sink | None = None  # the session that follows on this device
@@ -325,8 +333,14 @@ class Sink:
         pump.events(), pump.frames(), pump.motion()
         self.proc.reset()
 
-    def start(self, seconds: float | None = None) -> None:
-        """Start playing the scene from sample 0.
+    def start(
+        self,
+        seconds: float | None = None,
+        *,
+        at: float | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Start playing the scene from sample 0, now or at a given time.
 
         The fades lie outside the scene: the device fades in from silence to the outputs
         of sample 0, plays the samples unchanged, and fades out after the last one.
@@ -339,12 +353,23 @@ class Sink:
         seconds : float, optional
             Length of the scene, without the fades; by default that of a recorded
             motion, or until ``stop``.
+        at : float, optional
+            When sample 0 is to leave the device, in s of ``clock``; the fade-in comes
+            before.  ``start`` returns at once, ``time_of(0)`` is the time as far as it
+            is known, and ``report().start_error`` is the error.
+        clock : callable
+            Returns seconds: ``time.monotonic``, ``pylsl.local_clock`` or PsychoPy's
+            ``core.getTime``.
 
         Raises
         ------
         SinkError
-            The sink is not open or was started before; or the device or a thread cannot
-            be started, and the sink is then closed.
+            The sink is not open or was started before; a device without a clock has no
+            time for ``at``; or the device or a thread cannot be started, and the sink
+            is then closed.
+        BadValue
+            A length of no samples; ``at`` has passed, is too near for the fade-in and
+            the device's buffers, or is more than a day ahead.
         """
         self._need_open("start")
         if self._started:
@@ -356,6 +381,8 @@ class Sink:
             frames = _samples("start: seconds", seconds, self.rate)
         if frames == 0:
             raise BadValue(f"start: seconds = {seconds} must be at least one sample")
+        if at is not None:
+            self._at = self._due(at, clock)
         if isinstance(self.motion, Scripted):
             self._feeder = Feeder(self.pump, self.motion, self._fail)
             self._feeder.fill()
@@ -387,7 +414,11 @@ class Sink:
             with self._lock:
                 if self._closed:
                     raise SinkError("start: this sink was closed meanwhile")
-                self.pump.start(frames, self._first())
+                first = self._first()
+                if self._at is not None:  # as far as it is known; see _keep_time
+                    left = self._due(self._at, time.monotonic) - time.monotonic()
+                    self.pump.write("BEGIN", round((left - self._delay()) * self.rate))
+                self.pump.start(frames, first)
         except BaseException:
             self.close()
             if not self._over.is_set():  # it was closed before it had begun
@@ -400,6 +431,35 @@ class Sink:
                 RuntimeWarning,
                 stacklevel=2,
             )
+
+    def _due(self, at: Any, clock: Callable[[], float]) -> float:
+        """Return the time of a start on ``time.monotonic``, if it can be kept."""
+        if not self.clock or self.pump.hurried:
+            raise SinkError(f"start: at = {at}: {self.device} has no clock here: leave it out")
+        when, now = _number("start: at", at), _number("start: clock()", clock())
+        soonest = NEAR + self.safety.fade + self._delay() + 3 * (self.block or 0) / self.rate
+        if not soonest <= when - now <= FAR:
+            where = "ago" if when < now else "ahead"
+            raise BadValue(
+                f"start: at = {when:.6f} is {abs(when - now):.3g} s {where} on its clock: give a"
+                f" time at least {soonest:.3g} s, and at most a day, after its {now:.6f}"
+            )
+        return when + behind(clock)
+
+    def _keep_time(self) -> None:
+        """Correct the frame of a start at a given time, and then its error."""
+        clock = self._telling.clock
+        if self._at is None or not clock.begun:
+            return
+        near = self.pump.index < RECENT * self.rate
+        clock.window = RECENT if near else WINDOW
+        begin, waits = self.pump.read("BEGIN"), self.pump.index == 0
+        zero = begin + self.pump.read("LEAD") if waits else clock.zero
+        late = clock.time(zero - clock.zero)[0] + self._delay() - self._at
+        if waits:
+            self.pump.write("BEGIN", begin - round(late * self.rate))
+        elif near:
+            self._start_error = late
 
     def _first(self) -> np.ndarray | None:
         """Return the outputs at sample 0, which the fade-in leads up to.
@@ -686,8 +746,8 @@ class Sink:
         root: Sink = getattr(self, "root", self)
         if any(s._inside() for s in root.onward()):
             raise SinkError("crossfade: a function that the sink calls cannot wait for another")
-        if not self._started:
-            raise SinkError("crossfade: start the sink first")
+        if not self._started or (self._at is not None and not self.pump.index):
+            raise SinkError("crossfade: start the sink first, and let it begin")
         with root.turn:  # one after another, whoever asks
             before = root.newest
             if not isinstance(before.error, FaultError):  # which another scene may not have
@@ -860,6 +920,7 @@ class Sink:
             unsent_markers=self._telling.unsent,
             quiet=p.read("RUN") / self.rate,
             jitter=self._counted.jitter if self._counted else 0.0,
+            start_error=self._start_error,
             **self._received(),
         )
 
@@ -1020,6 +1081,7 @@ class Sink:
                     if self.pump.read("CALLS") > ended[1] + 1 or time.monotonic() > ended[0] + 1:
                         break  # its log is whole; the device goes on
                 self._recorder.drain()
+                self._keep_time()
                 seen, looked = looked, time.monotonic()
                 # at most: a process that was stopped has heard no call either
                 self._watch_device(min(looked - seen, 0.05))

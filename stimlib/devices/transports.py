@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 from ..errors import BadValue, SinkError, public
 from ..system.packages import package
-from .markers import Marker, checked_name
+from .markers import Marker, behind, checked_name
 from .rows import CUT, Rows, osc_messages, osc_text, rows_of, shown_of
 
 Comma = Literal["separator", "decimal"]
@@ -117,10 +117,10 @@ def lsl_markers(name: str = "stimlib", numeric: bool = False) -> Transport:
     pylsl = package("pylsl", "lsl_markers")
     kind = "double64" if numeric else "string"
     info = pylsl.StreamInfo(name, "Markers", 1, 0.0, kind, f"stimlib {name}")
-    outlet, ahead = [pylsl.StreamOutlet(info)], pylsl.local_clock() - time.monotonic()
+    outlet, late = [pylsl.StreamOutlet(info)], behind(pylsl.local_clock)
 
     def send(m: Marker) -> None:
-        outlet[0].push_sample([m.value if numeric else m.name], m.time + ahead)
+        outlet[0].push_sample([m.value if numeric else m.name], m.time - late)
 
     return Transport(send, outlet.clear)
 

@@ -41,13 +41,15 @@ RATE, CALLS = range(80, 82)
 # their level; the context of the session that follows on the device, or 0; ticks per
 # second of Windows' clock
 LEAD, TAIL, ROSE, FELL, LEVELS, NEXT, TICKS = range(82, 89)
-# outputs that mark: how many, which, their last values; a sample and the time of its
+# outputs that mark: how many, which, their last values; a frame and the time of its
 # block, with a count of writes that is odd while they change
 MARKS, MARKED, MARK_LAST, TIMED_AT, TIMED_NS, TIMES = range(89, 95)
 # how late blocks begin: their histogram; ns of a frame (bits of a float); when the next
 # block is due, or 0; whether the gain has ever risen with a motion in real time
 LATENESS, FRAME_NS, DUE, MOVED = range(95, 99)
-WORDS = 99
+# frames since the session runs; the frame at which it is to rise, and that of sample 0
+FRAMES, BEGIN, BEGAN = range(99, 102)
+WORDS = 102
 
 IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
 NONE, FROM_TABLE, TIMED, LIVE, SIGNALS = 0, 1, 2, 3, 4  # MOTION
