@@ -224,7 +224,7 @@ def noise_behind(form: Form) -> bool:
 def _take(form: Form, number: int, lines: list[str], after: list[str]) -> None:
     """Add source lines that read a block's numbers, and write its state back.
 
-    The words and the state of a second block are at offsets given in A; its names end
+    The numbers and the state of a second block are at offsets given in A; its names end
     with 1.
     """
     suffix, part = str(number or ""), form.parts[number]
@@ -236,7 +236,7 @@ def _take(form: Form, number: int, lines: list[str], after: list[str]) -> None:
         lines.append(f"S{suffix} = _sl.at(S, A[{behind + 1}])")
     lines += [f"C{suffix} = _sl.as_u8(P{suffix})", f"Z{suffix} = _sl.as_u8(S{suffix})"]
     # Where a number lies is known as soon as the form is; where a state lies is a sum,
-    # because sizes of arrays are words of the row: a delay of any length has one
+    # because sizes of arrays are among the numbers: a delay of any length has one
     # segment.
     numbers, state, at_s = [], [], "0"
     for letter in part.p_kinds:
@@ -301,7 +301,7 @@ deviates of the next tile are drawn.
 They are pure functions of the key and the index of a sample, which are noted with them:
 ``mark`` has that index, the key, and a number: 2 if the deviates are there, 1 if the
 tile before was whole, after which drawing ahead pays.  Other tiles of noise come from
-the segment of white noise alone, whose address and words are in A.
+the segment of white noise alone, whose address and operands are in A.
 """
 
 
