@@ -14,6 +14,8 @@ from .units import Unit, unit
 _unit: Callable[[str], Unit] = unit
 
 
+# a node of the graph that names no source: the loop around it does, so that the graph
+# itself stays without a circle
 @dataclass(frozen=True, eq=False)
 class Last(Block):
     """The value of a loop one sample ago; at the first sample, the value ``first``.
@@ -24,12 +26,14 @@ class Last(Block):
     first: float
     unit: str = ""
     sign = "last"
+    # a counter driven by noise would not begin at 1, if it ran before sample 0
     begins_early = False
 
     def units(self, *inputs):
         return _unit(self.unit)
 
 
+# body and last are both inputs of it: whoever walks the graph meets both
 @dataclass(frozen=True, eq=False)
 class Loop(Block):
     """The signal that a function computes from its own last value; see ``loop``."""
@@ -42,6 +46,7 @@ class Loop(Block):
             raise BadValue(f"a loop needs its Last, not {self.last!r}")
 
     def units(self, *inputs):
+        # a literal 0 has any unit, as in sums
         if inputs[0] != inputs[1] and not (isinstance(self.body, Const) and self.body.value == 0):
             raise UnitError(
                 f"loop: from a last value in [{inputs[1]}] it computes {self.body!r} in"
@@ -50,6 +55,7 @@ class Loop(Block):
         return inputs[1]
 
 
+# without the loop as its input, a signal from inside would be computed without it
 @dataclass(frozen=True, eq=False)
 class Tap(Block):
     """Another signal taken from inside a loop."""
@@ -111,6 +117,8 @@ def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
     >>> stimlib.compile(stimlib.Scene({"y": y}), fs=1000).process(np.ones((1, 4)))
     array([[0.5   , 0.75  , 0.875 , 0.9375]])
     """
+    # called once, now, with a placeholder: what the function does is recorded as a
+    # graph, as all arithmetic on blocks is
     last = Last(start, unit)
     if not callable(f):
         raise BadValue(
@@ -119,6 +127,8 @@ def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
             " * last + x"
         )
     made = f(last)
+    # one signal comes back as a block, several as a tuple, as the function returned
+    # them
     if not isinstance(made, tuple):
         return Loop(as_block(made), last)
     if not made:

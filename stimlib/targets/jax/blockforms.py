@@ -77,8 +77,13 @@ def decay(poles: np.ndarray, drive: Any, first: Any) -> Any:
     """
     count, modes = drive.shape
     factor = jnp.asarray(poles, drive.dtype)
+    # a short recursion is a plain loop: two axes would cost more than they save
     if count <= SHORT:
         return lax.scan(lambda state, drive: (factor * state + drive, state), first, drive)[1]
+    # the time axis becomes two of about its root: all blocks run side by side from a
+    # state of 0, their starts follow from one another by the same recursion, with poles
+    # to the power of a block's length, and are added, decayed. A loop over all samples
+    # would wait for itself at each of them.
     blocks = math.isqrt(count)
     length = -(-count // blocks)
     drive = (
@@ -100,6 +105,7 @@ def decay(poles: np.ndarray, drive: Any, first: Any) -> Any:
 
 def toeplitz(response: Any, module: Any) -> Any:
     """Return the lower triangular Toeplitz matrix T[i, j] = response[i - j]."""
+    # in numpy where the response is known now: then XLA gets a constant
     lag = np.arange(response.shape[0])[:, None] - np.arange(response.shape[0])
     return module.where(lag >= 0, response[np.maximum(lag, 0)], 0.0)
 
@@ -114,22 +120,30 @@ def bank(
     """
     module: Any = jnp
     if isinstance(weights, np.ndarray):
+        # a mode of weight 0 fills up a group of eight for compiled code; here it would
+        # be a column of zeros
         module, leaks, weights = np, leaks[weights != 0], weights[weights != 0]
         if not leaks.size:
             return direct * signal
     exponent = np.arange(1, TILE + 1)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         # of the poles
+        # 1 - e has lost the digits of a small leak, log1p has not; a leak of 1 or more
+        # has no logarithm
         powers = np.concatenate(
             [
                 np.ones((1, leaks.size)),
                 np.where(leaks < 1, np.exp(exponent * np.log1p(-leaks)), (1 - leaks) ** exponent),
             ]
         )
+    # three products for each tile: its own samples, what the state at its start still
+    # gives, and what the tile leaves in the state. So only the states at starts of
+    # tiles are a recursion, one step in 64 samples.
     response = module.asarray(powers[:TILE]) @ weights
     matrix = toeplitz(response, module) + direct * np.eye(TILE)
     tiles = rows(signal.astype(dtype), TILE)
     start = jnp.zeros(leaks.size, dtype) if first is None else jnp.asarray(first).astype(dtype)
+    # the newest sample has decayed least: the powers run backwards
     states = decay(powers[TILE], tiles @ jnp.asarray(powers[TILE - 1 :: -1], dtype), start)
     output = tiles @ jnp.asarray(matrix.T, dtype) + states @ jnp.asarray(
         (powers[1:] * weights).T, dtype
@@ -146,11 +160,14 @@ def taps_tiles(taps: np.ndarray, signal: Any) -> Any:
     for noise in float32 but not for a position.
     """
     length, order = signal.shape[0], taps.size
+    # how many whole tiles the taps reach back
     before = -(-(order - 1) // TILE)
     lag = before * TILE + np.arange(TILE) - np.arange((before + 1) * TILE)[:, None]
     band = jnp.asarray(
         np.where((lag >= 0) & (lag < order), taps[np.clip(lag, 0, order - 1)], 0.0), signal.dtype
     )
+    # each product takes the tiles from another start on: nothing is copied into
+    # overlapping rows
     tiles = jnp.pad(rows(signal, TILE), ((before, 0), (0, 0)))
     count = tiles.shape[0] - before
     parts = [
@@ -168,6 +185,7 @@ def running(signal: Any) -> Any:
     """
     tiles = rows(signal, TILE)
     if signal.dtype == jnp.bool_:
+        # at most 64 ones, whose sum float32 holds exactly
         tiles, signal = tiles.astype(jnp.int32), signal.astype(jnp.int32)
         inside = (
             tiles.astype(jnp.float32) @ jnp.asarray(np.triu(np.ones((TILE, TILE))), jnp.float32)
@@ -177,6 +195,7 @@ def running(signal: Any) -> Any:
     if tiles.shape[0] == 1:
         tops = jnp.zeros((1,), signal.dtype)
     else:
+        # what all tiles before add: again a sum, over one number for each tile
         tops = (
             running(inside[:, -1])
             if tiles.shape[0] > TILE
@@ -190,12 +209,15 @@ def latest(marks: Any) -> Any:
     marked = jnp.where(marks, jnp.arange(marks.shape[0], dtype=jnp.int32), -1)
     tiles = jnp.pad(marked, (0, -marked.shape[0] % TILE), constant_values=-1).reshape(-1, TILE)
     inside = lax.cummax(tiles, axis=1)
+    # an index grows with time, so the latest is the largest so far; in two levels, as
+    # in running
     before = later(lax.cummax(inside[:, -1]), 1, -1)
     return jnp.maximum(inside, before[:, None]).reshape(-1)[: marks.shape[0]]
 
 
 def fir(block, numbers, state, signals, run):
     """Run the block ``Fir``."""
+    # stored from the oldest on, and filled up with zeros to whole groups
     taps = numbers.taps[::-1][: int(numbers.order) + 1]
     return taps_tiles(taps, spread(signals[0], run.n))
 
@@ -216,6 +238,8 @@ def pink(block, numbers, state, signals, run):
         return modes(block, numbers, state, signals, run)
     from ...design.noise import cholesky, stationary_covariance
 
+    # drawn as FilteredNoise.start draws them: from the stream of its noise under
+    # another use of the key, and in float64 whatever the run computes in
     live = numbers.r != 0
     leaks = 1 - numbers.p[live]
     draws = deviates(stream_key(run.key, *block.white.noise_key, 1), 0, leaks.size, jnp.float64)
@@ -251,6 +275,7 @@ def deviates(key: Any, start: int, count: int, dtype: Any) -> Any:
     skipped = start % 2
     pairs = (count + skipped + 1) // 2
     indices = jnp.asarray(U((start % 2**64) >> 1)) + jnp.arange(pairs, dtype=jnp.uint64)
+    # a pair has two deviates: the first may be in the middle of one
     indices = rows(indices & U(2**63 - 1), min(pairs, PAIRS))  # after pair -1 comes pair 0
     radius, turn = (
         short if dtype == jnp.float32 else traced.bind(exact) for short, exact in SHORT_FORMS
@@ -268,6 +293,8 @@ def short_radius(first: Any) -> Any:
     their digits.
     """
     upper, lower = first.astype(jnp.float32), (~first).astype(jnp.float32)
+    # the complement of the integer counts down from the top, where a float32 has no
+    # digits left for it
     near = jnp.log1p(-(lower + 0.5) * np.float32(2.0**-64))
     return jnp.sqrt(
         -2
@@ -280,6 +307,7 @@ def short_radius(first: Any) -> Any:
 def short_turn(second: Any) -> tuple[Any, Any]:
     """Compute ``noise.turn`` in float32, from the same integers."""
     centred = ((second >> noise.SHIFT_11) & noise.BITS_51).astype(jnp.int64) - (1 << 50)
+    # at most an eighth of a turn; the two upper bits say to which quarter it is added
     angle = centred.astype(jnp.float32) * np.float32(2.0**-53 * 2 * math.pi)
     quarter = second >> noise.SHIFT_62
     cosine, sine = jnp.cos(angle), jnp.sin(angle)
@@ -306,6 +334,7 @@ def smoothed(exact: Any, distance: Any, width: Any) -> Any:
 
     The derivative is that of 1/(1 + exp(-distance/width)).
     """
+    # its own value is added and taken away again: what is left of it is the derivative
     soft = jax.nn.sigmoid(distance / lax.stop_gradient(width))
     return lax.stop_gradient(exact) + (soft - lax.stop_gradient(soft))
 
@@ -313,8 +342,10 @@ def smoothed(exact: Any, distance: Any, width: Any) -> Any:
 def gate(block, numbers, state, signals, run):
     """Run a gate: open after a rise above ``on``, until a fall to ``off``."""
     signal = spread(signals[0], run.n)
+    # not above off, rather than below: a NaN shuts the gate, as in its step
     event = (signal > numbers.on) | ~(signal > numbers.off)
     last = latest(event)
+    # a gate is where its last event left it, so no loop is needed
     opened = jnp.where((last >= 0) & (signal[last] > numbers.on), 1.0, 0.0)
     if run.surrogate is None:
         return opened
@@ -330,6 +361,8 @@ def comparison(block, numbers, state, signals, run):
     exact = traced.bind(type(block).step)(numbers, (), *signals)[0]
     if run.surrogate is None or not (jnp.ndim(signals[0]) or jnp.ndim(signals[1])):
         return exact
+    # a comparison has no level of its own to take the width from; the root of 0 would
+    # have no slope
     distance = spread(signals[0] - signals[1], run.n)
     return smoothed(exact, distance, run.surrogate * jnp.sqrt(jnp.mean(distance**2) + 1e-300))
 
@@ -338,6 +371,7 @@ def guard(block, numbers, state, signals, run):
     """Run the guard, which fades out the last finite value from a fault on."""
     signal = spread(signals[0], run.n)
     index = jnp.arange(run.n)
+    # NaN, and infinity, whose difference from itself is NaN
     broken = signal - signal != 0
     fault = jnp.where(broken.any(), jnp.argmax(broken), run.n)
     last = jnp.where(fault > 0, signal[jnp.maximum(fault - 1, 0)], 0.0)
@@ -376,6 +410,7 @@ def history(position: Any, contact: Any, cold: float, count: int) -> History:
     from 0.
     """
     position = spread(position, count)
+    # nothing to look for: the history begins with the run
     if steady(contact):
         first = jnp.where(cold > 1, 0.0, position[0])
         return History(
@@ -385,6 +420,7 @@ def history(position: Any, contact: Any, cold: float, count: int) -> History:
             position - first,
         )
     touched = spread(jnp.asarray(contact) > 0, count)
+    # a sample in contact after one that is not
     fresh = touched & ~later(touched, 1, False)
     start = latest(fresh)
     first = jnp.where((start == jnp.argmax(fresh)) & (cold > 1), 0.0, position[start])
@@ -395,6 +431,8 @@ def history(position: Any, contact: Any, cold: float, count: int) -> History:
 def maxwell_arms(block, numbers, state, signals, run):
     """Run the block ``MaxwellArms``."""
     moved = history(signals[0], signals[1], state.cold, run.n)
+    # a bank needs one history; where contact begins again, each begins from rest, and a
+    # loop over samples is left
     if steady(signals[1]):
         return bank(numbers.e, numbers.r, moved.d, run.dtype)
     poles, weights = jnp.asarray(1 - numbers.e, run.dtype), jnp.asarray(numbers.r, run.dtype)
@@ -413,6 +451,7 @@ def in_contact(body: Callable, start: Any, touched: Any, *rows: Any) -> Any:
     """
 
     def sample(state, row):
+        # both are computed and one is taken, as a branch under vmap is too
         touched, *given = row
         after, output = body(state, *given)
         return jax.tree.map(lambda new, old: jnp.where(touched, new, old), after, start), jnp.where(
@@ -425,6 +464,8 @@ def in_contact(body: Callable, start: Any, touched: Any, *rows: Any) -> Any:
 def kelvin_chain(block, numbers, state, signals, run):
     """Run the block ``KelvinChain``."""
     force = spread(signals[0], run.n)
+    # a chain moves one sample after the force; what it yields at once is the direct
+    # part
     return bank(numbers.e, numbers.r, later(force, 1), run.dtype) + numbers.d * force
 
 
@@ -441,6 +482,7 @@ class HistoryWeights(NamedTuple):
 def springpot(block, numbers, state, signals, run):
     """Run the block ``Springpot``."""
     moved = history(signals[0], signals[1], state.cold, run.n)
+    # a spring or a dashpot: the sum would only come near it
     if numbers.alpha in (0.0, 1.0):
         return moved.d * numbers.fs if numbers.alpha else moved.way
     fixed = HistoryWeights(numbers.r, numbers.taps, numbers.constant, numbers.scale)
@@ -465,12 +507,14 @@ def whole_history(leaks: np.ndarray, weighted: HistoryWeights, moved: History, r
 def springpot_live(block, numbers, state, signals, run):
     """Run ``SpringpotLive``: its weights depend on the order, its modes do not."""
     alpha = jnp.asarray(signals[1])
+    # computed with an order in 0 .. 1, and NaN below for any other
     alpha = jnp.where(alpha >= 0, jnp.where(alpha <= 1, alpha, 1.0), 0.0)
     moved = history(signals[0], signals[2], state.cold, run.n)
     if steady(signals[2]) and not jnp.ndim(alpha):
         output = whole_history(numbers.e, weights(numbers, alpha), moved, run)
     else:
         output = _scan_history(numbers.e, lambda order: weights(numbers, order), alpha, moved, run)
+    # exact at the ends, as in springpot
     ends = jnp.where(alpha > 0.5, moved.d * numbers.fs, moved.way)
     exact = jnp.where((alpha == 0) | (alpha == 1), ends, output)
     # the order's derivative is that of the sum, also at 0 and 1
@@ -486,9 +530,11 @@ def weights(numbers: pot.LiveParams, alpha: Any) -> HistoryWeights:
         numbers.poly.reshape(pot.COEFFICIENTS, -1),
     )
     argument, remaining, last, before = 2.0 * alpha - 1.0, 1.0 - alpha, 0.0, 0.0
+    # Clenshaw's recurrence, with all nodes as one array
     for row in polynomials[:0:-1]:
         last, before = 2.0 * argument * last + (row - before), last
     series = argument * last + (polynomials[0] - before)
+    # sin(pi a) of the smaller of a and 1 - a: near 1 it would lose its digits
     gain = jnp.sin(math.pi * jnp.where(alpha > 0.5, remaining, alpha)) / math.pi
     scaled = jnp.concatenate(
         [remaining * series[8 : 8 + nodes], jnp.broadcast_to(gain, (numbers.a.size - nodes,))]
@@ -513,6 +559,7 @@ def _scan_history(leaks: np.ndarray, weigh: Callable, alpha: Any, moved: History
             poles * sums + recent[0],
             total + recent[0],
         )
+        # the weights of an order that stands depend on nothing in the loop
         weighted = weigh(order if moving else alpha)
         return (recent, sums, total), weighted.scale * (
             jnp.sum(weighted.taps * recent) + weighted.constant * total + jnp.sum(weighted.r * sums)
@@ -541,6 +588,8 @@ def series(block, numbers, state, signals, run):
             + numbers.constant * total
             + jnp.sum(numbers.r * sums)
         )
+        # both elements carry one force, which is linear in the step of the inner point:
+        # one division solves for it
         outer = movement if numbers.dashpot else position - inner
         step = (numbers.other * outer - numbers.pot * rest) / (
             numbers.other + numbers.pot * numbers.newest
@@ -559,6 +608,7 @@ def series(block, numbers, state, signals, run):
 def short_memory(block, numbers, state, signals, run):
     """Run the block ``ShortMemory``."""
     moved = history(signals[0], signals[1], state.cold, run.n)
+    # as of Maxwell arms
     if steady(signals[1]):
         return taps_tiles(numbers.taps[::-1], moved.way)
     taps = jnp.asarray(numbers.taps)
@@ -575,6 +625,7 @@ def downsampled(block, numbers, state, signals, run):
     moved = history(signals[0], signals[1], state.cold, run.n)
     index = jnp.arange(run.n)
     since = index - moved.start
+    # a history that grows is thinned: so many samples lie between its points
     stride = jnp.maximum((since + fractional.POINTS - 1) // fractional.POINTS, 1)
 
     def body(total, item):
@@ -595,6 +646,7 @@ def downsampled(block, numbers, state, signals, run):
 TOP_BITS = U(0xFFFFFFFFF8000000)
 
 
+# compiled code has fma for the same; XLA is free to contract or not
 def lost(one: Any, other: Any) -> Any:
     """Return the exact rounding error of the product a b.
 
@@ -613,6 +665,8 @@ def lost(one: Any, other: Any) -> Any:
 def increment(numbers: Any, frequency: Any) -> Any:
     """Compute ``carrier.increment`` for a frequency within 0 .. fs/2."""
     main = frequency * numbers.high
+    # the whole part and the rest become integers apart: together they have more digits
+    # than a float64
     whole = jnp.floor(main)
     rest = jnp.floor(
         (main - whole) + (frequency * numbers.low + lost(frequency, numbers.high)) + 0.5
@@ -627,19 +681,24 @@ def carrier(block, numbers, state, signals, run):
     """
     frequency, contact = signals
     count = jnp.maximum(jnp.arange(run.n) - int(state.wait), 0)  # samples that have moved the phase
+    # held between 0 and fs/2, and 0 for NaN
     held = jnp.where(frequency > 0, jnp.where(frequency < numbers.top, frequency, numbers.top), 0.0)
     turns = held / run.fs  # per sample
+    # an integer has no derivative: it comes back below by the turned angle, which is
+    # the same sum in floats
     step = lax.stop_gradient(increment(numbers, held))
     if jnp.ndim(frequency):
         counts = jnp.arange(run.n) >= int(state.wait)
         phase = running(jnp.where(counts, step, U(0)))
         turned = running(jnp.where(counts, turns, 0.0))
     else:
+        # a product wraps as the sum of as many steps does
         phase = count.astype(jnp.uint64) * step
         turned = count * turns
     start = phase + jnp.asarray(state.phase, jnp.uint64)
 
     def sound(frequency, turned, turns, contact):
+        # the folded phase runs up in one half of the turn and down in the other
         rising = (start + QUARTER) >> U(63) == 0
         position = traced.bind(fold)(start) + jnp.where(rising, 2.0, -2.0) * (
             turned - lax.stop_gradient(turned)
@@ -663,6 +722,7 @@ def response_limit(block, numbers, state, signals, run):
 
     def sample(carry, signals):
         ahead, phase = carry
+        # what is allowed now depends on what has gone out before: a loop over samples
         ends = jnp.sort(
             jnp.array([(1 - ahead) * inverse[phase], (-1 - ahead) * inverse[phase]]), axis=0
         )

@@ -15,6 +15,8 @@ def cells_of(key, low):
 
     They are made in a loop, as XLA would otherwise compute them again for every use.
     """
+    # lattice values are made in pairs of cells: of the eight of four pairs, seven from
+    # the asked cell on
     lattice, pair = traced.bind(surfaces.lattice), jnp.floor(0.5 * jnp.floor(low))
     first = pair.astype(jnp.int64).astype(jnp.uint64)
     values = lax.map(
@@ -29,6 +31,8 @@ def mean(values, low, high):
     It is not valid where they are four or more cells apart.
     """
     spline, first, last = traced.bind(surfaces.spline_mean), jnp.floor(low), jnp.floor(high)
+    # all five cells are computed and those beyond the end left out, because shapes must
+    # not depend on numbers
     cells = first + jnp.arange(5.0)[:, None]  # a movement of less than four touches no more
     start, end = (jnp.clip(edge - cells, 0.0, 1.0) for edge in (low, high))
     area = jnp.sum(
@@ -39,6 +43,7 @@ def mean(values, low, high):
         ),
         axis=0,
     )
+    # within one cell the area over the distance would be 0/0 at rest
     return jnp.where(
         first == last,
         spline(values[0], values[1], values[2], low - first, high - first),
@@ -49,6 +54,7 @@ def mean(values, low, high):
 def spatial_noise(block, numbers, state, signals, run):
     """Run the block ``SpatialNoise``."""
     touched = jnp.broadcast_to(jnp.asarray(signals[1]) > 0, (run.n,))
+    # off contact at 0, so that no NaN of a position gets into derivatives
     position = jnp.where(touched, jnp.broadcast_to(signals[0], (run.n,)), 0.0)
     current = traced.bind(surfaces.held_place)(position * numbers.scale)
     fresh = touched & ~jnp.concatenate([jnp.zeros(1, bool), touched])[: run.n]
@@ -62,11 +68,13 @@ def spatial_noise(block, numbers, state, signals, run):
         jnp.asarray, (numbers.keys, numbers.at, numbers.own, numbers.finer)
     )
     scale = jnp.asarray(0.5 ** np.arange(numbers.own.size))
+    # which cells there are is no function with a slope
     fixed = lax.stop_gradient(low)
     lattices = lax.map(
         lambda row: cells_of(row[0], fixed * row[2] + row[1]), (keys, offsets, scale)
     )
 
+    # from four cells on an octave adds nothing
     def octave(total, row):
         lattice, offset, width, finer, scale = row
         lowest, highest = low * scale + offset, high * scale + offset

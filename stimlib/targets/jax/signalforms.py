@@ -19,6 +19,7 @@ def cascade(block, numbers, state, signals, run):
     It is in float64, which a low cutoff needs.
     """
     signal = jnp.broadcast_to(signals[0], (run.n,))
+    # in numpy, from design's numbers: constants, so the update is affine
     matrices = np.stack(
         [np.stack([1 - numbers.c, -numbers.a], -1), np.stack([numbers.b, 1 - numbers.d], -1)], -2
     )
@@ -29,6 +30,7 @@ def cascade(block, numbers, state, signals, run):
         one, two = states[:, 0], states[:, 1]
         return direct * (signal - two) + first * one + second * two, None
 
+    # sections of one filter have one form: a loop over them compiles once
     rows = [
         *map(
             jnp.asarray,
@@ -45,6 +47,8 @@ def turning(numbers, state, event, frequency, decay):
 
 def ring(block, numbers, state, signals, run):
     """Run the block ``Ring``."""
+    # the step of compiled code rests where a ring has died away, which is a branch on
+    # its state
     return run_step(turning, numbers, state, signals, run.n)
 
 
@@ -112,8 +116,10 @@ def cursor(block, numbers, state, signals, run):
             jnp.where(touched, jnp.where(fresh, hand, start + solved * change), start)
             for hand, start, change in ((hand_x, before.x, moved[2]), (hand_y, before.y, moved[3]))
         )
-        cold = jnp.where(touched, 0.0, 1.0)
-        return before._replace(x=x, y=y, px=hand_x, py=hand_y, cold=cold), (x, y)
+        return before._replace(x=x, y=y, px=hand_x, py=hand_y, cold=jnp.where(touched, 0.0, 1.0)), (
+            x,
+            y,
+        )
 
     first = type(state)(*(jnp.asarray(value, jnp.float64) for value in state))
     return lax.scan(

@@ -17,7 +17,8 @@ from . import traced
 def texture(block, numbers, state, signals, run):
     """Run the block ``Texture``."""
     every, poles = int(numbers.every), int(numbers.poles)
-    white, speed, force = (jnp.broadcast_to(drives, (run.n,))[::every] for drives in signals)
+    # the models run at a lower rate: once in so many samples
+    white, speed, force = (jnp.broadcast_to(signal, (run.n,))[::every] for signal in signals)
     held, lowest, weigh, all_three = (
         traced.bind(helper) for helper in (part, least, weight, inside)
     )
@@ -25,8 +26,10 @@ def texture(block, numbers, state, signals, run):
     planes = [
         *map(jnp.asarray, (numbers.ax, numbers.ay, numbers.a, numbers.bx, numbers.by, numbers.b))
     ]
+    # the point lies where the least of a triangle's three shares is largest: no search
     triangle = jnp.argmax(lowest(Place(motion.x[:, None], motion.z[:, None]), *planes), axis=1)
-    planes_there = [drives[triangle] for drives in planes]
+    planes_there = [plane[triangle] for plane in planes]
+    # the shares weigh the three corners of the triangle in all that follows
     shares = jnp.stack(
         all_three(weigh(motion, *planes_there[:3]), weigh(motion, *planes_there[3:])), axis=1
     )
@@ -35,6 +38,7 @@ def texture(block, numbers, state, signals, run):
     def mean(values):
         return jnp.einsum("nk,nk...->n...", shares, jnp.asarray(values)[corners])
 
+    # frequencies are mixed, not coefficients: a mixture of these may be unstable
     cosines = jnp.cos(jnp.pi * mean(numbers.lsf.reshape(numbers.gain.size, -1)))
     variance = mean(numbers.variance)
     varied = variance > 0  # a root has no slope at 0
@@ -47,6 +51,7 @@ def texture(block, numbers, state, signals, run):
         predictor(cosines[:, poles:]),
     )
 
+    # the coefficients move, so nothing but a loop over samples is left
     def sample(memory, row):
         before, past = memory
         drive, recursive, direct = row
@@ -56,6 +61,7 @@ def texture(block, numbers, state, signals, run):
     start = jnp.zeros(averages.shape[1]), jnp.zeros(poles)
     out = lax.scan(sample, start, (drives, recursions, averages))[1]
     rows = jnp.asarray(numbers.rows.reshape(every, -1))
+    # to the run's rate by a polyphase filter, as one product
     last = jnp.stack(
         [jnp.pad(out, (delay, 0))[: out.size] for delay in range(rows.shape[1])], axis=1
     )
@@ -74,6 +80,7 @@ def predictor(cosines):
     """
     count, order = cosines.shape
     halves = []
+    # every second frequency belongs to P, the others to Q
     for first, sign in ((0, 1.0), (1, -1.0)):
         half = jnp.ones((count, 1))
         for number in range(first, order, 2):

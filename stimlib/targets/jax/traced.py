@@ -32,6 +32,8 @@ def fma(a, b, c):
     return a * b + c
 
 
+# at 0 the slope of JAX's own is infinite, and infinity times a tangent of 0 is NaN: one
+# such sample would spoil a gradient over all
 @jax.custom_jvp
 def sqrt(x):
     """Return the square root, with a finite derivative at 0."""
@@ -65,6 +67,7 @@ def divide(numerator, denominator):
 @divide.defjvp
 def _divide(primals, tangents):
     (numerator, denominator), (change_above, change_below) = primals, tangents
+    # a choice after the division would still have the derivative of both sides
     safe = jnp.where(denominator == 0, jnp.ones_like(denominator), denominator)
     return divide(numerator, denominator), jnp.where(
         denominator == 0,
@@ -78,6 +81,7 @@ floor, exp, sin, cos, tanh, where = jnp.floor, jnp.exp, jnp.sin, jnp.cos, jnp.ta
 
 def flush(x):
     """Return x, or 0 where it is too small to matter, with the derivative of x."""
+    # subtracted as a constant: the derivative stays that of the number
     return x - lax.stop_gradient(jnp.where(abs(x) <= SILENT, x, 0.0 * x))
 
 
@@ -103,6 +107,7 @@ def unbits(u):
 
 def search(knots, x, per):
     """Return the index of the piece that contains each position."""
+    # all knots at once: a bisection would be a loop
     return jnp.sum(jnp.asarray(x)[..., None] >= knots[1:-1], axis=-1)
 
 
@@ -134,11 +139,14 @@ def bind(function: Callable) -> Callable:
     assert isinstance(function, types.FunctionType)
     if function in _bound:
         return _bound[function]
+    # the same code with other names around it: what a step means is written once
     scope: dict[str, Any] = {"__builtins__": builtins}
     twin = types.FunctionType(
         function.__code__, scope, function.__name__, function.__defaults__, function.__closure__
     )
+    # one twin for each function, so that JAX sees the same one at each trace
     _bound[function] = twin  # before its helpers, should they refer to it
+    # also names of functions inside, such as comprehensions
     for name in _names(function.__code__):
         if name in function.__globals__:
             scope[name] = _twin(function, name, function.__globals__[name])
@@ -152,12 +160,14 @@ def _names(code: types.CodeType) -> set[str]:
 
 
 def _twin(function: Callable, name: str, value: Any) -> Any:
+    # conversions of a step: numpy's own cannot take a number that is traced
     if value is np:
         return types.SimpleNamespace(**{kind.__name__: TYPES[kind] for kind in TYPES})
     if value is maths:
         return NAMESPACE
     if isinstance(value, type) and value in TYPES:
         return TYPES[value]
+    # by identity, not by name alone: an author may call a helper exp
     ours = getattr(value, "__name__", "")
     if callable(value) and value is getattr(maths, ours, None):
         if ours not in TWINS:
@@ -179,6 +189,7 @@ def on_arrays(numbers: Any) -> Any:
 # Evaluating with finite derivatives ---------------------------------------------------
 def run(function: Callable, *args: Any) -> Any:
     """Return f(*args), computing every quotient by ``divide``."""
+    # on the jaxpr, not by other operators: a quotient may stand in any helper
     flat, tree_in = jax.tree.flatten(args)
     closed, shape = jax.make_jaxpr(
         lambda *given: function(*jax.tree.unflatten(tree_in, given)), return_shape=True
@@ -198,6 +209,7 @@ def _evaluate(jaxpr: Any, consts: Any, args: Any) -> list[Any]:
         values[variable] = given
     for equation in jaxpr.eqns:
         operands = [*map(read, equation.invars)]
+        # jitted functions of jax.numpy have bodies with quotients, too
         inner = body_of(equation)
         if equation.primitive.name == "div" and jnp.issubdtype(
             equation.outvars[0].aval.dtype, jnp.floating
@@ -206,6 +218,7 @@ def _evaluate(jaxpr: Any, consts: Any, args: Any) -> list[Any]:
         elif inner is not None:
             results = _evaluate(inner.jaxpr, inner.consts, operands)
         else:
+            # all other operations as they were
             results = equation.primitive.bind(
                 *operands, **equation.primitive.get_bind_params(equation.params)
             )

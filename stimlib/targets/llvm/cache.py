@@ -61,8 +61,12 @@ _loaded: dict[str, Code] = {}
 # Entries ------------------------------------------------------------------------------
 @cache
 def _salt() -> str:
+    # the texts of our own files, not a version: an edit of the compiler must compile
+    # again
     texts = [(Path(__file__).parent / f"{name}.py").read_text() for name in PARTS]
+    # they are compiled into the runtime, which only names their classes
     operations = [source(cls.step) for cls in rows.OPERATIONS if cls.step]
+    # code for another processor may not run here, and homes are shared between machines
     host = llvmlite.binding.get_host_cpu_name(), machine.FEATURES, machine.CHOICES
     texts += [Path(maths.__file__).read_text()]
     versions = llvmlite.__version__, sys.version_info[:2]
@@ -82,6 +86,7 @@ def expect(pieces: Iterable[tuple[str, str]]) -> None:
 
     Pieces are arguments of ``load``. Nothing is done unless somebody counts.
     """
+    # a name is a hash of the whole text: not for nothing
     for tell in counted:
         missing = {
             name: text
@@ -111,11 +116,15 @@ def load(text: str, stem: str, make: Callable[[], walk.Intermediate] | None = No
         Not even a temporary folder can be written.
     """
     name = _name(text, stem)
+    # a fork takes this lock first, so a child never finds it taken: see cache_folder
     with lock:
         if name not in _loaded:
             try:
+                # once per process, and never again from the disk: what is loaded stays
                 _loaded[name] = _load(folder() / name, text, make)
             except OSError as error:  # full or gone in the middle
+                # code goes on without a cache: from here on the folder is a temporary
+                # one
                 temporary(folder(), error)
                 try:
                     _loaded[name] = _load(folder() / name, text, make)
@@ -129,9 +138,11 @@ def load(text: str, stem: str, make: Callable[[], walk.Intermediate] | None = No
 def _load(entry: Path, text: str, make: Callable[[], walk.Intermediate] | None) -> Code:
     own_hash = _sums(text)
     if (code := _kept(entry, own_hash)) is None:
+        # said before the wait, and only where it is long enough to wonder
         if entry.name.startswith(LONG):
             for tell in announce:
                 tell("compiling for this machine, once: about two seconds")
+        # looked for again in one's turn: another process may have written it meanwhile
         with _turn(entry, text):
             if (code := _kept(entry, own_hash)) is None:
                 began = time.perf_counter()
@@ -141,6 +152,7 @@ def _load(entry: Path, text: str, make: Callable[[], walk.Intermediate] | None) 
                 logger.info(
                     "cache miss: %s compiled in %.2f s, into %s", entry.name, seconds, cache
                 )
+                # read back, not kept from the compiler: what runs is what was checked
                 code = _kept(entry, own_hash)
     if code is None:
         raise OSError(f"what was written to {entry} is not what is there")
@@ -153,6 +165,7 @@ def _kept(entry: Path, own_hash: str) -> Code | None:
         return None
     header, code_bytes = found
     try:
+        # a kernel or function of C that this process lacks
         if machine.missing(header["calls"]):
             return None
         code = Code(entry.name, machine.addresses(code_bytes, header["names"]))
@@ -165,11 +178,15 @@ def _kept(entry: Path, own_hash: str) -> Code | None:
 def _sound(entry: Path, own_hash: str) -> tuple[dict[str, Any], bytes] | None:
     """Return the parts of an entry, or None unless it is intact and made of this."""
     try:
+        # not stat: a link could lead out of the private folder
         info = os.lstat(entry)
         if not stat.S_ISREG(info.st_mode) or open_to_others(info):
             return None
+        # a line of JSON, then object code: whoever looks for a fault can read the first
         line, _, code_bytes = safe_files.read(entry, "sidecar_bytes").partition(b"\n")
         header = json.loads(line)
+        # the sum covers the header as well; the hash of the text tells an entry that
+        # somebody renamed
         wanted = header.pop("sha256")
         whole = json.dumps(header).encode() + code_bytes
         return (header, code_bytes) if header["of"] == own_hash and wanted == _sum(whole) else None
@@ -180,6 +197,7 @@ def _sound(entry: Path, own_hash: str) -> tuple[dict[str, Any], bytes] | None:
 def _publish(entry: Path, text: str, make: Callable[[], walk.Intermediate] | None) -> None:
     """Compile an entry and move it into the cache, whatever is there."""
     made = make() if make else walk.of_module(text, entry.name, known.TWINS)
+    # a text without make is a file of ours: the runtime or a part of it
     code_bytes, calls = machine.machine_code(made.llvm, ours=make is not None)
     header = {"of": _sums(text), "names": made.names, "calls": calls}
     line = json.dumps(header | {"sha256": _sum(json.dumps(header).encode() + code_bytes)}).encode()
@@ -202,6 +220,7 @@ def _turn(entry: Path, text: str) -> Iterator[None]:
     """
     lock_file, latest = entry.with_name(f"{entry.name}.lock"), time.monotonic() + WAIT
     with ExitStack() as stack:
+        # a lock that is taken shows that somebody compiles; the entry, that it is done
         while not _sound(entry, _sums(text)) and time.monotonic() < latest:
             if safe_files.taken(stack, lock_file):
                 break

@@ -351,22 +351,26 @@ class Engine:
             self.buffers[word : word + TILE] = value
         for index, number in self._param.items():
             self.pending[number, rows.PARAM_STATE] = self._state_at[index]
-        addresses = {
-            rows.TABLE: self.table,
-            rows.NUMBERS: self.numbers,
-            rows.STATES: self.states,
-            rows.BUFFERS: self.buffers,
-            rows.OPERANDS: self.operands,
-            rows.COUNTS: self.counts,
-            rows.TICKS: self.ticks,
-            rows.PENDING: self.pending,
+        # seen and still done stay 0: a run begins with no sample, and no row has run
+        context = {
+            rows.ROWS: self._main,
+            rows.TABLE: self.table.ctypes.data,
+            rows.NUMBERS: self.numbers.ctypes.data,
+            rows.STATES: self.states.ctypes.data,
+            rows.BUFFERS: self.buffers.ctypes.data,
+            rows.OPERANDS: self.operands.ctypes.data,
+            rows.INPUTS: self._empty[0].shape[0],
+            rows.OUTPUTS: self._empty[1].shape[0],
+            rows.OUTPUT_ROWS: self._outputs_at,
+            rows.COUNTS: self.counts.ctypes.data,
+            rows.TICKS: self.ticks.ctypes.data,
+            rows.CLOCKS: clocks,
+            rows.WARM: -1,
+            rows.PENDING: self.pending.ctypes.data,
+            rows.PARAMS: params,
+            rows.ENTRY: machine["entry"],
         }
-        for word, array in addresses.items():
-            self.ctx[word] = array.ctypes.data
-        self.ctx[rows.ROWS], self.ctx[rows.OUTPUT_ROWS] = self._main, self._outputs_at
-        self.ctx[rows.CLOCKS], self.ctx[rows.PARAMS] = clocks, params
-        self.ctx[rows.INPUTS], self.ctx[rows.OUTPUTS] = (array.shape[0] for array in self._empty)
-        self.ctx[rows.WARM], self.ctx[rows.ENTRY] = -1, machine["entry"]
+        self.ctx[[*context]] = [*context.values()]
         known = entry_points.array_words()
         self.ctx[rows.ARRAY_TYPE], self.ctx[rows.FLOAT64] = known or (0, 0)
         self.address = int(machine["entry"]), int(self.ctx.ctypes.data)

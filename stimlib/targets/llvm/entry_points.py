@@ -35,12 +35,14 @@ class _Method(ctypes.Structure):
     )
 
 
+# PYFUNCTYPE keeps Python's lock, which is faster kept than given away
 ENTRY = ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
 
 
 @cache
 def _method(address: int) -> Any:
     """Return a method definition, which must outlive its functions."""
+    # one for each address, for ever: Python keeps a pointer to it in each function
     return _Method(b"process", address, METH_FASTCALL, None)
 
 
@@ -49,6 +51,8 @@ def function(address: int, context: int) -> Callable[..., int]:
 
     It receives a number in addition to its arguments.
     """
+    # PyCFunction_NewEx(method, self, module): self is the context's address, a Python
+    # int, which the code gets as its first argument
     make = ctypes.PYFUNCTYPE(
         ctypes.py_object, ctypes.POINTER(_Method), ctypes.py_object, ctypes.c_void_p
     )(("PyCFunction_NewEx", ctypes.pythonapi))
@@ -60,6 +64,7 @@ def checked(address: int, context: int, rows: tuple[int, int]) -> Callable[..., 
     entry = ENTRY(address)
 
     def process(*arrays: Any) -> int:
+        # what runtime.process asks of its arguments
         if len(arrays) != 2 or any(type(array) is not np.ndarray for array in arrays):
             return 1
         motion, output = arrays
@@ -71,8 +76,12 @@ def checked(address: int, context: int, rows: tuple[int, int]) -> Callable[..., 
         if not (motion.flags.c_contiguous and motion.flags.aligned and output.flags.carray):
             return 1
         read_at, write_at = (array.__array_interface__["data"][0] for array in arrays)
-        apart = write_at - read_at
-        read, written = 8 * rows[0] * samples, 8 * rows[1] * samples
+        # rows that overlap by whole rows are read before they are written
+        apart, read, written = (
+            write_at - read_at,
+            8 * rows[0] * samples,
+            8 * rows[1] * samples,
+        )
         if read > 0 and -written < apart < read and apart % (8 * samples) != 0:
             return 1  # a sample would be written before it is read
         entry(context, read_at, write_at, samples)
@@ -92,14 +101,17 @@ def array_words() -> tuple[int, int] | None:
     None if arrays are not laid out in memory as the compiled code expects.
     """
     array = np.zeros((3, 5))
+    # kind, letter and order of bytes lie side by side in a dtype, as in this text
     dtype = array.dtype
     letters = int.from_bytes(f"{dtype.kind}{dtype.char}{dtype.byteorder}".encode(), "little")
     flags = C_ORDER | ALIGNED | WRITEABLE
+    # type, data, axes and dtype of the array; its shape; the letters of its dtype
     seen = (
         [_word(id(array), index) for index in (1, 2, 3, 7)]
         + [_word(_word(id(array), 4), index) for index in (0, 1)]
         + [_word(id(dtype), 3)]
     )
+    # an int fills half of a word, and what else is there is not ours
     seen[2], seen[-1] = seen[2] & 0xFFFFFFFF, seen[-1] & DTYPE_BITS
     wanted = [
         id(np.ndarray),

@@ -40,6 +40,7 @@ def features() -> list[str]:
     They are those of the processor, except what STIMLIB_VECTOR_BITS = 256 or 128
     excludes.
     """
+    # an entry's name has the features, so one cache holds code of several widths
     bits = os.environ.get("STIMLIB_VECTOR_BITS") or "512"
     one_of("STIMLIB_VECTOR_BITS", bits, [*map(str, WIDER)])
     present = llvm.get_host_cpu_features().flatten().split(",")
@@ -54,6 +55,7 @@ FEATURES = features()
 
 @cache
 def _target() -> llvm.Target:
+    # once per process, when something is compiled or loaded
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     target = llvm.Target.from_triple(llvm.get_process_triple())
@@ -67,6 +69,7 @@ def _target() -> llvm.Target:
 def _target_machine() -> llvm.TargetMachine:
     """Return this processor, as LLVM compiles for it."""
     target = _target()
+    # a new one for each use: an engine owns the one that it gets
     return target.create_target_machine(
         cpu=llvm.get_host_cpu_name(),
         features=",".join(FEATURES),
@@ -83,6 +86,7 @@ def optimised(text: str, ours: bool) -> llvm.ModuleRef:
     """Return LLVM's text after optimisation for this processor; ours: with CHOICES."""
     machine = _target_machine()
     module = llvm.parse_assembly(text)
+    # a text says nothing of the machine
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     with choices() if ours else nullcontext():
         tuning = llvm.create_pipeline_tuning_options(speed_level=3)
@@ -97,6 +101,7 @@ def machine_code(text: str, ours: bool) -> tuple[bytes, list[str]]:
     module = optimised(text, ours)
     with choices() if ours else nullcontext():
         code = _target_machine().emit_object(module)
+    # to be looked for before the code is loaded, by whoever reads it from the cache
     calls = [
         function.name
         for function in module.functions
@@ -112,6 +117,7 @@ def choices() -> Iterator[None]:
     The runtime gains nothing from them, and would take a quarter longer to compile.
     """
     numba: Any = sys.modules.get("numba.core.compiler_lock")
+    # options are global to LLVM, and numba may bind the same LLVM
     with numba.global_compiler_lock if numba else nullcontext():
         try:
             _choose(0)
@@ -138,6 +144,7 @@ def addresses(code: bytes, names: Iterable[str]) -> dict[str, int]:
     LookupError
         It has no such function.
     """
+    # an engine of its own for each entry: names such as _sl_segment are in all of them
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine())
     _engines.append(engine)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))

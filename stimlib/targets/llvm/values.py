@@ -16,6 +16,7 @@ from llvmlite import ir
 from .instructions import DOUBLE, I32, I64, TRUTH, known
 
 SINGLE = ir.FloatType()
+# numpy's names without the sign of byte order; a truth is one bit, and b1
 KINDS: dict[str, ir.Type] = {
     "f8": DOUBLE, "f4": SINGLE, "i8": I64, "u8": I64, "i4": I32, "u4": I32, "b1": TRUTH,
 }  # fmt: skip
@@ -35,6 +36,8 @@ class Intermediate(NamedTuple):
     names: list[str]
 
 
+# a NamedTuple, as the tuples of a source are: several() tells them apart. low saves a
+# wrap of an index that counts from the end.
 class Value(NamedTuple):
     """A number that is known when the code runs; low: surely not below 0."""
 
@@ -90,6 +93,7 @@ def exported(result: str, *kinds: str) -> Callable:
     A kind is "f8", "i8", .., with a star for a pointer; the result may be "void".
     """
 
+    # a mark, no wrapper: the walk reads the function's source
     def mark(function):
         function.exported = Outer(function.__name__, result, kinds)
         return function
@@ -120,11 +124,14 @@ def number(given: Any) -> Value:
     """Return a number as one of LLVM."""
     if isinstance(given, Value):
         return given
+    # a truth before whole numbers: to Python, True is one
     if isinstance(given, bool | np.bool_):
         return Value(TRUTH(int(given)), "b1", True)
+    # the one unsigned kind that a step has: keys and counters of noise, phases
     if isinstance(given, np.uint64):
         return Value(I64(int(given)), "u8", True)
     if isinstance(given, int | np.integer):
+        # Python's whole numbers have no end, and those of a processor do
         if not -(2**63) <= given < 2**63:
             raise Unknown(f"{given} has more than 64 bits")
         return Value(I64(int(given)), "i8", bool(given >= 0))
@@ -137,6 +144,7 @@ def number(given: Any) -> Value:
 
 def cast(builder: Any, given: Any, kind: str) -> Value:
     """Return a number as one of another kind."""
+    # known now: converted here, and no instruction
     if kind == "f8" and plain(given) and not isinstance(given, float):
         given = float(given)
     given = number(given)
@@ -148,11 +156,14 @@ def common(left: Value, right: Value) -> str:
     # as numpy 2 has it, but for a uint64 with a whole number that may be below 0: numpy
     # makes a float of these two, and here they are refused
     kinds = {left.kind, right.kind}
+    # a float wins over all whole numbers
     if kinds & {"f8"}:
         return "f8"
+    # a whole number beside a float32 makes a float64: it has more digits than a float32
     if kinds & {"f4"}:
         return "f4" if kinds == {"f4"} else "f8"
     if "u8" in kinds and kinds != {"u8"}:
+        # a whole number that is known, and not below 0, is one of uint64 as well
         other = right if left.kind == "u8" else left
         if other.kind != "b1" and not (isinstance(other.v, ir.Constant) and other.low):
             raise Unknown("a uint64 and a whole number: write np.uint64(1), or make both np.int64")
@@ -178,7 +189,8 @@ OF_FLOATS, OF_WHOLE = (*ON_FLOATS, ast.Mod), (*RISING, ast.Sub, ast.LShift)
 
 
 def binary(builder: Any, operator_type: type, left: Any, right: Any) -> Any:
-    """Return x op y, an operator of Python's arithmetic or a comparison."""
+    """Return left op right, an operator of Python's arithmetic or a comparison."""
+    # both are known now: Python computes, and nothing is written
     if plain(left) and plain(right):
         try:
             with np.errstate(all="ignore"):
@@ -191,10 +203,12 @@ def binary(builder: Any, operator_type: type, left: Any, right: Any) -> Any:
         except ZeroDivisionError:  # no error where it runs
             pass
     left, right = number(left), number(right)
+    # truths know and, or, xor; sums of them would be one bit
     if left.kind == right.kind == "b1" and operator_type not in SIGNS:
         if operator_type not in ON_BITS:
             raise Unknown("arithmetic with comparisons: use where(c, 1.0, 0.0)")
         kind = "b1"
+    # a division makes a float, also of whole numbers
     elif operator_type is ast.Div and {left.kind, right.kind} <= {*WHOLE}:
         kind = "f8"
     elif operator_type in SHIFTS:
@@ -203,6 +217,7 @@ def binary(builder: Any, operator_type: type, left: Any, right: Any) -> Any:
         kind = "u8" if "u8" in (left.kind, right.kind) else "i8"
     else:
         kind = common(left, right)
+    # before anything is written: a message, instead of an error of LLVM
     if operator_type not in SIGNS and operator_type not in (
         OF_FLOATS if kind in FLOATS else OF_WHOLE
     ):
@@ -234,16 +249,19 @@ class Builder(ir.IRBuilder):
     def converted(self, given: Value, kind: str) -> Value:
         """Return a number as one of another kind."""
         value, source, target = given.v, given.kind, KINDS[kind]
+        # unordered, so that NaN is true, as in Python
         if kind == "b1":
             zero = ir.Constant(value.type, 0)
             same = self.fcmp_unordered if source in FLOATS else self.icmp_unsigned
             return Value(same("!=", value, zero), kind, True)
+        # a wider float has all numbers of the narrower
         if source in FLOATS and kind in FLOATS:
             return Value((self.fpext if kind == "f8" else self.fptrunc)(value, target), kind)
         if source in FLOATS:
             return Value((self.fptoui if kind[0] == "u" else self.fptosi)(value, target), kind)
         if kind in FLOATS:
             return Value((self.uitofp if source[0] in "ub" else self.sitofp)(value, target), kind)
+        # zeros or the sign in the new upper bits
         if value.type.width < target.width:
             wider, low = (self.zext, True) if source[0] in "ub" else (self.sext, given.low)
             return Value(wider(value, target), kind, low)
@@ -256,6 +274,8 @@ class Builder(ir.IRBuilder):
     def word(self, given: Value) -> ir.Value:
         """Return a float as a uint64: of one beyond, what numpy on x86 makes."""
         most, least = ir.Constant(DOUBLE, 2.0**63), I64(-(2**63))
+        # numpy converts what is below 2**63 as an int64, and what is not after 2**63 is
+        # taken away
         high = self.fcmp_ordered(">=", given.v, most)
         value = self.select(high, self.fsub(given.v, most), given.v)
         fits = self.fcmp_ordered("<", known(self, "fabs", value), most)
@@ -267,6 +287,7 @@ class Builder(ir.IRBuilder):
         left, right = one.v, other.v
         if operator_type in SIGNS:
             if kind in FLOATS:
+                # NaN equals nothing, so != alone is true of it
                 same = self.fcmp_unordered if operator_type is ast.NotEq else self.fcmp_ordered
             else:
                 same = self.icmp_unsigned if kind == "u8" else self.icmp_signed
@@ -278,7 +299,7 @@ class Builder(ir.IRBuilder):
                 else getattr(self, ON_FLOATS[operator_type])(left, right)
             )
         if operator_type in ON_WHOLE:
-            # they wrap; not so next to a place, or searches would take a tenth longer
+            # they wrap; not so next to an index, or searches would take a tenth longer
             small = any(
                 isinstance(side, ir.Constant) and abs(side.constant) < 2**31
                 for side in (left, right)
@@ -287,8 +308,11 @@ class Builder(ir.IRBuilder):
             return getattr(self, ON_WHOLE[operator_type])(left, right, flags=flags)
         if operator_type in ON_BITS:
             return getattr(self, ON_BITS[operator_type])(left, right)
+        # LLVM leaves shifts by 64 and more undefined
         if operator_type in SHIFTS:
             return _shifted(self, operator_type, left, right, kind)
+        # a divisor of 0, and the one quotient that has no int64, end the process on
+        # x86: they get 1 instead, and the result is chosen behind
         divisor, none = right, self.icmp_signed("==", right, I64(0))
         if not isinstance(right, ir.Constant) or right.constant in (0, -1):
             bad = none
@@ -307,6 +331,7 @@ class Builder(ir.IRBuilder):
             self.select(none, I64(0), self.sdiv(left, divisor)),
             self.srem(left, divisor),
         )
+        # signs differ where their bits do, and then the two roundings
         apart = self.icmp_signed("<", self.xor(rest, right), I64(0))
         turned = self.and_(self.icmp_signed("!=", rest, I64(0)), apart)
         if operator_type is ast.Mod:
@@ -321,6 +346,7 @@ class Builder(ir.IRBuilder):
         """Return the absolute value."""
         if given.kind in FLOATS:
             return known(self, "fabs", given.v)
+        # fabs would be the float's; of the least int64 this is itself, as in numpy
         return self.select(self.icmp_signed("<", given.v, I64(0)), self.neg(given.v), given.v)
 
     def chosen(self, condition: Value, first: Value, second: Value) -> ir.Value:
@@ -356,9 +382,11 @@ def _shifted(
         if kind == "u8"
         else builder.ashr
     )
+    # known now: nothing to choose when it runs
     if isinstance(amount, ir.Constant):
         return shift(value, amount)
     fits = builder.icmp_unsigned("<", amount, I64(64))
+    # far to the right only the sign is left, and 0 of what has none
     if kind == "i8" and operator_type is ast.RShift:
         return builder.ashr(value, builder.select(fits, amount, I64(63)))
     return builder.select(fits, shift(value, builder.and_(amount, I64(63))), I64(0))
@@ -371,6 +399,7 @@ def _modulo(builder: ir.IRBuilder, left: ir.Value, right: ir.Value) -> ir.Value:
     apart = builder.xor(below, builder.fcmp_ordered("<", rest, zero))
     turned = builder.select(apart, builder.fadd(rest, right), rest)
     nothing = builder.select(below, ir.Constant(left.type, -0.0), zero)
+    # a rest of 0 has the sign of the divisor in Python
     made = builder.select(builder.fcmp_unordered("!=", rest, zero), turned, nothing)
     return builder.select(builder.fcmp_ordered("==", right, zero), rest, made)
 
@@ -385,6 +414,7 @@ def several(given: Any) -> bool:
 
 def parts(given: Any) -> Iterator[Any]:
     """Yield the numbers, addresses and fixed objects that something consists of."""
+    # a number and an address have fields too, and are leaves
     if isinstance(given, Value | Pointer) or not isinstance(given, tuple):
         yield given
     else:
@@ -401,4 +431,5 @@ def like(given: Any, leaves: Iterator[Any]) -> Any:
 
 def rebuilt(kind: type, values: Iterable[Any]) -> Any:
     """Return a tuple of a type."""
+    # a NamedTuple takes its fields one by one, a tuple takes a list
     return kind(*values) if hasattr(kind, "_fields") else tuple(values)
