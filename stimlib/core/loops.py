@@ -126,12 +126,12 @@ def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
             " last: 0.9"
             " * last + x"
         )
-    made = f(last)
+    returned = f(last)
     # one signal comes back as a block, several as a tuple, as the function returned
     # them
-    if not isinstance(made, tuple):
-        return Loop(as_block(made), last)
-    if not made:
+    if not isinstance(returned, tuple):
+        return Loop(as_block(returned), last)
+    if not returned:
         raise BadValue("loop: the function must return a signal")
-    whole = Loop(as_block(made[0]), last)
-    return whole, *(Tap(whole, as_block(signal)) for signal in made[1:])
+    looped = Loop(as_block(returned[0]), last)
+    return looped, *(Tap(looped, as_block(signal)) for signal in returned[1:])

@@ -83,6 +83,7 @@ def predictor(cosines):
     # every second frequency belongs to P, the others to Q
     for first, sign in ((0, 1.0), (1, -1.0)):
         half = jnp.ones((count, 1))
+        # each pair of roots is a factor 1 - 2 cos(w) z^-1 + z^-2
         for number in range(first, order, 2):
             middle = 2 * cosines[:, number : number + 1] * jnp.pad(half, ((0, 0), (1, 1)))
             half = jnp.pad(half, ((0, 0), (0, 2))) - middle + later_by(half, 2)
