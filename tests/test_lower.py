@@ -46,6 +46,12 @@ def kinds(block, **more):
         (x + blocks.enabled(WHITE, by=1.0), ["Input", "Const", "White", "Enabled", "Add", "Guard"]),
         # an input may be inf or nan: 0 x is not 0
         (0.0 * x, ["Input", "Const", "Mul", "Guard"]),
+        (blocks.where(1.0, x, NOISE), ["Input", "Guard"]),
+        (blocks.where(0.0, 0.5, x * 1.0), ["Input", "Guard"]),
+        (
+            blocks.where(-1.0, x, WHITE * 2.0),
+            ["Const", "Input", "White", "Const", "Mul", "Where", "Guard"],
+        ),
         (x * (THREE / blocks.where(THREE > 2.0, 2.0, THREE)), ["Input", "Const", "Mul", "Guard"]),
     ],
 )

@@ -141,6 +141,24 @@ def test_what_compile_refuses(words, says):
         refused(BadValue, says, make().reset, words["seed"])
 
 
+@pytest.mark.parametrize("target", ["llvm", "python", "jax"])
+def test_outputs_alone_have_the_same_samples(target):
+    noise = blocks.white_noise(1)
+    scene = Scene({"a": x * noise, "b": blocks.lowpass(noise, 50.0, 2), "c": z + noise})
+    motion = np.linspace(0.0, 1.0, 70)[None] * [[1.0], [2.0]]
+    whole, part = (
+        stimlib.compile(scene, 1000, target, seed=3, outputs=names) for names in (None, ["c", "b"])
+    )
+    assert part.inputs == ("z",) and part.outputs == ("b", "c")
+    if target == "jax":
+        ours = part({}, {"z": motion[1]})
+        wanted = whole({}, dict(zip("xz", motion, strict=True)))
+        assert all(np.array_equal(ours[name], wanted[name]) for name in "bc")
+    else:
+        assert_same(part.process(motion[1:].copy()), whole.process(motion)[1:])
+    refused(UnknownName, "there is no output 'd'", stimlib.compile, scene, 1000, outputs=["d"])
+
+
 @both
 @pytest.mark.parametrize(
     "block",

@@ -143,7 +143,7 @@ class Nonzero(Map):
 def where(c: Block | float, a: Block | float, b: Block | float) -> Block:
     """Choose between two signals: a where the condition c is above 0, else b.
 
-    Both are computed.
+    Both are computed, unless the condition is a constant number.
 
     Parameters
     ----------

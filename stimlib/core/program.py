@@ -23,6 +23,7 @@ from .guard import Guard
 from .loop_code import Cycle, closed
 from .loops import Last, Loop, Tap
 from .parameter import Param
+from .pointwise import Where
 from .subsystems import Segment, Subsystem
 
 
@@ -107,6 +108,12 @@ class _Graph:
             if isinstance(block, Mul) and values[here] == 0.0 and self.autonomous(kids[there]):
                 self.removed[f"{self.nodes[kids[there]].block!r}: multiplied by a literal 0"] = None
                 return self.const(0.0, block)
+        if isinstance(block, Where) and values[0] is not None:
+            side, other = kids[1:] if values[0] > 0.0 else kids[:0:-1]
+            # or what follows would begin before sample 0, which it did not
+            if self.autonomous(other) or not self.autonomous(side):
+                self.removed[f"{self.nodes[other].block!r}: never chosen"] = None
+                return side
         if isinstance(block, Subsystem):
             if values[0] == 0.0 or (values[1] is not None and values[1] <= 0.0):
                 self.removed[

@@ -8,7 +8,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
@@ -21,6 +21,7 @@ from ..core.program import (
     lead,
     number,
     prepare,
+    program_of,
     rate,
 )
 from ..core.steps import ours
@@ -53,7 +54,12 @@ class Change(NamedTuple):
 
 @overload
 def compile(
-    scene: Scene, fs: float, target: Literal["llvm", "python"] = "llvm", seed: int = 0
+    scene: Scene,
+    fs: float,
+    target: Literal["llvm", "python"] = "llvm",
+    seed: int = 0,
+    *,
+    outputs: Iterable[str] | None = None,
 ) -> Processor: ...
 @overload
 def compile(
@@ -62,12 +68,19 @@ def compile(
     target: Literal["jax"],
     seed: int = 0,
     *,
+    outputs: Iterable[str] | None = None,
     dtype: str = "float64",
     surrogate: float | None = None,
 ) -> Function: ...
 @public
 def compile(
-    scene: Scene, fs: float, target: str = "llvm", seed: int = 0, **options
+    scene: Scene,
+    fs: float,
+    target: str = "llvm",
+    seed: int = 0,
+    *,
+    outputs: Iterable[str] | None = None,
+    **options,
 ) -> Processor | Function:
     """Compile a scene into a streaming processor, or a function for batches.
 
@@ -82,6 +95,9 @@ def compile(
         ``stimlib.targets.jax.function.Function``.
     seed : int
         Key of all noise of this run, besides each source's own seed.
+    outputs : iterable of str, optional
+        Those that are computed, in the order of the scene; by default all.  What only
+        others need is not run, and their samples stay as they are.
     dtype : {"float64", "float32"}
         With JAX: of noise, long sums and outputs; motion, velocities and gates are
         float64 always.
@@ -101,6 +117,8 @@ def compile(
     SceneError
         A step that cannot be compiled; noise keys that collide; filters on noise longer
         than the lead.
+    UnknownName
+        An output that the scene does not have.
 
     Examples
     --------
@@ -112,6 +130,11 @@ def compile(
     ... )
     array([[ 0., 20.]])
     """
+    if outputs is not None:
+        program_of(scene)  # refuses anything else
+        wanted = [*outputs]
+        need("compile: outputs", wanted, scene.outputs, "output")
+        scene = type(scene)({n: b for n, b in scene.outputs.items() if n in wanted})
     if target == "jax":
         package("jax", "target='jax'")
         from ..targets.jax.function import OPTIONS, Function
