@@ -88,6 +88,7 @@ def test_a_participant_is_assigned_once(tmp_path):
     refused(BadValue, why, assign, path, "P01", ["A", "B"], seed=1)
     refused(BadValue, "begun with seed = 1 and orders", assign, path, "P02", ["A", "B"], seed=2)
     refused(BadValue, r"orders = \['A', 'B'\]; give these", assign, path, "P02", ["A"], seed=1)
+    refused(BadValue, "there is 'P01'", assign, path, "p01", ["A", "B"], seed=1)
     refused(UnknownName, "'P02' has no order yet; call assign first", assigned, path, "P02")
     assert path.read_bytes() == before
 

@@ -403,6 +403,7 @@ def test_experiments_and_trials_that_make_no_sense(words, trial, why):
         (partial(Timing, gap=-1), "gap = -1 must be"),
         (partial(Timing, interval=0.04), "longer than its two ramps"),
         (partial(Answer, {"softer": "first"}, np.nan), "seconds = nan is not finite"),
+        (partial(Session, experiment(), "data", "P07", 10**6), "a whole number from 1 on"),
         (partial(present, experiment(), pair(), "jak"), "no sink 'jak'; there are null, jack"),
         *(
             (partial(Session, experiment(), "data", name), f"must be a code: .*{why}")

@@ -201,10 +201,13 @@ def test_a_missing_number_is_no_contact_or_bridged(tmp_path, by, sentinels, how)
 def test_a_gap_is_bridged_up_to_its_longest_length(how):
     given = table(T, lost(X, *range(100, 150)))
     says = (
-        'row 100: x is missing for 0.204 s, longer than 0.1 s; say missing="gap", or max_gap=0.20'
+        'row 100: x is missing for 0.204 s, longer than 0.1 s; say missing="gap", or max_gap=0.2042'
     )
     refused(RecordingError, says, recording, given, {"x": "x"}, missing=how)
-    r = recording(given, {"x": "x"}, missing=how, max_gap=0.2042)
+    for rows in (range(50), range(350, 400)):  # before the first number, and after the last
+        end = table(T, lost(X, *rows))
+        refused(RecordingError, "max_gap=0.2002", recording, end, {"x": "x"}, missing=how)
+    r = recording(given, {"x": "x"}, missing=how, max_gap=0.204)
     assert "0.204 s at most" in str(r) and not r.has_lifts
     assert recording(given, {"x": "x"}, missing="gap").contact([0.39, 0.5, 0.6]).tolist() == [
         1,
