@@ -1,6 +1,10 @@
 """Waiting for what comes, however busy the machine is."""
 
+import shutil
 import time
+
+# before a command: it ends with the program that starts it, even one that is killed
+ENDS_TOO = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
 
 
 def until(there, what="", seconds=60.0, every=0.005):

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from waiting import ENDS_TOO
 
 import stimlib
 from stimlib import SinkError, blocks
@@ -242,7 +243,11 @@ class Jackd:
         # itself
         held = (self._lock.fileno(),)
         self.process = subprocess.Popen(
-            text.split(), stdout=self._out, stderr=subprocess.STDOUT, env=env, pass_fds=held
+            [*ENDS_TOO, *text.split()],
+            stdout=self._out,
+            stderr=subprocess.STDOUT,
+            env=env,
+            pass_fds=held,
         )
 
     @property
@@ -364,7 +369,7 @@ class Pulse:
         )
         options = ["--exit-idle-time=-1", "--daemonize=no", "--use-pid-file=no", "--disallow-exit"]
         self._server = self._run(
-            ["pulseaudio", "-n", "-F", str(folder / "null.pa"), *options],
+            [*ENDS_TOO, "pulseaudio", "-n", "-F", str(folder / "null.pa"), *options],
             stdout=subprocess.DEVNULL,
         )
 

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from waiting import until
+from waiting import ENDS_TOO, until
 from websockets.sync.client import connect
 
 NAMES = "chromium", "chromium-browser", "google-chrome"
@@ -67,6 +67,7 @@ class Browser:
         sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []  # it refuses root otherwise
         self.process = subprocess.Popen(
             [
+                *ENDS_TOO,
                 where() or NAMES[0],
                 *FLAGS,
                 *sandbox,
@@ -74,7 +75,8 @@ class Browser:
                 f"--user-data-dir={folder}",
                 "about:blank",
             ],
-            env=os.environ | {"XDG_CONFIG_HOME": folder},  # or reports of crashes stay in HOME
+            # or reports of crashes stay in HOME
+            env=os.environ | {"XDG_CONFIG_HOME": folder, "XDG_CACHE_HOME": folder},
             start_new_session=True,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
