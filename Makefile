@@ -6,6 +6,8 @@ BIN := .venv/bin
 ENV := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 # Tests start hundreds of interpreters: where this is set, each of them compiles 2600 modules anew, three seconds of it.
 unexport PYTHONDONTWRITEBYTECODE
+# Without asserts nothing would be tested: pytest refuses it.
+unexport PYTHONOPTIMIZE
 
 .PHONY: demo test tests test-lowest test-newest stress soak randomness lint style types docs docs-measure bench lock clean
 

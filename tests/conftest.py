@@ -9,6 +9,7 @@ import random
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import warnings
 from collections import Counter
@@ -22,6 +23,13 @@ import stimlib.blocks
 import stimlib.plate
 import stimlib.scenes
 import stimlib.soft  # noqa: F401
+from stimlib.system import cache_folder
+
+# a home that cannot be written, as in a container: the cache of a user without a home
+try:
+    cache_folder.private(cache_folder.chosen())
+except OSError:
+    os.environ["STIMLIB_CACHE"] = os.path.join(tempfile.gettempdir(), f"stimlib-{os.getuid()}")
 
 # most of the time goes into XLA's and LLVM's work on code that is run but a few times
 if not os.environ.get("STIMLIB_STRESS"):
