@@ -73,19 +73,20 @@ def test_every_block_equals_the_reference(name):
     assert a.differences == 0, a
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_a_reset_heals_what_came_in_contact(bad):
+def test_a_reset_heals_what_came_in_contact():
     x, contact = Input("x", "m"), Input("contact")
     outputs = {
         "velocity": b.velocity(x, 100, contact=contact) > 0,
         "track": b.track(x, contact=contact, max_jump=None) > 0,
     }
-    d = {"x": np.sin(np.arange(300) / 20), "contact": np.ones(300)}
-    d["x"][50], d["contact"][100:120] = bad, 0.0
     a, w = (stimlib.compile(Scene(outputs), 8000, target) for target in ("jax", "python"))
-    got, want = a(motion=d), w.process(np.array([d[name] for name in w.inputs]))
-    for y, name in zip(want, w.outputs, strict=True):
-        assert (got[name] == y)[100:].all(), name
+    for bad in (np.nan, np.inf):
+        d = {"x": np.sin(np.arange(300) / 20), "contact": np.ones(300)}
+        d["x"][50], d["contact"][100:120] = bad, 0.0
+        w.reset()
+        got, want = a(motion=d), w.process(np.array([d[name] for name in w.inputs]))
+        for y, name in zip(want, w.outputs, strict=True):
+            assert (got[name] == y)[100:].all(), (name, bad)
 
 
 def test_what_is_nan_off_contact_enters_no_derivative():
@@ -253,11 +254,12 @@ def test_a_cursor_in_its_map_has_a_derivative_along_both_inputs():
         def total(x):
             return f(None, x)["y"].sum() + 2 * f(None, x)["z"].sum()
 
-        slope = np.asarray(jax.grad(total)(x))
+        both = jax.jit(jax.value_and_grad(total))
+        slope = np.asarray(both(x)[1])
         for row, column in ((0, 30), (1, 7)):
             d = np.zeros_like(x)
             d[row, column] = 1e-7
-            central = float(total(x + d) - total(x - d)) / 2e-7
+            central = float(both(x + d)[0] - both(x - d)[0]) / 2e-7
             assert abs(slope[row, column] - central) < 1e-6 * abs(central)
 
 
@@ -544,13 +546,15 @@ def test_other_numbers_compile_nothing_anew(monkeypatch):
         (dict(key="1"), BadValue, "key = '1'"),
         (dict(key=np.array(-3)), BadValue, "key = -3"),
         (dict(key=np.arange(2)), BadValue, "jax.vmap"),
-        (dict(key=jax.random.key(0)), BadValue, "whole number"),
+        (dict(key=jax.random.key), BadValue, "whole number"),
     ],
 )
 def test_bad_calls(call, error, text):
     f = stimlib.compile(
         Scene({"y": Param("k", 1.0) * Input("x"), "g": Input("x") > 0.5}), 1000, "jax"
     )
+    if call.get("key") is jax.random.key:  # which compiles
+        call = {"key": jax.random.key(0)}
     refused(error, text, f, **{"motion": {"x": np.ones(3)}, **call})
 
 

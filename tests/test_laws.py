@@ -3,13 +3,12 @@ blocks is ``contract.py``.
 """
 
 import dataclasses as dc
-import re
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from contract import DEAF, EACH, TABLE, missing
+from contract import DEAF, EACH, TABLE, VARIED, missing
 from laws import (
     STRESS,
     assert_same,
@@ -35,9 +34,6 @@ from stimlib.core.guard import Guard
 from stimlib.core.subsystems import Enabled
 from stimlib.errors import BadValue, SceneError
 
-# where the engine does something else, too; others have the same step and other numbers
-VARIED = re.compile("contact|nested|live|param|enabled|gated|segment")
-
 
 def case(e, fs, chosen, name=""):
     """Of a table of tests; in `make stress` alone where it is not chosen."""
@@ -45,14 +41,22 @@ def case(e, fs, chosen, name=""):
     return pytest.param(e, fs, id=name or f"{e.name}-{fs:g}", marks=marks)
 
 
+def kept(table):
+    """What is chosen of a table; in `make stress` all of it."""
+    return [p for p in table if STRESS or not p.marks]
+
+
 TURNS = [  # of an example's rates each has its turn
     (e, fs, fs == e.rates[k % len(e.rates)]) for k, e in enumerate(TABLE) for fs in e.rates
 ]
-FORMS = [case(e, fs, turn and (e is EACH[e.cls] or VARIED.search(e.name))) for e, fs, turn in TURNS]
-LTI = [case(e, fs, turn) for e, fs, turn in TURNS if e.lti]
+FORMS = kept(
+    case(e, fs, turn and (e is EACH[e.cls] or VARIED.search(e.name))) for e, fs, turn in TURNS
+)
+LTI = kept(case(e, fs, turn) for e, fs, turn in TURNS if e.lti)
 # no drawn mutant fell to an example alone that is not the first of its class
-FIRST = [case(e, e.rates[0], e is EACH[e.cls], e.name) for e in TABLE]
-DRIVEN = [p for p in FIRST if p.values[0].inputs]
+EACH_FIRST = [case(e, e.rates[0], e is EACH[e.cls], e.name) for e in TABLE]
+EACH_DRIVEN = [p for p in EACH_FIRST if p.values[0].inputs]
+FIRST, DRIVEN = kept(EACH_FIRST), kept(EACH_DRIVEN)
 LAWS = [
     pytest.param(e, fs, law, id=f"{e.name}-{fs:g}-{k}")
     for e in TABLE
@@ -217,12 +221,12 @@ BAD = [  # of the three each has its turn
     pytest.param(
         p.values[0], bad, id=f"{p.id}-{bad}", marks=[pytest.mark.stress, *p.marks][k % 3 == j :]
     )
-    for k, p in enumerate(DRIVEN)
+    for k, p in enumerate(EACH_DRIVEN)
     for j, bad in enumerate((np.nan, np.inf, -np.inf))
 ]
 
 
-@pytest.mark.parametrize(("entry", "bad"), BAD)
+@pytest.mark.parametrize(("entry", "bad"), kept(BAD))
 def test_law_6_outputs_stay_finite(entry, bad):
     fs = min(entry.rates)
     at, n = 41, 41 + int(0.02 * fs) + 60

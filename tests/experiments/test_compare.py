@@ -10,7 +10,6 @@ import pytest
 from refusals import refused
 from scipy import stats
 from scipy.stats import chi2_contingency, norm
-from statsmodels.regression.mixed_linear_model import MixedLM
 
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
@@ -193,6 +192,8 @@ def test_one_order_for_all_makes_findings_of_drift():
 
 
 def test_a_mixed_model_is_that_of_statsmodels_and_takes_drift_away():
+    from statsmodels.regression.mixed_linear_model import MixedLM  # a second of each worker
+
     rng = np.random.default_rng(5)
     person, trial = np.repeat(np.arange(8), 12), np.tile(np.arange(12.0), 8)
     level = rng.integers(3, size=96)
