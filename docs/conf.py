@@ -8,6 +8,8 @@ from pathlib import Path
 
 from docutils import nodes
 from docutils.statemachine import StringList
+from jinja2 import FileSystemLoader
+from numpydoc import docscrape_sphinx
 from sphinx.ext.autosummary import Autosummary
 from sphinx.util.docutils import SphinxDirective
 from sphinx_gallery import backreferences
@@ -38,8 +40,14 @@ nitpicky = True
 autosummary_generate = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # the docstrings say it, with units
+autodoc_use_type_comments = False  # there are none, and the search parses every source
 numpydoc_show_class_members = False
 numpydoc_validation_checks: set[str] = set()
+# one for all docstrings, or its template is compiled for each of them
+docstrings = docscrape_sphinx.SandboxedEnvironment(
+    loader=FileSystemLoader(Path(docscrape_sphinx.__file__).parent / "templates")
+)
+docscrape_sphinx.SandboxedEnvironment = lambda loader: docstrings
 
 sphinx_gallery_conf = {  # written beside the pages; -D plot_gallery=0 runs none of the programs
     "examples_dirs": "../examples/gallery",

@@ -57,7 +57,7 @@ def build(builder, folder, gallery=False):
         "-q",
         "-b",
         builder,
-        *([] if gallery else ["-D", "plot_gallery=0"]),
+        *([] if gallery else ["-D", "plot_gallery=0", "-D", "smartquotes=0"]),
     ]
     done = subprocess.run(
         [*command, "docs", "made"], cwd=folder, capture_output=True, text=True, timeout=900
@@ -110,6 +110,7 @@ def test_reference_pages_show_their_pages_of_the_gallery():
 
 STUDIES = ("analysis", "bounciness", "nodules", "roughness")
 LONG = {"howto/sweep.rst", "howto/batches.rst", "howto/statistics.rst"}
+LONG |= {"explanation/verification.rst"}
 LONG |= {f"reference/experiments_{name}.rst" for name in STUDIES}
 """Pages that take up to half a minute, of what tests of these rooms show with less."""
 
