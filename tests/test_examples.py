@@ -146,8 +146,18 @@ def test_every_example_is_tested():
     assert {name.split()[0] for name in PRINTED} == {p.name for p in EXAMPLES.glob("*.py")}
 
 
-# a search takes long to compile; one is enough
-STRESS = {name: pytest.mark.stress for name in ("fit_arms.py", "match_rms.py")}
+# searches that take long to compile, as those of test_identify and of the pages do, and
+# sessions and recordings of half a minute
+STRESS = {
+    name: pytest.mark.stress
+    for name in (
+        "fit_arms.py",
+        "match_rms.py",
+        "recover_springpot.py",
+        "felt_squeezes.py",
+        "which_is_softer.py",
+    )
+}
 
 
 @pytest.mark.parametrize(

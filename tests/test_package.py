@@ -58,6 +58,7 @@ def said(*words, cwd, **environment):
     return done.stdout.split("\n")
 
 
+@pytest.mark.stress
 def test_a_wheel_of_the_source_distribution_works_alone(tmp_path):
     """Both by the hooks that pip calls; nothing is fetched."""
     pytest.importorskip("setuptools", reason="the build backend is not in this environment")
