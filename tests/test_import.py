@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from laws import STRESS
 
 import stimlib
 from stimlib.devices import NullSink
@@ -99,7 +100,7 @@ LOADS = {
     "verify --log log": "llvmlite scipy",
     "verify a.wav": "llvmlite scipy soundfile",
     "verify b.wav": "llvmlite scipy soundfile",
-    **dict.fromkeys(sorted(SHIPPED), "llvmlite"),
+    **dict.fromkeys(sorted(SHIPPED) if STRESS else ["bumps", "squeeze"], "llvmlite"),
     # least squares of its noise; a spline of its map; units of its table; its modes
     "grating": "llvmlite scipy scipy.linalg scipy.optimize scipy.special",
     "soft_surface": "llvmlite scipy scipy.interpolate scipy.linalg scipy.optimize scipy.special",

@@ -52,7 +52,7 @@ def here():
     return swept(["rms", last])
 
 
-@pytest.fixture(params=[*EXECUTORS, "dask"])
+@pytest.fixture(params=mostly(["own", "dask"], [*EXECUTORS, "dask"]))
 def executor(request):
     if request.param == "dask":
         yield request.getfixturevalue("cluster").get_executor()
@@ -143,12 +143,14 @@ def test_two_sweeps_at_once_have_their_own_factories(cluster):
 
 CLIENT = """
 import sys
-from distributed import Client
 from stimlib.sweep import scheduler, store, sweep
 from swept import ROWS, SCENE, WORDS, last
 scheduler.MOST_ROWS = 2
 store.EVERY = 0.0
-where = {"executor": Client(sys.argv[2]).get_executor()} if len(sys.argv) > 2 else {}
+where = {}
+if len(sys.argv) > 2:
+    from distributed import Client
+    where = {"executor": Client(sys.argv[2]).get_executor()}
 try:
     sweep(SCENE, ROWS, measures=["rms", last], out=sys.argv[1], workers=2, **where, **WORDS)
 except KeyboardInterrupt as e:
