@@ -12,11 +12,11 @@ import warnings
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from functools import cache, partial, wraps
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
 from rich.console import Console
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from ..errors import PUBLIC, StimlibError, shown
 from ..system.progress import announce
@@ -25,7 +25,42 @@ from ..version import __version__
 _UsageError: Any = typer.BadParameter.__base__
 
 
-class _Group(TyperGroup):
+class _AsItIs:
+    """Takes a text, a choice, a default value, or nothing as it is.
+
+    For all else it asks typer, whose import of pydantic takes 0.1 s.
+    """
+
+    def __init__(self, typers: Callable[[], Any]):
+        self.typers = typers
+
+    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Convert a value, as typer calls it."""
+        kind = param.type_descriptor.annotation
+        same = type(value) is kind or (get_origin(kind) is Literal and value in get_args(kind))
+        if same or (value is None and not param.multiple):
+            return value
+        if kind == list[str] and isinstance(value, list | tuple):
+            return list(value)
+        return self.typers().coerce(value, param=param, ctx=ctx)
+
+
+class _Light:
+    """A command whose parameters are converted by `_AsItIs`, where typer converts."""
+
+    def get_params(self, ctx: Any) -> Any:
+        found = super().get_params(ctx)  # type: ignore[misc]
+        for p in found:
+            if hasattr(p, "get_runtime_param") and "get_runtime_param" not in vars(p):
+                p.get_runtime_param = partial(_AsItIs, p.get_runtime_param)
+        return found
+
+
+class _Command(_Light, TyperCommand):
+    """A subcommand."""
+
+
+class _Group(_Light, TyperGroup):
     """The group of subcommands, which reports parsing errors in one line."""
 
     def make_context(self, *args: Any, **options: Any) -> Any:
@@ -105,7 +140,7 @@ def command(name: str, of: typer.Typer = app, **shared: Command) -> Callable[[Co
 
     def made(function: Command) -> Command:
         options = {n for f in (function, *shared.values()) for n in inspect.signature(f).parameters}
-        return of.command(name)(sharing(friendly(options)(function), shared))
+        return of.command(name, cls=_Command)(sharing(friendly(options)(function), shared))
 
     return made
 
