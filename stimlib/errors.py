@@ -17,7 +17,7 @@ import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from types import NoneType, UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 F = TypeVar("F", bound=Callable)
 LONGEST = 4000  # letters of an error: it may quote what others wrote
@@ -159,6 +159,20 @@ class Numbers:
     """Annotation of values that numpy can convert to an array of real numbers."""
 
 
+class Range(NamedTuple):
+    """Range of a number, stated by the annotation of an argument or a block's field."""
+
+    words: str
+    holds: Callable[[Any], bool]
+
+
+Above0 = Annotated[float, Range("a number above 0", lambda v: 0 < v < math.inf)]
+From0 = Annotated[float, Range("a number, 0 or above", lambda v: 0 <= v < math.inf)]
+Count = Annotated[int, Range("a whole number above 0", lambda v: v > 0)]
+RANGES: dict[Any, Any] = {"Above0": Above0, "From0": From0, "Count": Count}
+"""Ranges by the names that annotations give them."""
+
+
 class Unseen:
     """Stand-in, known by name only, for a class that is not imported."""
 
@@ -280,11 +294,6 @@ def _wrong(name: str, where: str, value: Any, hint: Any, endless: bool) -> BadVa
     For a block given in place of a design number, the error is returned instead,
     because the block that receives it gives a better message.
     """
-    wrong = None
-    if not _fits(value, hint):
-        wrong = BadValue(f"{name}: {where} = {shortened(value)} must be {_words(hint)}")
-        if not (_is(value, "Block") and _fits(1, hint) and "blocks" in PUBLIC[name]):
-            raise wrong
     if isinstance(value, numbers.Real):
         try:
             what = "" if math.isfinite(value) or endless else "is not finite"
@@ -292,6 +301,11 @@ def _wrong(name: str, where: str, value: Any, hint: Any, endless: bool) -> BadVa
             what = "is beyond what a float can hold"
         if what:
             raise BadValue(f"{name}: {where} = {shortened(value)} {what}; give a finite number")
+    wrong = None
+    if not _fits(value, hint):
+        wrong = BadValue(f"{name}: {where} = {shortened(value)} must be {_words(hint)}")
+        if not (_is(value, "Block") and _fits(1, hint) and "blocks" in PUBLIC[name]):
+            raise wrong
     return wrong
 
 
@@ -399,6 +413,7 @@ def _is_signal(v: Any, of: Any, parts: tuple) -> bool:
 RULES: dict[Any, Callable[[Any, Any, tuple], bool]] = {
     Numbers: lambda v, of, parts: _numbers(v),
     Literal: lambda v, of, parts: isinstance(v, str) and v in parts,
+    Annotated: lambda v, of, parts: _fits(v, parts[0]) and parts[1].holds(v),
     "Block": _is_signal,
     "ndarray": _is_array,
 }
@@ -415,6 +430,8 @@ def _words(hint: Any) -> str:
         return KINDS[of]
     if of in (Union, UnionType):
         return " or ".join(dict.fromkeys(map(_words, parts)))
+    if of is Annotated:
+        return parts[1].words
     if of is Literal:
         return f"one of {', '.join(parts)}"
     if of in (dict, Mapping):

@@ -11,11 +11,11 @@ carrier's phase, the mean square of y is A^2 times those of e and c.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..errors import BadValue, public
+from ..errors import Above0, BadValue, public
 
 
 def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
@@ -142,7 +142,12 @@ def envelope_mean_square(waveform: str, duty: float) -> float:
 
 
 @public
-def rms(waveform: str, duty: float, amplitude: float = 1.0, rectify: str | None = "half") -> float:
+def rms(
+    waveform: str,
+    duty: float,
+    amplitude: float = 1.0,
+    rectify: Literal["half", "full"] | None = "half",
+) -> float:
     """Return the RMS of a stimulus over one bump, averaged over the carrier's phase.
 
     It is A sqrt(<e^2> <c^2>).
@@ -169,8 +174,6 @@ def rms(waveform: str, duty: float, amplitude: float = 1.0, rectify: str | None 
     >>> rms("square", 0.5, 4.0), rms("sine", 0.5, 4.0)  # table 6.1: 1.41 V, 1 V
     (1.4142135623730951, 1.0)
     """
-    if rectify not in (None, "half", "full"):
-        raise BadValue(f"rectify = {rectify!r}; choose None, 'half' or 'full'")
     return amplitude * math.sqrt(
         envelope_mean_square(waveform, duty) * (0.25 if rectify == "half" else 0.5)
     )
@@ -181,10 +184,10 @@ def sampled_rms(
     waveform: str,
     duty: float,
     amplitude: float,
-    rate: float,
+    rate: Above0,
     freq: float,
     fs: float,
-    rectify: str | None = "half",
+    rectify: Literal["half", "full"] | None = "half",
 ) -> float:
     """Return the RMS over one bump of a stimulus rendered at a sample rate.
 
@@ -213,8 +216,6 @@ def sampled_rms(
     ... )
     0.99813
     """
-    if not rate > 0:
-        raise BadValue(f"rate = {rate!r} bumps per second must be above 0")
     n = np.arange(1, math.ceil(60 * fs / rate) + 200)
     e = abs(envelope_series(waveform, duty, n)) ** 2 * np.sinc(n * rate / fs) ** 2
     square = envelope_series(waveform, duty, np.zeros(1)).real[0] ** 2 + 2 * e.sum()
@@ -276,10 +277,10 @@ def line_spectrum(
     waveform: str,
     duty: float,
     amplitude: float,
-    rate: float,
-    freq: float,
-    top: float,
-    rectify: str | None = "half",
+    rate: Above0,
+    freq: Above0,
+    top: Above0,
+    rectify: Literal["half", "full"] | None = "half",
     fs: float | None = None,
     u0: float = 0.0,
     phase: float = 0.0,
@@ -320,9 +321,6 @@ def line_spectrum(
     >>> lines.f[abs(lines.amplitude) > 0.1]
     array([  0.,  10.,  20., 138., 148., 158., 168., 178.])
     """
-    for name, v in (("rate", rate), ("freq", freq), ("top", top)):
-        if not v > 0:
-            raise BadValue(f"{name} = {v!r} must be above 0")
     reach = top + 40 * freq
     m = np.arange(-40, 41)
     n = np.arange(-math.floor(reach / rate), math.floor(reach / rate) + 1)

@@ -5,14 +5,13 @@ It follows from the passivity bound for sampled-data systems.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
 
 from ..core.response import backward, response
 from ..core.units import unit
-from ..errors import BadValue, SceneError, public
+from ..errors import Above0, BadValue, From0, SceneError, public
 from ..run.processor import Processor
 
 ANGLES = np.r_[np.geomspace(1e-4, 1e-2, 400), np.linspace(1e-2, np.pi, 4000)]  # w T
@@ -20,7 +19,7 @@ ANGLES = np.r_[np.geomspace(1e-4, 1e-2, 400), np.linspace(1e-2, np.pi, 4000)]  #
 
 @public
 def needed_damping(
-    response: Callable[[np.ndarray], np.ndarray], fs: float, delay: float = 0.0
+    response: Callable[[np.ndarray], np.ndarray], fs: Above0, delay: From0 = 0.0
 ) -> float:
     r"""Return the device damping needed to render a stiffness passively.
 
@@ -84,10 +83,6 @@ def needed_damping(
     0.5000 N s/m
     3.5000 N s/m
     """
-    if not (fs > 0 and math.isfinite(fs)):
-        raise BadValue(f"needed_damping: fs = {fs!r} Hz must be a finite number above 0")
-    if not (delay >= 0 and math.isfinite(delay)):
-        raise BadValue(f"needed_damping: delay = {delay!r} s must be a finite number, 0 or above")
     f = ANGLES * fs / (2 * np.pi)
     H = np.asarray(response(f), complex) * np.exp(-1j * ANGLES * fs * delay)
     if not np.isfinite(H).all():

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, UnknownName, public
+from ..errors import Above0, BadValue, UnknownName, public
 from ..motion.source import unmasked
 
 
@@ -91,7 +91,7 @@ def _quadratic(f: np.ndarray, corner: float, q: float) -> np.ndarray:
 
 
 @public
-def weighted_rms(acceleration: ArrayLike, fs: float, name: str = "Wh") -> float | np.ndarray:
+def weighted_rms(acceleration: ArrayLike, fs: Above0, name: str = "Wh") -> float | np.ndarray:
     """Return the frequency-weighted RMS of an acceleration.
 
     Parameters
@@ -135,8 +135,6 @@ def weighted_rms(acceleration: ArrayLike, fs: float, name: str = "Wh") -> float 
     y = unmasked(acceleration)
     if not y.ndim or not y.size or not np.isfinite(y).all():
         raise BadValue("weighted_rms: acceleration must be finite samples, at least one")
-    if not 0 < fs < float("inf"):
-        raise BadValue(f"weighted_rms: fs = {fs!r} must be above 0 Hz")
     n = y.shape[-1]
     power = np.abs(np.fft.rfft(y) / n * weighting(np.fft.rfftfreq(n, 1 / fs), name)) ** 2
     power[..., 1 : (n + 1) // 2] *= 2  # of two bins each; 0 Hz and half the rate are alone

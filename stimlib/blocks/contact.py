@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import pointwise
-from ..core.graph import NONE, ONE, Block, Const, Map, as_block, constant, positive, same_unit
+from ..core.graph import NONE, ONE, Block, Const, Map, as_block, constant, same_unit
 from ..core.maths import TINY, each, exp, floor, fma, log, where
 from ..core.parameter import Param
 from ..core.response import backward
 from ..core.units import unit
-from ..errors import BadValue, UnitError, one_of, public
+from ..errors import Above0, BadValue, Count, From0, UnitError, one_of, public
 from .impedance import with_unit
 from .movement import Over, PlaceState, gap, sinpi
 from .tables import lut
@@ -251,15 +251,8 @@ class LuGre(Over):
     static: Block  # g(0)
     stiffness: Block
     contact: Block
-    damping: float
-    viscosity: float
-
-    def check(self):
-        for name in ("damping", "viscosity"):
-            if not getattr(self, name) >= 0:
-                raise BadValue(
-                    f"friction: {name} = {getattr(self, name):g} N s/m must be 0 or above"
-                )
+    damping: From0
+    viscosity: From0
 
     def units(self, *u):
         same = Friction.units(self, u[0], u[1], u[3])  # type: ignore[arg-type]
@@ -310,12 +303,11 @@ class StribeckCurve(Block, abstract=True):
     limit: Block
     contact: Block
     rise: float
-    speed: float
+    speed: Above0
     exponent = 2.0
     resettable = True
 
     def check(self):
-        positive(self, "speed")
         if not 1 <= self.exponent < math.inf:
             raise BadValue(
                 f"friction: exponent = {self.exponent:g} must be a number from 1 on: below,"
@@ -700,9 +692,9 @@ PI = 3.141592653589793
 def squeeze_film(
     normal: Block | float,
     amplitude: Block | float,
-    gap: float = 10e-6,
-    area: float = 1e-4,
-    pressure: float = 101325.0,
+    gap: Above0 = 10e-6,
+    area: Above0 = 1e-4,
+    pressure: Above0 = 101325.0,
 ) -> Block:
     """Compute the load of a finger on a plate that vibrates by ultrasound.
 
@@ -770,9 +762,6 @@ def squeeze_film(
     >>> proc.process(1e-6 * np.array([[0.0, 1.0, 1.4, 2.0]])).round(3)
     array([[0.5  , 0.373, 0.25 , 0.   ]])
     """
-    for name, v in (("gap", gap), ("area", area), ("pressure", pressure)):
-        if not v > 0:
-            raise BadValue(f"squeeze_film: {name} = {v!r} must be above 0")
     press, a = (
         _signal("squeeze_film", name, amount("squeeze_film", name, v, text), text)
         for name, v, text in (("normal", normal, "N"), ("amplitude", amplitude, "m"))
@@ -785,7 +774,6 @@ def squeeze_film(
 
 def not_too_small(owner: Block, *names: str) -> None:
     """Raise BadValue unless each length and its reciprocal are finite and above 0."""
-    positive(owner, *names)
     for name in names:
         if not math.isfinite(1 / getattr(owner, name)):
             raise BadValue(
@@ -957,7 +945,7 @@ class Detents(Over):
     x: Block
     depth: Block
     contact: Block
-    spacing: float
+    spacing: Above0
 
     def check(self):
         not_too_small(self, "spacing")
@@ -1061,8 +1049,8 @@ class Button(Over):
     x: Block
     peak: Block
     contact: Block
-    at: float
-    back: float
+    at: Above0
+    back: Above0
     drop: float
     outputs = ("force", "pressed")
 
@@ -1361,11 +1349,8 @@ class StaticLimit(Block):
     """
 
     x: Block
-    limit: float
-    tau: float
-
-    def check(self):
-        positive(self, "limit", "tau")
+    limit: Above0
+    tau: Above0
 
     def design(self, fs):
         a = -math.expm1(-1 / (self.tau * fs))
@@ -1466,10 +1451,7 @@ class SlewLimit(Block):
     """
 
     x: Block
-    rate: float
-
-    def check(self):
-        positive(self, "rate")
+    rate: Above0
 
     def design(self, fs):
         return SlewParams(self.rate / fs), SlewState(0.0)
@@ -1547,15 +1529,11 @@ class ResponseLimit(Block):
 
     x: Block
     response: np.ndarray
-    most: float
-    slew: float | None
-    every: int
+    most: Above0
+    slew: Above0 | None
+    every: Count
 
     begins_early = False  # its phase counts from sample 0
-
-    def check(self):
-        if not (self.most > 0 and (self.slew is None or self.slew > 0) and self.every >= 1):
-            raise BadValue("ResponseLimit: most, slew and every must be above 0")
 
     def design(self, fs):
         padded = np.append(self.response, np.zeros(self.every + -self.response.size % self.every))

@@ -21,7 +21,6 @@ from ..core.graph import (
     Mul,
     Neg,
     as_block,
-    positive,
     same_unit,
     unitless,
 )
@@ -30,7 +29,7 @@ from ..core.parameter import Param
 from ..core.program import lead
 from ..core.units import unit
 from ..design import responses
-from ..errors import BadValue, one_of, public
+from ..errors import Above0, BadValue, From0, one_of, public
 from ..system.limits import limits
 from .filters import begun
 from .impedance import Gate, Lag, LagParams, LagState, sampled, with_unit
@@ -257,15 +256,10 @@ class Crossing(Event):
     """
 
     x: Block
-    spacing: float
-    hysteresis: float
+    spacing: Above0
+    hysteresis: From0
     split: bool
     live = "crossing(x/spacing, 1.0) has a spacing that moves"
-
-    def check(self):
-        positive(self, "spacing")
-        if not self.hysteresis >= 0:
-            raise BadValue(f"crossing: hysteresis = {self.hysteresis:g} must be 0 or above")
 
     units = unitless
 
@@ -479,10 +473,7 @@ class OnceWithin(Event):
     """
 
     event: Block
-    refractory: float
-
-    def check(self):
-        positive(self, "refractory")
+    refractory: Above0
 
     def design(self, fs):
         return Wait(float(max(1, round(min(self.refractory * fs, 2.0**62))))), Left(NONE)
@@ -691,11 +682,8 @@ class Every(Event):
     """A periodic event: 1 at the samples floor(k P + 1/2), k = 0, 1, .."""
 
     t: Block
-    period: float
+    period: Above0
     live = "pulse_train(rate) has a rate that moves"
-
-    def check(self):
-        positive(self, "period")
 
     units = unitless
 
@@ -934,11 +922,10 @@ class Burst(Block):
     """
 
     event: Block
-    duration: float
+    duration: Above0
     ramp: float
 
     def check(self):
-        positive(self, "duration")
         if not 0 <= self.ramp <= self.duration / 2:
             raise BadValue(
                 f"burst: ramp = {self.ramp:g} s must be from 0 to half of duration ="
@@ -1056,15 +1043,10 @@ class Envelope(Block):
     """
 
     gate: Block
-    attack: float
-    decay: float
-    sustain: float
-    release: float
-
-    def check(self):
-        for name in ("attack", "decay", "sustain", "release"):
-            if not getattr(self, name) >= 0:
-                raise BadValue(f"envelope: {name} = {getattr(self, name):g} must be 0 or above")
+    attack: From0
+    decay: From0
+    sustain: From0
+    release: From0
 
     units = unitless
 

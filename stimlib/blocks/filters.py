@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, as_block, below_half, constant, positive
+from ..core.graph import NONE, ONE, Block, as_block, below_half, constant
 from ..core.maths import TINY, copy, each, fir as fir_sum, flush, fma, series, where
 from ..core.response import backward
 from ..core.units import unit
@@ -29,7 +29,7 @@ from ..design.filters import (
     from_polynomials,
     sections,
 )
-from ..errors import BadValue, one_of, public
+from ..errors import Above0, BadValue, Count, From0, one_of, public
 from ..system.limits import limits
 
 # Before the first sample ------------------------------------------------------------
@@ -147,16 +147,12 @@ class Delay(Block):
     """A delay: y[n] = x[n - samples], and 0 before."""
 
     x: Block
-    samples: int | None
-    seconds: float | None
+    samples: Count | None
+    seconds: Above0 | None
 
     def check(self):
         if (self.samples is None) == (self.seconds is None):
             raise BadValue("delay: give either samples or seconds")
-        if self.samples is not None and (not isinstance(self.samples, int) or self.samples < 1):
-            raise BadValue(f"delay: samples = {self.samples!r} must be a whole number, at least 1")
-        if self.seconds is not None and not self.seconds > 0:
-            raise BadValue(f"delay: seconds = {self.seconds!r} must be above 0")
 
     def design(self, fs):
         length = self.seconds * fs if self.samples is None else float(self.samples)
@@ -384,16 +380,10 @@ class Differentiator(Fir):
     """
 
     x: Block
-    passband: float | None = None
-    stopband: float | None = None
-    order: int | None = None
-    tol: float = 1e-6
-
-    def check(self):
-        positive(
-            self,
-            *(n for n in ("passband", "stopband", "order", "tol") if getattr(self, n) is not None),
-        )
+    passband: Above0 | None = None
+    stopband: Above0 | None = None
+    order: Count | None = None
+    tol: Above0 = 1e-6
 
     def units(self, *u):
         return u[0] * RATE
@@ -1143,15 +1133,8 @@ class Follower(Block):
     """
 
     x: Block
-    attack: float
-    release: float
-
-    def check(self):
-        for name in ("attack", "release"):
-            if not getattr(self, name) >= 0:
-                raise BadValue(
-                    f"envelope_follower: {name} = {getattr(self, name):g} s must be 0 or above"
-                )
+    attack: From0
+    release: From0
 
     def design(self, fs):
         up, down = (
@@ -1257,11 +1240,8 @@ class Tracker(Block, abstract=True):
 
     x: Block
     contact: Block
-    bandwidth: float
-    max_jump: float | None
-
-    def check(self):
-        positive(self, "bandwidth", *(["max_jump"] if self.max_jump is not None else []))
+    bandwidth: Above0
+    max_jump: Above0 | None
 
     def design(self, fs):
         if self.bandwidth >= fs / 2:

@@ -7,13 +7,13 @@ from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, Map, as_block, positive, unitless
+from ..core.graph import NONE, ONE, Block, Const, Map, as_block, unitless
 from ..core.maths import (
     chebyshev,
     copy,
@@ -32,7 +32,7 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design import fractional as soe, responses
 from ..design.padding import eights, padded
-from ..errors import BadValue, UnitError, one_of, public
+from ..errors import Above0, BadValue, From0, Range, UnitError, one_of, public
 from ..system.limits import limits
 from .filters import ONSETS, check_onset
 from .tables import Table, TableParams
@@ -159,7 +159,6 @@ def force_unit(name: str, y: un.Unit) -> un.Unit:
 
 def check_fields(b, schemes: tuple[str, ...] = soe.SCHEMES) -> None:
     """Raise BadValue where a design number of a springpot makes no sense."""
-    positive(b, "seconds" if hasattr(b, "seconds") else "horizon")
     check_onset("springpot", getattr(b, "onset", "step"))
     if hasattr(b, "tol"):
         soe.rates(b.tol, 1e6)
@@ -186,7 +185,7 @@ class Springpot(Block):
     order: float
     scheme: str
     tol: float
-    horizon: float
+    horizon: Above0
     onset: str
     resettable = True
 
@@ -364,7 +363,7 @@ class SpringpotLive(Block):
     contact: Block
     scheme: str
     tol: float
-    horizon: float
+    horizon: Above0
     onset: str
     resettable = True
 
@@ -487,10 +486,9 @@ class Accuracy(Table):
 
     alpha: Block
     tol: float
-    horizon: float
+    horizon: Above0
 
     def check(self):
-        positive(self, "horizon")
         soe.rates(self.tol, 1e6)
 
     units = unitless
@@ -548,7 +546,7 @@ class Downsampled(Method):
     At step k, m = ceil(k/100), and the step size is m/fs.
     """
 
-    horizon: float
+    horizon: Above0
     onset: str
 
     def design(self, fs):
@@ -604,7 +602,7 @@ ShortMemoryState = namedtuple("ShortMemoryState", "line first cold")
 class ShortMemory(Method):
     """D^alpha y from only the last seconds of the history."""
 
-    seconds: float
+    seconds: Above0
     onset: str
     resettable = True
 
@@ -800,6 +798,9 @@ def coefficient(chi, name: str = "springpot") -> Block:
 # Closed forms: before anything is sampled -------------------------------------------
 # What the models are before anything is sampled: stiffness at a frequency, relaxation,
 # creep.
+Alpha = Annotated[float, Range("a number from 0 (spring) to 1 (dashpot)", lambda v: 0 <= v <= 1)]
+
+
 class Stiffness(NamedTuple):
     """Complex stiffness k_C = f/y at a frequency."""
 
@@ -811,7 +812,7 @@ class Stiffness(NamedTuple):
 
 
 @public
-def springpot_stiffness(chi: float, alpha: float, w: ArrayLike) -> Stiffness:
+def springpot_stiffness(chi: From0, alpha: Alpha, w: ArrayLike) -> Stiffness:
     """Return the complex stiffness of a springpot, k_C = chi (i w)^alpha.
 
     Parameters
@@ -848,8 +849,6 @@ def springpot_stiffness(chi: float, alpha: float, w: ArrayLike) -> Stiffness:
     ... )
     (600.0, 0.785398, True)
     """
-    _orders("springpot_stiffness", alpha=alpha)
-    _positive("springpot_stiffness", True, chi=chi)
     w = _axis("springpot_stiffness", w=w)
     size = chi * w**alpha
     across, along = math.sin(alpha * math.pi / 2), math.sin((1 - alpha) * math.pi / 2)
@@ -860,7 +859,7 @@ def springpot_stiffness(chi: float, alpha: float, w: ArrayLike) -> Stiffness:
 
 
 @public
-def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.pi) -> float:
+def equal_force(chi1: From0, alpha1: Alpha, alpha2: Alpha, w: Above0 = 2 * math.pi) -> float:
     """Return the coefficient chi_2 that makes two springpots equally strong at w.
 
     The springpot (chi_2, alpha2) then has the force amplitude of (chi1, alpha1) at the
@@ -895,14 +894,11 @@ def equal_force(chi1: float, alpha1: float, alpha2: float, w: float = 2 * math.p
     >>> round(equal_force(300.0, 0.0, 0.5), 2)
     119.68
     """
-    _orders("equal_force", alpha1=alpha1, alpha2=alpha2)
-    _positive("equal_force", True, chi1=chi1)
-    _positive("equal_force", w=w)
     return chi1 * w ** (alpha1 - alpha2)
 
 
 @public
-def maxwell_stiffness(k: float, tau: float, w: ArrayLike) -> Stiffness:
+def maxwell_stiffness(k: Above0, tau: Above0, w: ArrayLike) -> Stiffness:
     """Return the complex stiffness of a Maxwell arm, i w tau k/(1 + i w tau).
 
     Parameters
@@ -936,7 +932,6 @@ def maxwell_stiffness(k: float, tau: float, w: ArrayLike) -> Stiffness:
     >>> float(arm.storage), float(arm.loss), round(float(arm.phase), 6)
     (100.0, 100.0, 0.785398)
     """
-    _positive("maxwell_stiffness", k=k, tau=tau)
     w = _axis("maxwell_stiffness", w=w)
     x = w * tau
     small = np.minimum(x, 1 / np.maximum(x, 1e-300))  # x or 1/x, so that no square is too large
@@ -950,8 +945,8 @@ def maxwell_stiffness(k: float, tau: float, w: ArrayLike) -> Stiffness:
 def relaxation_modulus(
     t: ArrayLike,
     k0: float = 0.0,
-    arms: Sequence[tuple[float, float]] = (),
-    springpot: tuple[float, float] | None = None,
+    arms: Sequence[tuple[Above0, Above0]] = (),
+    springpot: tuple[Above0, Alpha] | None = None,
 ) -> np.ndarray:
     """Return the relaxation modulus: force over displacement after a step.
 
@@ -991,12 +986,9 @@ def relaxation_modulus(
     t = _axis("relaxation_modulus", t=t)
     out = np.full(t.shape, float(k0))
     for k, tau in arms:
-        _positive("relaxation_modulus", k=k, tau=tau)
         out = out + k * np.exp(-t / tau)
     if springpot is not None:
         chi, alpha = springpot
-        _positive("relaxation_modulus", chi=chi)
-        _orders("relaxation_modulus", alpha=alpha)
         if alpha == 1:
             out = out + np.where(t > 0, 0.0, math.inf)
         else:
@@ -1008,10 +1000,10 @@ def relaxation_modulus(
 @public
 def creep_compliance(
     t: ArrayLike,
-    k0: float | None = None,
-    elements: Sequence[tuple[float, float]] = (),
-    b: float | None = None,
-    springpot: tuple[float, float] | None = None,
+    k0: Above0 | None = None,
+    elements: Sequence[tuple[Above0, Above0]] = (),
+    b: Above0 | None = None,
+    springpot: tuple[Above0, Alpha] | None = None,
 ) -> np.ndarray:
     """Return the creep compliance: displacement over force after a step of force.
 
@@ -1053,32 +1045,15 @@ def creep_compliance(
     t = _axis("creep_compliance", t=t)
     out = np.zeros(t.shape)
     if k0 is not None:
-        _positive("creep_compliance", k0=k0)
         out = out + 1 / k0
     if b is not None:
-        _positive("creep_compliance", b=b)
         out = out + t / b
     for k, tau in elements:
-        _positive("creep_compliance", k=k, tau=tau)
         out = out - np.expm1(-t / tau) / k
     if springpot is not None:
         chi, alpha = springpot
-        _positive("creep_compliance", chi=chi)
-        _orders("creep_compliance", alpha=alpha)
         out = out + t**alpha / (chi * math.gamma(1 + alpha))
     return out
-
-
-def _orders(name: str, **orders: float) -> None:
-    for what, alpha in orders.items():
-        if not 0 <= alpha <= 1:
-            raise BadValue(f"{name}: {what} = {alpha} must be from 0 (spring) to 1 (dashpot)")
-
-
-def _positive(name: str, or_0: bool = False, **numbers: float) -> None:
-    for what, v in numbers.items():
-        if not (math.isfinite(v) and (v > 0 or (or_0 and v == 0))):
-            raise BadValue(f"{name}: {what} = {v} must {'not be below' if or_0 else 'be above'} 0")
 
 
 def _axis(name: str, **axis) -> np.ndarray:

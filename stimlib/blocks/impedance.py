@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, as_block, constant, positive, unitless
+from ..core.graph import NONE, ONE, Block, Const, as_block, constant, unitless
 from ..core.maths import TINY, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
-from ..errors import BadValue, public
+from ..errors import Above0, BadValue, public
 from .filters import RATE, begun, fir
 from .fractional import Springpot
 
@@ -42,12 +42,9 @@ class Velocity(Block):
     """
 
     x: Block
-    cutoff: float
+    cutoff: Above0
     contact: Block
     resettable = True
-
-    def check(self):
-        positive(self, "cutoff")
 
     def units(self, *u):
         return u[0] * RATE
@@ -196,10 +193,7 @@ class FirstOrder(Lag):
     """
 
     x: Block
-    tau: float
-
-    def check(self):
-        positive(self, "tau")
+    tau: Above0
 
     def design(self, fs):
         e, _, h = sampled(1 / (self.tau * fs))
@@ -480,10 +474,9 @@ class Loading(Gate):
     v: Block
     on: float | None
     off: float | None
-    resolution: float
+    resolution: Above0
 
     def check(self):
-        positive(self, "resolution")
         if (self.on is None) != (self.off is None):
             raise BadValue("loading: give both thresholds, on and off, or none")
         if self.on is not None and self.off is not None and not 0 < self.off < self.on:

@@ -10,7 +10,7 @@ from types import FunctionType
 
 import numpy as np
 
-from ..core.graph import NONE, ONE, Block, positive
+from ..core.graph import NONE, ONE, Block
 from ..core.maths import as_float, bits, copy, fma, modes, pairs, sqrt, unbits, where
 from ..core.program import lead
 from ..core.response import backward
@@ -18,7 +18,7 @@ from ..design import responses
 from ..design.filters import asked_by
 from ..design.noise import noise_modes, stationary_covariance, stationary_factor
 from ..design.padding import padded
-from ..errors import BadValue, public
+from ..errors import Above0, BadValue, public
 
 # White noise ------------------------------------------------------------------------
 # White noise as a function of (key, sample index): Philox4x32-10 and Box-Muller.
@@ -293,11 +293,8 @@ class Pinking(Modes):
     """
 
     x: Block
-    f_low: float
-    tol_db: float
-
-    def check(self):
-        positive(self, "f_low", "tol_db")
+    f_low: Above0
+    tol_db: Above0
 
     def design(self, fs):
         with asked_by("pinking"):
@@ -375,12 +372,9 @@ class FilteredNoise(Modes, abstract=True):
 class PinkNoise(FilteredNoise):
     """Stationary pink noise, S(f) = psd_1hz/f: filtered white noise."""
 
-    psd_1hz: float
-    f_low: float
-    tol_db: float
-
-    def check(self):
-        positive(self, "psd_1hz", "f_low", "tol_db")
+    psd_1hz: Above0
+    f_low: Above0
+    tol_db: Above0
 
     def design(self, fs):
         with asked_by("pink_noise"):
@@ -452,12 +446,9 @@ class ColouredNoise(FilteredNoise):
     """Stationary noise of a slope, S(f) ~ f^-slope, and a root mean square value."""
 
     slope: float
-    rms: float
-    f_low: float
-    tol_db: float
-
-    def check(self):
-        positive(self, "rms", "f_low", "tol_db")
+    rms: Above0
+    f_low: Above0
+    tol_db: Above0
 
     def design(self, fs):
         with asked_by("coloured_noise"):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from ..core import units as un
-from ..core.graph import Block, Const, as_block, below_half, in_unit, positive
+from ..core.graph import Block, Const, as_block, below_half, in_unit
 from ..core.maths import TINY, each, floor, flush, fma, where
 from ..core.parameter import Param
 from ..core.pointwise import clip
@@ -20,7 +20,7 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.filters import Quadratic, sections
-from ..errors import BadValue, UnitError, one_of, public
+from ..errors import Above0, BadValue, UnitError, one_of, public
 from .filters import Cascade, CascadeParams, CascadeState, begun, cascade
 from .impedance import with_unit
 from .movement import regular, sinpi
@@ -53,13 +53,10 @@ class Resonator(Cascade):
     """
 
     x: Block
-    freq: float
-    q: float
+    freq: Above0
+    q: Above0
     notched: bool
     live = "svf(x, cutoff, q, mode) has a frequency and a quality that move"
-
-    def check(self):
-        positive(self, "freq", "q")
 
     def design(self, fs):
         name = "notch" if self.notched else "resonator"
@@ -371,11 +368,10 @@ class Mode(Block):
     """
 
     x: Block
-    freq: float
+    freq: Above0
     q: float
 
     def check(self):
-        positive(self, "freq")
         if not self.q > 0.5:
             raise BadValue(
                 f"mode: q = {self.q:g} must be above 0.5: below that it does not ring; take two"
@@ -556,11 +552,10 @@ class Shape(Block):
     x: Block
     y: Block
     c: np.ndarray
-    length: float
-    width: float
+    length: Above0
+    width: Above0
 
     def check(self):
-        positive(self, "length", "width")
         if self.c.ndim != 2 or not 0 < max(self.c.shape) <= 64:
             raise BadValue(
                 "mode_shape: c must be a matrix of at most 64 x 64 numbers, got shape"
@@ -687,12 +682,11 @@ class PoleSwap(Cascade):
     """
 
     x: Block
-    freq: float
-    q: float
+    freq: Above0
+    q: Above0
     gain: float
 
     def check(self):
-        positive(self, "freq", "q")
         if not 1 <= self.gain < 2 * self.q:
             raise BadValue(
                 f"pole_swap: gain = {self.gain:g} must be from 1, where nothing happens, to below 2"

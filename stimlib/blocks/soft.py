@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core import pointwise
-from ..core.graph import NONE, ONE, Block, Map, as_block, constant, design_value, positive
+from ..core.graph import NONE, ONE, Block, Map, as_block, constant, design_value
 from ..core.maths import as_float, floor, sqrt as root, where
 from ..core.pointwise import clip, exp, maximum, minimum
 from ..core.units import unit
-from ..errors import BadValue, UnitError, one_of, public
+from ..errors import Above0, BadValue, From0, UnitError, one_of, public
 from ..system.limits import limits
 from .tables import CubicGrid, GridParams, bicubic, lut2
 
@@ -67,8 +67,7 @@ def table_of(name: str, levels: Any, width: float, height: float) -> Levels:
     """Return stiffness levels as float64; raise BadValue if they are invalid."""
     table = design_value(f"{name}: levels", "np.ndarray", levels)
     for what, v in (("width", width), ("height", height)):
-        if not design_value(f"{name}: {what}", "float", v) > 0:
-            raise BadValue(f"{name}: {what} = {v!r} m must be above 0")
+        design_value(f"{name}: {what}", "Above0", v)
     if table.ndim != 2 or min(table.shape) < 2:
         raise BadValue(
             f"{name}: levels must have two rows and columns at least; got the shape {table.shape}"
@@ -265,8 +264,7 @@ def indentation(
     array([[2.5   , 1.25  , 0.8333]])
     """
     for name, v in (("softest", softest), ("hardest", hardest), ("deepest", deepest)):
-        if not design_value(f"indentation: {name}", "float", v) > 0:
-            raise BadValue(f"indentation: {name} = {v!r} must be above 0")
+        design_value(f"indentation: {name}", "Above0", v)
     k = constant(softest, "N/m") + constant(hardest - softest, "N/m") * as_block(S)
     return minimum(as_block(force) / k, constant(deepest, "m"))
 
@@ -315,8 +313,7 @@ def triangle(
     >>> (1000 * proc.process(np.array([[0.03], [0.03]]))[:, 0]).round(4)
     array([41.547 , 20.    , 24.2265])
     """
-    if not design_value("triangle: side", "float", side) > 0:
-        raise BadValue(f"triangle: side = {side!r} must be above 0")
+    design_value("triangle: side", "Above0", side)
     x, y = as_block(x), as_block(y)
     check_places("triangle", x.dim, y.dim)
     angles = [
@@ -339,10 +336,7 @@ class Dent(Map):
 
     distance: Block
     depth: Block
-    radius: float
-
-    def check(self):
-        positive(self, "radius")
+    radius: Above0
 
     def units(self, *u):
         check_places("deformation", *u)
@@ -548,14 +542,13 @@ class CursorFrames(Block):
     levels: np.ndarray
     width: float
     height: float
-    frame: float
-    slowest: float
+    frame: Above0
+    slowest: Above0
     fastest: float
     outputs = ("x", "y")
 
     def check(self):
         levels_of(self)
-        positive(self, "frame", "slowest")
         if not self.slowest <= 1 <= self.fastest:
             raise BadValue(
                 f"cursor: the speed begins at 1, which is not within bounds = ({self.slowest:g},"
@@ -687,13 +680,6 @@ def avatar_units(u: tuple[Any, ...]) -> tuple[Any, ...]:
     return u[0], u[1], SECOND, SECOND
 
 
-def check_avatar(b: Any) -> None:
-    """Raise BadValue where the numbers of an avatar make no sense."""
-    positive(b, "per_newton")
-    if not b.notice >= 0:
-        raise BadValue(f"delay_avatar: notice = {b.notice!r} must not be below 0")
-
-
 # Parameters of `DelayAvatar` at a sample rate.
 #   per_newton  samples
 #   most        samples
@@ -729,15 +715,11 @@ class DelayAvatar(Block):
     py: Block
     force: Block
     contact: Block
-    per_newton: float
-    notice: float
-    catch_up: float
-    most: float
+    per_newton: Above0
+    notice: From0
+    catch_up: Above0
+    most: Above0
     outputs = ("x", "y", "lag", "wait")
-
-    def check(self):
-        check_avatar(self)
-        positive(self, "catch_up", "most")
 
     def units(self, *u):
         return avatar_units(u)
@@ -822,14 +804,10 @@ class FrameAvatar(Block):
     py: Block
     force: Block
     contact: Block
-    per_newton: float
-    notice: float
-    frame: float
+    per_newton: Above0
+    notice: From0
+    frame: Above0
     outputs = ("x", "y", "lag", "wait")
-
-    def check(self):
-        check_avatar(self)
-        positive(self, "frame")
 
     def units(self, *u):
         return avatar_units(u)
@@ -955,10 +933,7 @@ class Vibration(Block):
     """The drive of a vibration motor: 1 for a whole number of ms after each event."""
 
     wait: Block
-    factor: float
-
-    def check(self):
-        positive(self, "factor")
+    factor: Above0
 
     def units(self, *u):
         if u[0] != SECOND:

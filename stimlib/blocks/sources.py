@@ -9,13 +9,13 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..core.graph import NONE, ONE, Block, Const, below_half, in_unit, positive, unitless
+from ..core.graph import NONE, ONE, Block, Const, below_half, in_unit, unitless
 from ..core.maths import SILENT, TINY, as_float, exp, floor, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.filters import HALF, resampled
-from ..errors import BadValue, one_of, public
+from ..errors import Above0, BadValue, one_of, public
 from ..system.limits import limits
 from .events import Time, as_event, as_signal, happens
 from .filters import Cascade, Filter
@@ -48,15 +48,14 @@ class Chirp(Block):
     """
 
     t: Block
-    f0: float
-    f1: float
-    seconds: float
+    f0: Above0
+    f1: Above0
+    seconds: Above0
     kind: str
     live = "oscillator(freq) has a frequency that moves"
 
     def check(self):
         one_of("chirp: kind", self.kind, CHIRPS)
-        positive(self, "f0", "f1", "seconds")
 
     units = unitless
 
@@ -145,7 +144,7 @@ class Playback(Block):
 
     t: Block
     samples: np.ndarray
-    rate: float
+    rate: Above0
     loop: bool
     unit: str
 
@@ -154,7 +153,6 @@ class Playback(Block):
             raise BadValue(
                 f"playback: samples must be one row of numbers, got shape {self.samples.shape}"
             )
-        positive(self, "rate")
 
     def units(self, *u):
         return unit(self.unit)
@@ -217,7 +215,7 @@ class Scanned(Block):
 
     t: Block
     samples: np.ndarray
-    rate: float
+    rate: Above0
     loop: bool
     unit: str
 
@@ -357,11 +355,10 @@ class BandNoise(Cascade):
     white: Block
     low: float
     high: float
-    psd: float
+    psd: Above0
     order: int
 
     def check(self):
-        positive(self, "psd")
         self._filter()
 
     def _filter(self) -> Filter:
@@ -621,7 +618,7 @@ class Grain(Block):
 
     event: Block
     samples: np.ndarray
-    rate: float
+    rate: Above0
     unit: str
 
     def check(self):
@@ -629,7 +626,6 @@ class Grain(Block):
             raise BadValue(
                 f"grain: samples must be one row of numbers, got shape {self.samples.shape}"
             )
-        positive(self, "rate")
 
     def units(self, *u):
         return u[0] * unit(self.unit)

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, as_block, positive, unitless
+from ..core.graph import NONE, ONE, Block, Const, as_block, unitless
 from ..core.maths import as_float, each, floor, fma, pairs, sqrt, where
 from ..core.parameter import Param
 from ..core.pointwise import clip, maximum
 from ..core.units import unit
 from ..design.noise import octaves
-from ..errors import BadValue, UnitError, one_of, public
+from ..errors import Above0, BadValue, UnitError, one_of, public
 from ..system import safe_files
 from ..system.limits import limits
 from .impedance import with_unit
@@ -612,8 +612,8 @@ class SpatialNoise(Over):
     contact: Block
     slope: float
     seed: int
-    shortest: float
-    longest: float
+    shortest: Above0
+    longest: Above0
 
     def check(self):
         if isinstance(self.seed, bool) or not 0 <= self.seed < 2**64:
@@ -624,7 +624,6 @@ class SpatialNoise(Over):
             raise BadValue(
                 f"spatial_noise: slope = {self.slope:g} must be from {SLOPES[0]:g} to {SLOPES[1]:g}"
             )
-        positive(self, "shortest", "longest")
         if not self.shortest < self.longest <= MOST * self.shortest:
             raise BadValue(
                 f"spatial_noise: longest = {self.longest:g} must be above shortest ="

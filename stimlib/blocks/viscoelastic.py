@@ -13,19 +13,20 @@ from typing import Any
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import Block, Const, as_block, constant, design_value, positive
+from ..core.graph import Block, Const, as_block, constant, design_value
 from ..core.maths import copy, fir, fma, memory, where
 from ..core.pointwise import Where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import fractional as soe, responses
 from ..design.padding import padded
-from ..errors import BadValue, UnitError, one_of, public
+from ..errors import Above0, BadValue, From0, UnitError, one_of, public
 from .events import Integrate
 from .filters import ONSETS, begun, check_onset
 from .fractional import (
     DIFFERENCES,
     WORK,
+    Alpha,
     Springpot,
     begin,
     check_fields,
@@ -426,18 +427,13 @@ class KelvinChain(Block):
     """
 
     f: Block
-    j0: float
+    j0: From0
     j: np.ndarray
     tau: np.ndarray
-    fluidity: float
+    fluidity: From0
 
     def check(self):
         check_lists(self, self.j, "j")
-        if self.j0 < 0 or self.fluidity < 0:
-            raise BadValue(
-                f"KelvinChain: j0 = {self.j0:g} and fluidity = {self.fluidity:g} must not be"
-                " below 0"
-            )
 
     def design(self, fs):
         s = [sampled(1 / tau / fs) for tau in self.tau.tolist()]
@@ -766,9 +762,7 @@ def compliance(
     if f.dim != unit("N"):
         raise UnitError(f"compliance: the force {f!r} is in [{f.dim}], not in N")
     one_of("compliance: scheme", scheme, soe.SCHEMES)
-    alpha = design_value("compliance: alpha", "float", alpha)
-    if not 0 <= alpha <= 1:
-        raise BadValue(f"compliance: alpha = {alpha:g} must be from 0 (spring) to 1 (dashpot)")
+    alpha = design_value("compliance: alpha", Alpha, alpha)
     chi = as_block(chi)
     if isinstance(chi, Const) and chi.value <= 0:
         raise BadValue(f"compliance: chi = {chi.value:g} must be above 0")
@@ -824,17 +818,16 @@ class Series(Block):
 
     y: Block
     contact: Block
-    other: float
+    other: Above0
     dashpot: bool
-    chi: float
+    chi: Above0
     order: float
     scheme: str
     tol: float
-    horizon: float
+    horizon: Above0
     resettable = True
 
     def check(self):
-        positive(self, "other", "chi")
         check_fields(self)
         if self.order in (0.0, 1.0):
             raise BadValue(

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from ..errors import BadValue, SceneError, StimlibError, UnitError, line_of, public
+from ..errors import RANGES, BadValue, Range, SceneError, StimlibError, UnitError, line_of, public
 from . import units as un
 from .maths import where
 from .operators import FUNCTIONS, NUMBERS, Refusals, no_numpy, power
@@ -384,25 +384,31 @@ def design_value(where_: str, annotation: Any, v: Any, live: str = Block.live) -
         raise BadValue(f"{where_} = {v[:40]!r}.. has {len(v)} letters; at most 200 are possible")
     if isinstance(v, float) and not math.isfinite(v):
         raise BadValue(f"{where_} = {v} is not finite")
-    words, kinds = _kinds(getattr(annotation, "__name__", str(annotation)))
+    words, kinds, ranges = _kinds(annotation)
     # True is an int of Python
     if not isinstance(v, kinds) or (isinstance(v, bool) and not {bool, object} & {*kinds}):
         raise BadValue(f"{where_} = {v!r:.200} must be {' or '.join(_KINDS[w][1] for w in words)}")
-    if not isinstance(v, int) or isinstance(v, bool):
-        return v
-    if "float" in words and "int" not in words:
-        return _float(v, where_)
-    if abs(v) >= 2**64:
-        raise BadValue(f"{where_} must be below 2**64")
+    if isinstance(v, int) and not isinstance(v, bool):
+        if float in kinds:
+            v = _float(v, where_)
+        elif abs(v) >= 2**64:
+            raise BadValue(f"{where_} must be below 2**64")
+    for range_ in ranges if v is not None else ():
+        if not range_.holds(v):
+            raise BadValue(f"{where_} = {v!r} must be {range_.words}")
     return v
 
 
 @cache
-def _kinds(annotation: str) -> tuple[list[str], tuple[type, ...]]:
-    """Return the type words of an annotation, and the types that they allow."""
-    words = [w.strip() for w in annotation.split("|")]
+def _kinds(annotation: Any) -> tuple[list[str], tuple[type, ...], list[Range]]:
+    """Return an annotation's type words, the types that they allow, and its ranges."""
+    parts = map(str.strip, annotation.split("|")) if isinstance(annotation, str) else [annotation]
+    hints = [RANGES.get(part, part) for part in parts]
+    bare = [hint.__origin__ if hasattr(hint, "__metadata__") else hint for hint in hints]
+    words = [w.strip() for hint in bare for w in getattr(hint, "__name__", str(hint)).split("|")]
     known = [_KINDS.get(w, ((object,), "")) for w in words]
-    return words, sum((types for types, _ in known), ())
+    ranges = [r for hint in hints for r in getattr(hint, "__metadata__", ())]
+    return words, sum((types for types, _ in known), ()), ranges
 
 
 def _design_array(where_: str, v: Any) -> np.ndarray:
@@ -418,14 +424,6 @@ def _design_array(where_: str, v: Any) -> np.ndarray:
     if not np.isfinite(a).all():
         raise BadValue(f"{where_}[{int(np.argmin(np.isfinite(a)))}] is not finite")
     return a
-
-
-def positive(owner: Block, *names: str) -> None:
-    """Raise BadValue unless the named design numbers are above zero."""
-    for name in names:
-        v = getattr(owner, name)
-        if isinstance(v, str) or not v > 0:
-            raise BadValue(f"{head(type(owner))}{name} = {v!r} must be above 0")
 
 
 def unitless(owner: Block, *u: Unit) -> Unit:

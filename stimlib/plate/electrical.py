@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.units import unit
-from ..errors import BadValue, UnitError, public
+from ..errors import Above0, BadValue, UnitError, public
 from ..motion.source import unmasked
 from ..run.rendering import Rendering
 
@@ -39,7 +39,7 @@ class AmplifierLoad(NamedTuple):
 def amplifier_load(
     voltage: Rendering | ArrayLike,
     capacitance: float,
-    fs: float | None = None,
+    fs: Above0 | None = None,
     output: str = "voltage",
 ) -> AmplifierLoad:
     """Compute the current that piezo patches draw from their amplifier, i = C dV/dt.
@@ -115,10 +115,10 @@ def amplifier_load(
             "amplifier_load: voltage must be one row of at least two finite samples; give"
             " one output"
         )
-    if not (0 < capacitance < np.inf and 0 < fs < np.inf):
+    if not capacitance > 0:
         raise BadValue(
-            f"amplifier_load: capacitance = {capacitance!r} F and fs = {fs!r} Hz must be above 0;"
-            " a plate without patches has none, see Plate.paper(patches=True)"
+            f"amplifier_load: capacitance = {capacitance!r} F must be above 0; a plate without"
+            " patches has none, see Plate.paper(patches=True)"
         )
     slew = np.diff(row) * fs
     current = capacitance * slew

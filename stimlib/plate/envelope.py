@@ -145,15 +145,12 @@ def best_gain(
     >>> round(best_gain(158.0, 10.0, rate=20.0, drive=2.0), 1)
     3.8
     """
+    from scipy.optimize import bisect
+
+    def over(gain: float) -> float:
+        return envelope_behind(freq, q, rate, gain, envelope).drive - drive
+
     if not drive >= 1:
         raise BadValue(f"best_gain: drive = {drive!r} must be 1 or above")
-    low, high = 1.0, math.nextafter(2 * q, 0)
-    if envelope_behind(freq, q, rate, high, envelope).drive <= drive:
-        return high
-    for _ in range(40):
-        middle = (low + high) / 2
-        if envelope_behind(freq, q, rate, middle, envelope).drive <= drive:
-            low = middle
-        else:
-            high = middle
-    return low
+    most = math.nextafter(2 * q, 0)
+    return most if over(most) <= 0 else float(bisect(over, 1.0, most))

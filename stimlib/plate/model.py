@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, one_of, public
+from ..errors import Above0, BadValue, From0, one_of, public
 from ..system.linear_algebra import one_thread
 from ..system.packages import package
 from .patch import Patch
@@ -96,16 +96,16 @@ class Plate:
     array([ 453. ,  733.6, 1085.3])
     """
 
-    length: float
-    width: float
-    thickness: float
-    E: float
+    length: Above0
+    width: Above0
+    thickness: Above0
+    E: Above0
     nu: float
-    rho: float
+    rho: Above0
     edges: str = "CFCF"
-    clamp_stiffness: float | None = None
+    clamp_stiffness: From0 | None = None
     in_plane_load: float = 0.0
-    damping: float = 0.01
+    damping: Above0 = 0.01
     patches: tuple[Patch, ...] = ()
     terms: int | None = None
 
@@ -116,10 +116,6 @@ class Plate:
         check_places(self)
 
     def _check_numbers(self):
-        for name in ("length", "width", "thickness", "E", "rho", "damping"):
-            v = getattr(self, name)
-            if not v > 0:
-                raise BadValue(f"Plate: {name} = {v!r} must be a number above 0")
         if not -1 < self.nu < 0.5:
             raise BadValue(f"Plate: nu = {self.nu!r} must be between -1 and 0.5")
         if max(self.length, self.width) > LONGEST or self.E < SOFTEST:
@@ -132,12 +128,6 @@ class Plate:
                 f"Plate: {self.thickness:g} m is not a thin plate of {self.length:g} x"
                 f" {self.width:g}"
                 " m: Kirchhoff's theory holds up to a tenth of its sides; give sizes in m"
-            )
-        k = self.clamp_stiffness
-        if k is not None and not k >= 0:
-            raise BadValue(
-                f"Plate: clamp_stiffness = {k!r} N m/rad/m must be 0 or above, or None where the"
-                " edge cannot turn"
             )
         if self.terms is not None and not 4 <= self.terms <= 40:
             raise BadValue(f"Plate: terms = {self.terms!r} must be from 4 to 40")

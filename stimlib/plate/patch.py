@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from ..errors import BadValue, public
+from ..errors import Above0, BadValue, From0, public
 
 STRONGEST = 1e-8  # m/V; ceramics have 3e-10, single crystals 2e-9
 VACUUM = 8.8541878128e-12  # permittivity in F/m (CODATA 2018)
@@ -87,26 +87,22 @@ class Patch:
 
     x: float
     y: float
-    length: float
-    width: float
+    length: Above0
+    width: Above0
     d31: float
-    thickness: float
+    thickness: Above0
     side: int = 1
-    cover: float = 0.0
+    cover: From0 = 0.0
     margin: float = 0.0
-    E: float = 62e9
+    E: Above0 = 62e9
     nu: float = 0.34
-    cover_E: float = 4e9
+    cover_E: Above0 = 4e9
     cover_nu: float = 0.35
-    mass: float = 0.0
+    mass: From0 = 0.0
     lowest: float = -math.inf
     highest: float = math.inf
 
     def __post_init__(self):
-        for name in ("length", "width", "thickness", "E", "cover_E"):
-            v = getattr(self, name)
-            if not v > 0:
-                raise BadValue(f"Patch: {name} = {v!r} must be above 0")
         if abs(self.d31) > STRONGEST or self.thickness > min(self.length, self.width):
             raise BadValue(
                 f"Patch: d31 = {self.d31:g} m/V and {self.thickness:g} m through of {self.length:g}"
@@ -115,15 +111,8 @@ class Patch:
             )
         if self.side not in (1, -1):
             raise BadValue(f"Patch: side = {self.side!r}; 1 is the upper side, -1 the lower")
-        if not (
-            0 <= self.margin < min(self.length, self.width) / 2
-            and self.cover >= 0
-            and self.mass >= 0
-        ):
-            raise BadValue(
-                "Patch: margin, cover and mass must be 0 or above, and the margin leave an"
-                " electrode"
-            )
+        if not 0 <= self.margin < min(self.length, self.width) / 2:
+            raise BadValue("Patch: margin must be 0 or above, and leave an electrode")
         if not self.lowest < self.highest or not (-1 < self.nu < 0.5 and -1 < self.cover_nu < 0.5):
             raise BadValue(
                 "Patch: lowest must be below highest, and Poisson's ratios between -1 and 0.5"

@@ -14,7 +14,7 @@ from ..blocks.resonance import mode, mode_shape, svf
 from ..core.graph import Block, Const, constant
 from ..core.pointwise import sqrt
 from ..core.units import unit
-from ..errors import BadValue, UnitError, public
+from ..errors import BadValue, From0, UnitError, public
 from .model import Plate
 
 LOOKED_AT = 16  # modes among which the driven ones are found
@@ -44,15 +44,9 @@ class Finger:
         A number below 0.
     """
 
-    mass: float = 0.0
-    damping: float = 0.0
-    stiffness: float = 0.0
-
-    def __post_init__(self):
-        for name in ("mass", "damping", "stiffness"):
-            v = getattr(self, name)
-            if not v >= 0:
-                raise BadValue(f"Finger: {name} = {v!r} must be 0 or above")
+    mass: From0 = 0.0
+    damping: From0 = 0.0
+    stiffness: From0 = 0.0
 
 
 def series_of(model: Plate, k: int) -> tuple[np.ndarray, float]:

@@ -7,7 +7,7 @@ import math
 import os
 import struct
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -138,7 +138,7 @@ def nodules(
     width: float = BLOCK,
     height: float = BLOCK,
     spacing: float = 0.002,
-    shape: str = "ball",
+    shape: Literal["ball", "gaussian"] = "ball",
 ) -> Levels:
     """Make a stiffness map of hard balls in a soft block.
 
@@ -180,7 +180,6 @@ def nodules(
     >>> S.levels.shape, float(S.levels[30, 30])
     ((61, 61), 1.0)
     """
-    one_of("nodules: shape", shape, ("ball", "gaussian"))
     rows, columns = nodes("nodules", width, height, spacing)
     x, y = np.meshgrid(np.linspace(0, width, columns), np.linspace(0, height, rows))
     clear = np.ones((rows, columns))
@@ -198,8 +197,7 @@ def nodes(name: str, width: float, height: float, spacing: float) -> tuple[int, 
     BadValue is raised unless its sizes make sense.
     """
     for what, v in (("width", width), ("height", height), ("spacing", spacing)):
-        if not design_value(f"{name}: {what}", "float", v) > 0:
-            raise BadValue(f"{name}: {what} = {v!r} m must be above 0")
+        design_value(f"{name}: {what}", "Above0", v)
     # inf where there is no end
     rows, columns = (float(np.ceil(v / spacing - 1e-9)) + 1 for v in (height, width))
     limits.check("map_points", rows * columns, f"{name}: nodes of the grid; take a larger spacing")

@@ -89,8 +89,7 @@ def surface(
     >>> (1000 * h[12, 12:17]).round(2) + 0.0
     array([-7.5 , -6.83, -2.5 , -1.25,  0.  ])
     """
-    if not design_value("surface: radius", "float", radius) > 0:
-        raise BadValue(f"surface: radius = {radius!r} m must be above 0")
+    design_value("surface: radius", "Above0", radius)
     spacing = radius / 2 if spacing is None else spacing
     rows, columns = nodes("surface", width, height, spacing)
     try:
@@ -357,8 +356,7 @@ def film(
 
 def _samples(result: Rendering, fps: float, start: float, stop: float | None) -> list[int]:
     """Return the indices of the samples that a film shows."""
-    if not design_value("film: fps", "float", fps) > 0:
-        raise BadValue(f"film: fps = {fps!r} must be above 0")
+    design_value("film: fps", "Above0", fps)
     first = _sample(result, "start", start)
     last = result.y.shape[1] - 1 if stop is None else _sample(result, "stop", stop)
     if last < first:

@@ -268,7 +268,7 @@ def test_a_sample_that_is_not_finite_leaves_an_average_after_its_length(n, targe
 
 REFUSED = [
     (lambda: b.crossing(X, 0.0), "crossing: spacing = 0.0 .*above 0"),
-    (lambda: b.crossing(X, 1.0, -1.0), "hysteresis = -1 must .*or above"),
+    (lambda: b.crossing(X, 1.0, -1.0), "hysteresis = -1.0 must .*or above"),
     (lambda: b.hysteresis(X, 0.0, 1.0), "off = 1 must .*= 0"),
     (lambda: b.rising(Input("v", "m/s"), Input("w", "m")), "cannot compare", UnitError),
     (lambda: b.at([-1.0]), "each 0 or above"),
@@ -282,8 +282,8 @@ REFUSED = [
     (lambda: b.ring(E, 100, 1, "square"), "onset = 'square'; choose sine or cosine"),
     (lambda: b.grain(E, [[1.0]], 8000), "one row of numbers"),
     (lambda: b.burst(E, 0.1, 0.06), "ramp = 0.06 s .*of duration"),
-    (lambda: b.envelope(X, attack=-1), "attack = -1 must .*or above"),
-    (lambda: b.once_within(E, 0), "refractory = 0.0 must be above 0"),
+    (lambda: b.envelope(X, attack=-1), "attack = -1.0 must .*or above"),
+    (lambda: b.once_within(E, 0), "refractory = 0.0 must be a number above 0"),
     (b.ring(E, 600, 1), "ring: freq = 600 .*not fit"),
     (b.every(9e-4), "less than a sample"),
     (b.burst(E, 1e-4), "less than half a sample"),

@@ -283,7 +283,7 @@ UNIT = r"\[.*\]"
         (lambda: b.stiffness_map(X, Y, ([[0, np.nan], [0, 1]], 1.0, 1.0)), "not finite"),
         (lambda: b.stiffness_map(X, Y, ([0, 1], 1.0, 1.0)), "two rows and columns"),
         (lambda: b.stiffness_map(X, Y, (np.zeros((1001, 1001)), 1.0, 1.0)), "limits.map_points"),
-        (lambda: b.stiffness_map(X, Y, (RAMP[0], 0.0, 1.0)), "width = 0.0 m must be above 0"),
+        (lambda: b.stiffness_map(X, Y, (RAMP[0], 0.0, 1.0)), "width = 0.0 must be a number"),
         (lambda: b.stiffness_map(X, Y, [[0, 1], [0, 1]]), "S = .* must be a map"),
         (
             lambda: b.cursor(X, Y, RAMP, "frames", bounds=0.1),

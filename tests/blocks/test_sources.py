@@ -225,7 +225,7 @@ REFUSED = [
     ),
     (lambda: b.playback([1.0], 8000, at=b.every(1.0)), "is an event, which .*a time"),
     (lambda: b.band_noise(300, 100, 1, seed=1), "low = 300 Hz .*below high"),
-    (lambda: b.band_noise(100, 300, 0, seed=1), "psd = 0.0 must be above 0"),
+    (lambda: b.band_noise(100, 300, 0, seed=1), "psd = 0.0 must be a number above 0"),
     (lambda: carrier(158.0, "positive"), "half"),
     (lambda: carrier(-1.0), "^carrier: freq = -1.0 .*or above"),
     (lambda: carrier(-5.0, "half"), "^carrier: freq = -5.0 .*or above"),

@@ -331,7 +331,7 @@ REFUSED = [
             (dict(seed=-1), "seed = -1 must be a whole number"),
             (dict(seed=1.5), "seed"),
             (dict(seed=True), "seed = True"),
-            (dict(shortest=0.0), "shortest = 0.0 must be above 0"),
+            (dict(shortest=0.0), "shortest = 0.0 must be a number above 0"),
             (dict(shortest=0.2), "longest = 0.2 must be above shortest = 0.2"),
             (dict(shortest=1e-11), "at most 1e"),
             (dict(longest=np.nan), "longest"),

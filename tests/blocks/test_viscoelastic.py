@@ -370,8 +370,8 @@ REFUSED = [
     *(
         (lambda words=words: compliance(F, **{"chi": 3.0, "alpha": 0.5} | words), re.escape(says))
         for words, says in [
-            ({"alpha": 1.5}, "alpha = 1.5 must be from 0 (spring) to 1 (dashpot)"),
-            ({"alpha": -0.5}, "alpha = -0.5 must be from 0 (spring) to 1 (dashpot)"),
+            ({"alpha": 1.5}, "alpha = 1.5 must be a number from 0 (spring) to 1 (dashpot)"),
+            ({"alpha": -0.5}, "alpha = -0.5 must be a number from 0 (spring) to 1 (dashpot)"),
             ({"alpha": "0.5"}, "alpha = '0.5' must be a number"),
             ({"alpha": Param("a", 0.5)}, "alpha is a design number"),
             ({"chi": 0.0}, "chi = 0 must be above 0"),

@@ -89,7 +89,7 @@ def optimised(text: str, ours: bool) -> llvm.ModuleRef:
     # a text says nothing of the machine
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     with choices() if ours else nullcontext():
-        # of the runtime, level 3 makes larger code in twice the time, which runs as fast
+        # of the runtime, level 3 makes larger code in twice the time, no faster
         tuning = llvm.create_pipeline_tuning_options(speed_level=3 if ours else 2)
         tuning.loop_vectorization, tuning.slp_vectorization = True, False
         builder = llvm.create_pass_builder(machine, tuning)
