@@ -241,7 +241,7 @@ def test_bumps_get_the_rms_of_others():
 gate = Scene({"y": (y > Param("place", 0.005, "m")) * Param("gain", 2.0)})
 pair = Scene({"f": Param("k", 2.0) * y, "g": 2 * y})
 WRONG = {
-    "no parameter 'q'; this scene has k, b": (static, X, {"q": 1.0}, {}),
+    "there is no parameter 'q'; there are k, b": (static, X, {"q": 1.0}, {}),
     "start of 0": (static, X, {"k": 0.0}, {}),
     "between 0 and 1": (static, X, {"k": (3.0, 0, 1)}, {}),
     "not at an end": (static, X, {"k": (0, 0, 1)}, {}),
@@ -285,7 +285,7 @@ WRONG = {
     "as (f, P)": (static, (np.ones(3),), {"k": 1.0}, {"loss": "log_psd", "band": (80, 400)}),
     "must be above 0, got -1": (static, -1.0, {"k": 1.0}, {"loss": "rms"}),
     "choose one of force, log_psd, rms": (static, X, {"k": 1.0}, {"loss": "psd"}),
-    "whole number of at least 1": (static, X, {"k": 1.0}, {"steps": 0}),
+    "whole number above 0": (static, X, {"k": 1.0}, {"steps": 0}),
     "tol = 0": (static, X, {"k": 1.0}, {"tol": 0}),
     "optax.GradientTransformation": (static, X, {"k": 1.0}, {"optimiser": "adam"}),
     "place: no effect on the loss at the start": (gate, X, {"gain": 1.0, "place": 0.004}, {}),

@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, public
+from ..errors import Above0, BadValue, public
 from ..motion.source import unmasked
 
 SHORTEST = 8  # samples
 PERIODS = 2  # of the dominant component
-WINDOWS = ("hann", "none")
 
 
 class Cues(NamedTuple):
@@ -47,10 +46,10 @@ class Cues(NamedTuple):
 def cues(
     y: ArrayLike,
     f: ArrayLike,
-    fs: float,
+    fs: Above0,
     v: ArrayLike | None = None,
     prominence: float = 0.1,
-    window: str = "hann",
+    window: Literal["hann", "none"] = "hann",
     single: bool = False,
 ) -> Cues:
     """Return the physical cues of an interaction from a recording.
@@ -149,10 +148,10 @@ def cues(
 @public
 def cues_of(
     y: ArrayLike,
-    fs: float,
+    fs: Above0,
     v: ArrayLike | None = None,
     prominence: float = 0.1,
-    window: str = "hann",
+    window: Literal["hann", "none"] = "hann",
     single: bool = False,
 ) -> Callable[[ArrayLike], Cues]:
     """Prepare the computation of ``cues`` for one displacement and many forces.
@@ -190,14 +189,9 @@ def cues_of(
 def _prepared(
     y: ArrayLike, fs: float, v: ArrayLike | None, prominence: float, window: str, single: bool
 ) -> Callable[[ArrayLike], Cues]:
-    """Return the cues of a force, as a function of it, for one displacement."""
-    fs = float(fs)
-    if not (math.isfinite(fs) and fs > 0):
-        raise BadValue(f"cues: fs = {fs} Hz must be a finite number above 0")
+    """Return a function that computes the cues of forces, with what is known of y."""
     if not 0 < prominence <= 1:
         raise BadValue(f"cues: prominence = {prominence!r} must be above 0 and at most 1")
-    if window not in WINDOWS:
-        raise BadValue(f"cues: window = {window!r} must be one of {', '.join(WINDOWS)}")
     pos = _record("y", y)
     rate = _record("v", v) if v is not None else np.gradient(pos, 1 / fs)
     if rate.size != pos.size:

@@ -7,14 +7,14 @@ nothing is said.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.scene import Scene
 from ..core.units import unit as unit_of
-from ..errors import BadValue, UnitError, one_of, public
+from ..errors import BadValue, UnitError, public
 from ..motion.source import unmasked
 from ..run.rendering import Rendering
 from ..scenes import ROWS
@@ -89,7 +89,7 @@ class Felt(NamedTuple):
 
 @public
 def detection_threshold(
-    freq: ArrayLike, area: float = AREA, channel: str | None = None
+    freq: ArrayLike, area: float = AREA, channel: Literal["P", "NP"] | None = None
 ) -> np.ndarray:
     """Return the smallest vibration of the skin of the hand that is detected.
 
@@ -133,8 +133,6 @@ def detection_threshold(
     >>> (1e6 * detection_threshold([30, 125, 250], area=1e-4)).round(2)
     array([3.91, 0.68, 0.17])
     """
-    if channel is not None:
-        one_of("channel", channel, CHANNELS)
     used = [c for name, c in CHANNELS.items() if channel in (None, name)]
     f, low = np.asarray(freq, float), min(c.low for c in used)
     if not ((f >= low) & (f <= HIGH)).all():

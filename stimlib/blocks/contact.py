@@ -5,18 +5,29 @@ from __future__ import annotations
 import math
 from collections import namedtuple
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import pointwise
-from ..core.graph import NONE, ONE, Block, Const, Map, as_block, constant, same_unit
+from ..core.graph import (
+    NONE,
+    ONE,
+    Block,
+    Const,
+    Map,
+    as_block,
+    constant,
+    in_unit,
+    same_unit,
+    scratch,
+)
 from ..core.maths import TINY, each, exp, floor, fma, log, where
 from ..core.parameter import Param
 from ..core.response import backward
 from ..core.units import unit
-from ..errors import Above0, BadValue, Count, From0, UnitError, one_of, public
+from ..errors import Above0, BadValue, Count, From0, UnitError, public
 from .impedance import with_unit
 from .movement import Over, PlaceState, gap, sinpi
 from .tables import lut
@@ -31,7 +42,6 @@ from .tables import lut
 # lose energy. The laws differ in how z follows the way, and each is solved exactly for
 # a straight one. So the work of any motion, sum F dx, is at least the energy k z^2/2
 # that is stored.
-LAWS = ("elastoplastic", "coulomb", "dahl", "lugre")
 FARTHEST = 1e100  # m before anything slips: a spring without any stiffness
 
 
@@ -362,9 +372,7 @@ class StribeckPower(StribeckCurve):
         v = where(s.cold > 0.0, 0.0, p.per * (x - s.last))
         return lowered(p, v, limit), PlaceState(x, 0.0)
 
-    @staticmethod
-    def work(p):
-        return 64
+    work = scratch(64)
 
     @staticmethod
     def tile(p, s, x, limit, y, w):
@@ -432,7 +440,7 @@ def friction(
     normal: Block | float,
     mu: Block | float = 0.6,
     stiffness: Block | float = 1000.0,
-    law: str = "elastoplastic",
+    law: Literal["elastoplastic", "coulomb", "dahl", "lugre"] = "elastoplastic",
     *,
     elastic: float = 0.7,
     static: float | None = None,
@@ -546,7 +554,6 @@ def friction(
     ... )  # 0.5 mm stick
     array([[0.   , 0.1  , 0.3  , 0.492, 0.5  , 0.45 ]])
     """
-    one_of("friction: law", law, LAWS)
     if law != "lugre" and (damping or viscosity):
         raise BadValue(
             "friction: damping and viscosity belong to law='lugre'; with another law, add"
@@ -1204,8 +1211,7 @@ def _quantity(who: str, name: str, v: Block | float, text: str) -> Block:
 
 def _signal(who: str, name: str, v: Block | float, text: str) -> Block:
     b = as_block(v)
-    if b.dim != unit(text):
-        raise UnitError(f"{who}: {name} {b!r} is in [{b.dim}], not in [{text}]")
+    in_unit(f"{who}: {name}", b, b.dim, text)
     return b
 
 
@@ -1613,7 +1619,7 @@ def motor_current(
     x: Block,
     motor_constant: Block | float,
     geometry: tuple[ArrayLike, ArrayLike] = PLACEHOLDER_GAMMA,
-    kind: str = "pchip",
+    kind: Literal["pchip", "linear"] = "pchip",  # which stay between neighbouring values
 ) -> Block:
     """Compute the voice-coil current for a force: I = F/(n B Gamma(x)).
 
@@ -1666,13 +1672,6 @@ def motor_current(
     >>> proc.process(np.array([[10.0, 10.0], [0.0, 0.04]]))
     array([[2., 1.]])
     """
-    if kind not in ("pchip", "linear"):
-        raise BadValue(
-            f"motor_current: kind = {kind!r}; choose pchip or linear, which stay between"
-            " neighbouring values"
-        )
-    if len(geometry) != 2:
-        raise BadValue("motor_current: geometry must be a pair (positions, values)")
     gamma = np.asarray(geometry[1], float)
     if not (gamma > 0).all():
         at = int(np.argmin(gamma > 0))

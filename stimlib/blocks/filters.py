@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, as_block, below_half, constant
+from ..core.graph import NONE, ONE, Block, as_block, below_half, constant, scratch
 from ..core.maths import TINY, copy, each, fir as fir_sum, flush, fma, series, where
 from ..core.response import backward
 from ..core.units import unit
@@ -554,9 +554,7 @@ class MovingAverage(Fir):
         words = p.taps.size + (2 if n > TAPPED else -1)
         return p, DelayState(np.zeros(words), NONE)
 
-    @staticmethod
-    def work(p):
-        return 128  # a short row and what comes to it, or whole groups of eight
+    work = scratch(128)  # a short row and what comes to it, or whole groups of eight
 
     @staticmethod
     def tile(p, s, x, y, w):  # type: ignore[override]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, Map, as_block, unitless
+from ..core.graph import NONE, ONE, Block, Const, Map, as_block, in_unit, scratch, unitless
 from ..core.maths import (
     chebyshev,
     copy,
@@ -220,9 +220,7 @@ class Springpot(Block):
             return ()
         return (responses.springpot(self.order, self.scheme, self.tol, self.horizon, fs),)
 
-    @staticmethod
-    def work(p):
-        return WORK + 512
+    work = scratch(WORK + 512)
 
     @staticmethod
     def tile(p, s, x, y, w):
@@ -371,10 +369,7 @@ class SpringpotLive(Block):
         check_fields(self)
 
     def units(self, *u):
-        if u[1] != un.ONE:
-            raise UnitError(
-                f"springpot: the order alpha {self.alpha!r} is in {u[1]}, it must be without unit"
-            )
+        in_unit("springpot: alpha", self.alpha, u[1], "")
         return force_unit("springpot", u[0])
 
     def fixed(self, *values):

@@ -10,7 +10,7 @@ from types import FunctionType
 
 import numpy as np
 
-from ..core.graph import NONE, ONE, Block
+from ..core.graph import NONE, ONE, Block, scratch
 from ..core.maths import as_float, bits, copy, fma, modes, pairs, sqrt, unbits, where
 from ..core.program import lead
 from ..core.response import backward
@@ -188,9 +188,7 @@ class White(Block):
     def start(self, p, s, seed):
         return s._replace(key=noise_key(seed, self.seed, self.stream, 0))
 
-    @staticmethod
-    def work(p):
-        return 68
+    work = scratch(68)
 
     @staticmethod
     def tile(p, s, y, w):
@@ -261,9 +259,7 @@ ModesState = namedtuple("ModesState", "q")
 class Modes(Block, abstract=True):
     """A bank of first-order modes, q_k = p_k q_k + x; y = d x + sum_k r_k q_k."""
 
-    @staticmethod
-    def work(p):
-        return 512
+    work = scratch(512)
 
     @staticmethod
     def tile(p, s, x, y, w):

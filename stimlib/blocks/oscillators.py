@@ -10,11 +10,11 @@ from fractions import Fraction
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, as_block, in_unit
+from ..core.graph import NONE, ONE, Block, Const, as_block, in_unit, scratch
 from ..core.maths import as_float, floor, fma, where, words
 from ..core.parameter import Param
 from ..core.program import lead
-from ..errors import BadValue, UnitError, public
+from ..errors import BadValue, public
 from .events import Event
 from .impedance import with_unit
 from .movement import sinpi
@@ -132,9 +132,7 @@ class Carrier(Block):
         after = CarrierState(where(early, s.phase, s.phase + inc), where(early, s.wait - ONE, NONE))
         return where(contact > 0.0, y, 0.0), after
 
-    @staticmethod
-    def work(p):
-        return 128
+    work = scratch(128)
 
     @staticmethod
     def tile(p, s, f, contact, y, w):
@@ -314,8 +312,7 @@ class Oscillator(Block):
             raise BadValue(f"oscillator: duty = {self.duty.value:g} must be above 0 and below 1")
 
     def units(self, *u):
-        if u[1] != un.ONE:
-            raise UnitError(f"oscillator: duty {self.duty!r} [{u[1]}] must have no unit")
+        in_unit("oscillator: duty", self.duty, u[1], "")
         return un.ONE
 
     def design(self, fs):
@@ -451,11 +448,7 @@ class PulseTrain(Event):
         check_freq(self.rated, self.rate)
 
     def units(self, *u):
-        if u[1] != un.ONE:
-            raise UnitError(
-                f"pulse_train: jitter {self.jitter!r} [{u[1]}] must have no unit: it is a part of a"
-                " period"
-            )
+        in_unit("pulse_train: jitter", self.jitter, u[1], "")  # a part of a period
         return un.ONE
 
     def design(self, fs):
@@ -467,9 +460,7 @@ class PulseTrain(Event):
     def step(p, s, rate, jitter):
         return passed(s, increment(p, rate), word(0.5 + jitter))
 
-    @staticmethod
-    def work(p):
-        return 128
+    work = scratch(128)
 
     @staticmethod
     def tile(p, s, rate, jitter, y, w):

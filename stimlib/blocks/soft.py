@@ -6,16 +6,16 @@ import math
 from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from ..core import pointwise
-from ..core.graph import NONE, ONE, Block, Map, as_block, constant, design_value
+from ..core.graph import NONE, ONE, Block, Map, as_block, constant, design_value, in_unit
 from ..core.maths import as_float, floor, sqrt as root, where
 from ..core.pointwise import clip, exp, maximum, minimum
 from ..core.units import unit
-from ..errors import Above0, BadValue, From0, UnitError, one_of, public
+from ..errors import Above0, BadValue, From0, UnitError, public
 from ..system.limits import limits
 from .tables import CubicGrid, GridParams, bicubic, lut2
 
@@ -363,7 +363,9 @@ def above_zero(x):
 
 
 @public
-def deformation(distance: Any, depth: Any, radius: float = 0.005, join: str = "mean") -> Block:
+def deformation(
+    distance: Any, depth: Any, radius: float = 0.005, join: Literal["mean", "deepest"] = "mean"
+) -> Block:
     """Compute the depth of a deformed surface at some distance from indenters.
 
     Four ranges of depth deform different regions.
@@ -421,7 +423,6 @@ def deformation(distance: Any, depth: Any, radius: float = 0.005, join: str = "m
     several = isinstance(distance, Sequence), isinstance(depth, Sequence)
     if several[0] != several[1] or (several[0] and not 1 <= len(distance) == len(depth)):
         raise BadValue("deformation: give as many depths as distances, for at least one indenter")
-    one_of("deformation: join", join, ("mean", "deepest"))
     pairs = zip(distance, depth, strict=True) if several[0] else [(distance, depth)]
     dents = [Dent(as_block(rho), as_block(d), radius) for rho, d in pairs]
     total: Block = dents[0]
@@ -586,7 +587,7 @@ def cursor(
     x: Block | float,
     y: Block | float,
     S: Levels,
-    law: str = "reversible",
+    law: Literal["reversible", "frames"] = "reversible",
     contact: Block | float = 1.0,
     frame: float = FRAME,
     bounds: tuple[float, float] = (0.05, 2.0),
@@ -655,14 +656,7 @@ def cursor(
     signals = as_block(x), as_block(y), as_block(contact)
     if law == "reversible":
         return Cursor(*signals, *as_levels("cursor", S))
-    if law == "frames":
-        if not isinstance(bounds, tuple) or len(bounds) != 2:
-            raise BadValue(
-                f"cursor: bounds = {bounds!r:.100} must be the slowest and the fastest, such as"
-                " (0.05, 2.0)"
-            )
-        return CursorFrames(*signals, *as_levels("cursor", S), frame, *bounds)
-    raise BadValue(f"cursor: law = {law!r}; choose one of reversible, frames")
+    return CursorFrames(*signals, *as_levels("cursor", S), frame, *bounds)
 
 
 # An avatar that lags behind ---------------------------------------------------------
@@ -836,7 +830,7 @@ def delay_avatar(
     x: Block | float,
     y: Block | float,
     force: Block | float,
-    law: str = "streaming",
+    law: Literal["streaming", "frames"] = "streaming",
     contact: Block | float = 1.0,
     per_newton: float = 0.5,
     notice: float = 0.1,
@@ -915,9 +909,7 @@ def delay_avatar(
     signals = as_block(x), as_block(y), as_block(force), as_block(contact)
     if law == "streaming":
         return DelayAvatar(*signals, per_newton, notice, catch_up, most)
-    if law == "frames":
-        return FrameAvatar(*signals, per_newton, notice, frame)
-    raise BadValue(f"delay_avatar: law = {law!r}; choose one of streaming, frames")
+    return FrameAvatar(*signals, per_newton, notice, frame)
 
 
 # Parameters of `Vibration` at a sample rate.
@@ -936,8 +928,7 @@ class Vibration(Block):
     factor: Above0
 
     def units(self, *u):
-        if u[0] != SECOND:
-            raise UnitError(f"vibration takes events in s, the wait of delay_avatar, not [{u[0]}]")
+        in_unit("vibration: wait", self.wait, u[0], "s")  # of delay_avatar
         return u[0] / SECOND
 
     def design(self, fs):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, as_block, unitless
+from ..core.graph import NONE, ONE, Block, Const, as_block, scratch, unitless
 from ..core.maths import as_float, each, floor, fma, pairs, sqrt, where
 from ..core.parameter import Param
 from ..core.pointwise import clip, maximum
@@ -195,9 +195,7 @@ class LinearBump(Bump):
         start, slope = (1.0, 0.0) if self.waveform == "square" else (0.0, 1.0)
         return LinearParams(self.area, start, slope, start + slope / 2), PlaceState(0.0, 1.0)
 
-    @staticmethod
-    def work(p):
-        return 130
+    work = scratch(130)
 
     @staticmethod
     def step(p, s, u, duty):
@@ -302,9 +300,7 @@ class SineBump(Bump):
     def design(self, fs):
         return SineParams(self.area, float(self.waveform == "half_sine")), PlaceState(0.0, 1.0)
 
-    @staticmethod
-    def work(p):
-        return 130
+    work = scratch(130)
 
     @staticmethod
     def step(p, s, u, duty):
@@ -645,9 +641,7 @@ class SpatialNoise(Over):
             1 / float(found.cells[0]), keys, at, np.array(found.power), finer
         ), PlaceState(0.0, 1.0)
 
-    @staticmethod
-    def work(p):
-        return 460
+    work = scratch(460)
 
     @staticmethod
     def tile(p, s, u, y, w):

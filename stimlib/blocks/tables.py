@@ -7,10 +7,11 @@ import warnings
 from collections import namedtuple
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Literal
 
 import numpy as np
 
-from ..core.graph import Block, Const, as_block
+from ..core.graph import Block, Const, as_block, scratch
 from ..core.maths import floor, fma, search, where
 from ..core.units import unit
 from ..errors import BadValue, UnitError, one_of, public
@@ -156,9 +157,7 @@ class Polynomial(Block):
             y = fma(held - p.knots[p.c.size - 1 - i], y, p.c[p.c.size - 1 - i])
         return where(held == x, y, where(p.keep > 0.0, y, where(x == x, p.outside, x))), s
 
-    @staticmethod
-    def work(p):
-        return 64
+    work = scratch(64)
 
     @staticmethod
     def tile(p, s, x, y, w):
@@ -256,7 +255,6 @@ def lut(
 # Two variables ----------------------------------------------------------------------
 # Functions of two places given by a regular grid of points.
 U = np.uint64
-GRID_KINDS = ("linear", "cubic")
 
 
 # Parameters of `Grid` at a sample rate.
@@ -455,7 +453,7 @@ def lut2(
     table,
     spacing,
     origin=0.0,
-    kind: str = "linear",
+    kind: Literal["linear", "cubic"] = "linear",
     unit: str = "",
 ) -> Grid:
     """Compute a function of two positions, and its gradient, from a regular grid.
@@ -525,7 +523,6 @@ def lut2(
     array([[  800.,   741.],
            [    0., 73567.]])
     """
-    one_of("lut2: kind", kind, GRID_KINDS)
     x, y = as_block(x), as_block(y)
     make = {"linear": LinearGrid, "cubic": CubicGrid}[kind]
     return make(x, y, table, plain("spacing", spacing, x, y), plain("origin", origin, x, y), unit)

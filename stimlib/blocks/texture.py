@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.graph import Block, Const
+from ..core.graph import Block, Const, in_unit
 from ..core.maths import TINY, each, floor, flush, fma, sqrt, where
 from ..core.units import unit
 from ..design.texture import TAPS, TextureModel, upsampler
-from ..errors import BadValue, UnitError, public
+from ..errors import BadValue, public
 from .impedance import with_unit
 from .movement import sinpi
 from .noise import white_noise
@@ -180,8 +180,7 @@ class Texture(Block):
         for name, given, wanted in zip(
             ("white", "speed", "force"), u, ("", "m/s", "N"), strict=True
         ):
-            if given != unit(wanted):
-                raise UnitError(f"texture: {name} is [{given}] and must be [{unit(wanted)}]")
+            in_unit(f"texture: {name}", getattr(self, name), given, wanted)
         return unit("m/s^2")
 
     def design(self, fs):
@@ -360,11 +359,6 @@ def texture(
     ... ]  # faster is stronger
     [0.4, 1.1]
     """
-    if not isinstance(model, TextureModel):
-        raise BadValue(
-            f"texture: model = {model!r:.80} is not a TextureModel; load_texture(path) and"
-            " fit_texture return one"
-        )
     white, v, N = white_noise(seed, stream, shared), with_unit(speed, "m/s"), with_unit(force, "N")
     numbers = (
         model.speed,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import Block, Const, as_block, constant, design_value
+from ..core.graph import Block, Const, as_block, constant, design_value, in_unit, scratch
 from ..core.maths import copy, fir, fma, memory, where
 from ..core.pointwise import Where
 from ..core.response import backward
@@ -149,9 +149,7 @@ class MaxwellArms(Block):
     def laws(self, fs):
         return (responses.arms(self.k, self.tau),)
 
-    @staticmethod
-    def work(p):
-        return SCRATCH + 64
+    work = scratch(SCRATCH + 64)
 
     @staticmethod
     def tile(p, s, x, y, w):
@@ -449,9 +447,7 @@ class KelvinChain(Block):
     def laws(self, fs):
         return (responses.chain(self.j0, self.j, self.tau, self.fluidity),)
 
-    @staticmethod
-    def work(p):
-        return SCRATCH + 64
+    work = scratch(SCRATCH + 64)
 
     @staticmethod
     def tile(p, s, x, y, w):
@@ -759,8 +755,7 @@ def compliance(
     True
     """
     f = as_block(f)
-    if f.dim != unit("N"):
-        raise UnitError(f"compliance: the force {f!r} is in [{f.dim}], not in N")
+    in_unit("compliance: f", f, f.dim, "N")
     one_of("compliance: scheme", scheme, soe.SCHEMES)
     alpha = design_value("compliance: alpha", Alpha, alpha)
     chi = as_block(chi)
@@ -871,9 +866,7 @@ class Series(Block):
             ),
         )
 
-    @staticmethod
-    def work(p):
-        return WORK + 512
+    work = scratch(WORK + 512)
 
     @staticmethod
     def tile(p, s, x, y, w):

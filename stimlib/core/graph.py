@@ -426,6 +426,11 @@ def _design_array(where_: str, v: Any) -> np.ndarray:
     return a
 
 
+def scratch(words: int) -> Any:
+    """Return ``work`` of a tile that needs a fixed number of scratch words."""
+    return staticmethod(lambda p: words)
+
+
 def unitless(owner: Block, *u: Unit) -> Unit:
     """Return no unit, as ``units`` of a block whose output has none."""
     return un.ONE
@@ -448,10 +453,9 @@ def same_unit(verb: str, a: Block, b: Block, *u: Unit) -> Unit:
 def in_unit(what: str, b: Block, u: Unit, wanted: str) -> None:
     """Raise UnitError, with the missing factor, unless a signal has a unit."""
     if u != unit(wanted):
-        factor = wanted if u == un.ONE else f"{wanted}/({u})"
-        raise UnitError(
-            f"{what} {b!r} [{u}] must be in {wanted}; multiply it by a constant(.., {factor!r})"
-        )
+        factor = wanted if u == un.ONE else f"{wanted or 1}/({u})"
+        has = f"be in {wanted}" if wanted else "have no unit"
+        raise UnitError(f"{what} {b!r} [{u}] must {has}; multiply it by a constant(.., {factor!r})")
 
 
 def below_half(name: str, fs: float, **edges: float) -> list[float]:

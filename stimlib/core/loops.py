@@ -120,12 +120,6 @@ def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
     # called once, now, with a placeholder: what the function does is recorded as a
     # graph, as all arithmetic on blocks is
     last = Last(start, unit)
-    if not callable(f):
-        raise BadValue(
-            f"loop: {f!r:.80} is not a function; give a function of the last value, such as lambda"
-            " last: 0.9"
-            " * last + x"
-        )
     returned = f(last)
     # one signal comes back as a block, several as a tuple, as the function returned
     # them

@@ -25,7 +25,7 @@ from scipy.ndimage import uniform_filter1d
 from ..core.guard import Guard
 from ..core.scene import Scene
 from ..core.units import ONE, pretty, unit as unit_of
-from ..errors import BadValue, RecordingError, SinkError, UnitError, public
+from ..errors import BadValue, From0, RecordingError, SinkError, UnitError, public
 from ..plate.identify import Sweep
 from ..run.safety import STEPS, Inverse, Safety, inverted
 from ..system import fields, safe_files
@@ -446,7 +446,7 @@ def calibrate(
     band: tuple[float, float],
     *,
     resolution: float = 2.0,
-    sensor: float = 0.0,
+    sensor: From0 = 0.0,
     on: str | None = None,
     parts: Mapping[str, str] | None = None,
 ) -> Calibration:
@@ -512,8 +512,6 @@ def calibrate(
     if takes < 3:
         raise BadValue(f"calibrate: {takes} takes: three or more show how far they are apart")
     low, high = band
-    if not sensor >= 0:
-        raise BadValue(f"calibrate: sensor = {sensor:g} is a relative uncertainty, 0 or above")
     inside = 0 < low and low + 2 * resolution <= high <= sweep.fs / 2
     if not (inside and resolution * n >= 3 * sweep.fs):
         raise BadValue(

@@ -25,7 +25,7 @@ from ..core.graph import Input
 from ..core.program import warn_beyond
 from ..core.scene import Scene
 from ..core.units import pretty
-from ..errors import BadValue, FaultError, SinkError, outside, public, shown
+from ..errors import BadValue, Count, FaultError, SinkError, outside, public, shown
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from ..run.driver import rows_of, walk
 from ..run.processor import Processor
@@ -70,7 +70,7 @@ def write(
     subtype: str | None = None,
     full_scale: float | str | Mapping[str, float] | None = None,
     dither: int | None = None,
-    block: int = 8192,
+    block: Count = 8192,
     progress: bool | str = True,
     overwrite: bool = True,
 ) -> FileReport:
@@ -172,8 +172,6 @@ def write(
     >>> y.shape, sidecar["channels"][0]["unit"]
     ((1, 8000), 'N')
     """
-    if isinstance(block, bool) or not isinstance(block, int | np.integer) or block < 1:
-        raise BadValue(f"block must be a whole number of samples above 0, got {block!r}")
     frames = frames_of(seconds, proc.fs)
 
     def blocks(sources: dict[str, Any], most: int) -> Iterator[Array]:

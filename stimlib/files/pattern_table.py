@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
 from ..blocks import at, oscillator, ring, timeline
 from ..core.graph import Block, constant
-from ..errors import BadValue, public
+from ..errors import Above0, BadValue, public
 
 Point = tuple[float, float]
 Tap = tuple[float, float, float]  # a transient: s, amplitude, Hz
@@ -89,18 +88,14 @@ class PatternDevice:
     155.0
     """
 
-    full_scale: float | None = None
+    full_scale: Above0 | None = None
     unit: str = ""
-    f_lo: float = 65.0
-    f_hi: float = 300.0
-    decay: float = 0.0073
-    power: float = 1.0
+    f_lo: Above0 = 65.0
+    f_hi: Above0 = 300.0
+    decay: Above0 = 0.0073
+    power: Above0 = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("full_scale", "f_lo", "f_hi", "decay", "power"):
-            value = getattr(self, name)
-            if not (value is None or (math.isfinite(value) and value > 0)):
-                raise BadValue(f"{name} = {value!r} must be finite and above 0; give such a number")
         if self.f_lo >= self.f_hi:
             raise BadValue(
                 f"f_lo = {self.f_lo:g} Hz is not below f_hi = {self.f_hi:g} Hz; swap them"

@@ -9,20 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, one_of, public
+from ..blocks.fractional import Alpha
+from ..errors import Above0, BadValue, Count, From0, public
 
-ONSETS = ("steady", "step")
+Onset = Literal["steady", "step"]
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
 
 
 # The exact answers --------------------------------------------------------------------
 @public
 def springpot_force(
-    t: ArrayLike, y: ArrayLike, chi: float, alpha: float, *, onset: str = "steady"
+    t: ArrayLike, y: ArrayLike, chi: From0, alpha: Alpha, *, onset: Onset = "steady"
 ) -> np.ndarray:
     """Return the force chi D^alpha y of a springpot at the times t.
 
@@ -69,7 +71,6 @@ def springpot_force(
     array([ 0.      ,  7.978846,  9.440697, 22.567583])
     """
     t, y = signals_at(t, y)
-    check_material(chi, alpha, onset)
     out = np.empty(t.size)
     for some in np.array_split(np.arange(t.size), max(1, t.size * t.size // 2_000_000)):
         out[some] = Pairs(t, y, some, onset)(alpha)[0]
@@ -81,9 +82,9 @@ def maxwell_force(
     t: ArrayLike,
     y: ArrayLike,
     k0: float,
-    arms: Sequence[tuple[float, float]],
+    arms: Sequence[tuple[float, Above0]],
     *,
-    onset: str = "steady",
+    onset: Onset = "steady",
 ) -> np.ndarray:
     """Return the force of a spring with parallel Maxwell arms at the times t.
 
@@ -122,13 +123,9 @@ def maxwell_force(
     array([0.    , 1.5   , 1.1839, 1.    ])
     """
     t, y = signals_at(t, y)
-    check_material(0.0, 0.0, onset)
-    arms = [(float(k), float(tau)) for k, tau in arms]
-    if not all(math.isfinite(k) and math.isfinite(tau) and tau > 0 for k, tau in arms):
-        raise BadValue(
-            f"maxwell_force: arms {arms} must have finite stiffnesses and time constants above 0"
-        )
-    k, tau = np.array([a[0] for a in arms]), np.array([a[1] for a in arms])
+    k, tau = np.array([*arms], float).reshape(-1, 2).T
+    if not np.isfinite(k).all():
+        raise BadValue(f"maxwell_force: arms {arms} must have finite stiffnesses")
     return k0 * y + arm_forces(t, y, tau, onset)[0] @ k
 
 
@@ -194,11 +191,11 @@ def mittag_leffler(x: ArrayLike, alpha: float, beta: float = 1.0) -> np.ndarray:
 def springpot_series_force(
     t: ArrayLike,
     y: ArrayLike,
-    chi: float,
+    chi: Above0,
     alpha: float,
     *,
-    k: float | None = None,
-    b: float | None = None,
+    k: Above0 | None = None,
+    b: Above0 | None = None,
 ) -> np.ndarray:
     """Return the force of a springpot in series with a spring or a dashpot at times t.
 
@@ -245,12 +242,8 @@ def springpot_series_force(
     other = b if k is None else k
     if other is None or (k is not None and b is not None):
         raise BadValue("springpot_series_force: give either k (a spring) or b (a dashpot)")
-    check_material(chi, alpha, "steady")
-    if not (chi > 0 and 0 < alpha < 1 and 0 < other < math.inf):
-        raise BadValue(
-            f"springpot_series_force: chi = {chi}, alpha = {alpha}, k or b = {other}; chi and k or"
-            " b must be above 0, alpha above 0 and below 1"
-        )
+    if not 0 < alpha < 1:
+        raise BadValue(f"springpot_series_force: alpha = {alpha} must be above 0 and below 1")
     order, beta, scale, ratio = (
         (1 - alpha, 2 - alpha, chi, chi / other) if k is None else (alpha, 2.0, other, other / chi)
     )
@@ -363,18 +356,9 @@ def signals_at(t, *signals) -> list[np.ndarray]:
     return out
 
 
-def check_material(chi: float, alpha: float, onset: str) -> None:
-    """Raise BadValue unless the numbers of a material are valid."""
-    if not (math.isfinite(chi) and chi >= 0):
-        raise BadValue(f"springpot: chi = {chi} must not be below 0")
-    if not 0 <= alpha <= 1:
-        raise BadValue(f"springpot: alpha = {alpha} must be from 0 (spring) to 1 (dashpot)")
-    one_of("onset", onset, ONSETS)
-
-
 @public
 def thin(
-    t: ArrayLike, *signals: ArrayLike, start: float, per_decade: int = 40, before: int = 200
+    t: ArrayLike, *signals: ArrayLike, start: float, per_decade: Count = 40, before: Count = 200
 ) -> list[np.ndarray]:
     """Average samples into time bins, which are logarithmic after a start time.
 
@@ -422,8 +406,6 @@ def thin(
     t = rows[0]
     if not t[0] <= start < t[-1]:
         raise BadValue(f"thin: start = {start:g} s must be within t, {t[0]:g} to {t[-1]:g} s")
-    if per_decade < 1 or before < 1:
-        raise BadValue(f"thin: per_decade = {per_decade} and before = {before} must be at least 1")
     early = int(np.sum(t <= start))
     bins = np.empty(t.size, np.int64)
     bins[:early] = np.arange(early) * min(before, early) // max(early, 1)

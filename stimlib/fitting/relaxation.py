@@ -15,13 +15,13 @@ import scipy
 from numpy.typing import ArrayLike
 
 from ..core.graph import Block
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, Count, SinkError, public
 from ..system.packages import package
 from .closed_form import (
     PAIRS,
+    Onset,
     Pairs,
     arm_forces,
-    check_material,
     maxwell_force,
     signals_at,
     springpot_force,
@@ -58,7 +58,7 @@ class MaterialFit:
     f: np.ndarray
     fitted: np.ndarray
     used: np.ndarray
-    onset: str = field(default="steady")
+    onset: Onset = field(default="steady")
 
     @property
     def residual(self) -> np.ndarray:
@@ -214,7 +214,13 @@ class MaxwellFit(MaterialFit):
 
 @public
 def fit_springpot(
-    t: ArrayLike, y: ArrayLike, f: ArrayLike, *, where=None, sigma="relative", onset: str = "steady"
+    t: ArrayLike,
+    y: ArrayLike,
+    f: ArrayLike,
+    *,
+    where=None,
+    sigma="relative",
+    onset: Onset = "steady",
 ) -> SpringpotFit:
     """Fit the order and coefficient of a springpot to a recorded motion and force.
 
@@ -267,7 +273,6 @@ def fit_springpot(
     0.72 % rms of 43 samples)
     """
     t, y, f = signals_at(t, y, f)
-    check_material(0.0, 0.0, onset)
     used, weight = _use(t, y, f, where, sigma, onset, 3)
     if used.sum() * t.size > PAIRS:
         raise BadValue(
@@ -330,11 +335,11 @@ def fit_generalized_maxwell(
     y: ArrayLike,
     f: ArrayLike,
     *,
-    arms: int,
+    arms: Count,
     spring: bool = True,
     where=None,
     sigma="relative",
-    onset: str = "steady",
+    onset: Onset = "steady",
 ) -> MaxwellFit:
     """Fit a generalized Maxwell model to a recorded motion and force.
 
@@ -384,11 +389,6 @@ def fit_generalized_maxwell(
     (100.0, [(50.0, 0.1), (30.0, 5.0)])
     """
     t, y, f = signals_at(t, y, f)
-    check_material(0.0, 0.0, onset)
-    if not isinstance(arms, (int, np.integer)) or isinstance(arms, bool) or arms < 1:
-        raise BadValue(
-            f"fit_generalized_maxwell: arms = {arms!r} must be a whole number of at least 1"
-        )
     n = int(spring)
     used, weight = _use(t, y, f, where, sigma, onset, 2 * arms + n + 1)
     target, elastic = f[used] * weight, (y[used] * weight)[:, None][:, :n]

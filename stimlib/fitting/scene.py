@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.scene import Scene
-from ..errors import BadValue, UnknownName, public
+from ..errors import Above0, BadValue, Count, need, public
 from ..motion.source import frames_of, positions, sources_of
 from ..run.processor import compile
 from ..system.packages import package
@@ -58,12 +58,9 @@ def _ranges(params: Any, known: Mapping[str, float]) -> dict[str, Range]:
             'fit: params must map names to starts, such as {"k": 100.0, "alpha": (0.5, 0, 1)};'
             f" got {params!r}"
         )
+    need("fit", params, known, "parameter")
     out = {}
     for name, given in params.items():
-        if name not in known:
-            raise UnknownName(
-                f"fit: no parameter {name!r}; this scene has {', '.join(known) or 'none'}"
-            )
         try:
             start, low, high = (
                 float(v)
@@ -121,14 +118,7 @@ def welch(x: Any, fs: float, segment: int) -> Any:
     >>> bool(np.allclose(ours, signal.welch(x, 1000.0, nperseg=256)[1], rtol=1e-12))
     True
     """
-    jnp = package("jax.numpy", "welch")
-    half = segment // 2
-    tiles = x[: x.shape[0] // half * half].reshape(-1, half)
-    parts = jnp.concatenate([tiles[:-1], tiles[1:]], axis=1)
-    taper = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(segment) / segment)
-    X = jnp.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * taper)
-    sides = np.r_[1.0, np.full(half - 1, 2.0), 1.0]
-    return (X.real**2 + X.imag**2).mean(axis=0) * sides / (fs * np.sum(taper**2))
+    return package("jax.scipy.signal", "welch").welch(x, fs, nperseg=segment)[1]
 
 
 class View(NamedTuple):
@@ -367,8 +357,8 @@ def fit(
     band: tuple[float, float] | None = None,
     seed: int = 0,
     surrogate: float | None = None,
-    steps: int = 200,
-    tol: float = 1e-8,
+    steps: Count = 200,
+    tol: Above0 = 1e-8,
     optimiser: Any = None,
     progress: bool = False,
 ) -> Fit:
@@ -460,7 +450,7 @@ def fit(
     """
     jax, jnp, optax = (package(name, "fit") for name in ("jax", "jax.numpy", "optax"))
 
-    _check_search(loss, steps, tol, weight, band)
+    _check_search(loss, weight, band)
     opt = optax.lbfgs() if optimiser is None else optimiser
     if not isinstance(opt, optax.GradientTransformation):
         raise BadValue(
@@ -587,17 +577,13 @@ def _searched(
     return best, history, converged
 
 
-def _check_search(loss: Any, steps: Any, tol: Any, weight: Any, band: Any) -> None:
+def _check_search(loss: Any, weight: Any, band: Any) -> None:
     """Check the options of a search; raise BadValue if they do not fit together."""
     if not (callable(loss) or loss in LOSSES):
         raise BadValue(
             f"fit: loss = {loss!r}: choose one of {', '.join(LOSSES)}, or a function of (signals,"
             " target)"
         )
-    if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 1:
-        raise BadValue(f"fit: steps = {steps!r} must be a whole number of at least 1")
-    if not (isinstance(tol, (int, float)) and tol > 0):
-        raise BadValue(f"fit: tol = {tol!r} must be above 0")
     for name, given, only in (("weight", weight, "force"), ("band", band, "log_psd")):
         if given is not None and loss != only:
             raise BadValue(f"fit: {name} belongs to loss={only!r}")
@@ -605,11 +591,7 @@ def _check_search(loss: Any, steps: Any, tol: Any, weight: Any, band: Any) -> No
 
 def _targets(target: Any, outputs: tuple[str, ...]) -> dict[str, Any]:
     if isinstance(target, Mapping):
-        for name in target:
-            if name not in outputs:
-                raise UnknownName(
-                    f"fit: target: no output {name!r}; this scene has {', '.join(outputs)}"
-                )
+        need("fit: target", target, outputs, "output")
         if not target:
             raise BadValue("fit: the target has no output")
         return dict(target)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, RecordingError, one_of, public
+from ..errors import BadValue, RecordingError, public
 from ..motion.reports import column_of
 from ..motion.table import read_table
 
@@ -169,7 +169,7 @@ def identify(
     response: ArrayLike,
     fs: float,
     band: tuple[float, float] | None = None,
-    quantity: str = "displacement",
+    quantity: Literal["displacement", "velocity", "acceleration"] = "displacement",
 ) -> Resonance:
     """Identify a resonance from a recorded sweep, at one point or at many.
 
@@ -247,7 +247,6 @@ def identify(
             f"identify: fs = {fs!r} must be above 0 Hz, and band = {band!r} two frequencies in Hz,"
             " the lower one first"
         )
-    one_of("identify: quantity", quantity, QUANTITIES)
     check_taken(u, y)
     # a bias of the drive, an offset of the sensor
     u, y = (v - v.mean(axis=1, keepdims=True) for v in (u, y))

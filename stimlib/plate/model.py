@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import Above0, BadValue, From0, one_of, public
 from ..system.linear_algebra import one_thread
 from ..system.packages import package
-from .patch import Patch
+from .patch import Host, Patch
 from .ritz import HELD, Axis, bending
 
 TERMS = 12  # functions of each axis
@@ -233,13 +233,14 @@ class Plate:
             m.flags.writeable = False  # all who ask share them
         return found
 
-    def _system(self) -> tuple[np.ndarray, np.ndarray]:
+    def _system(self, v: Mapping[str, Any], host: Host) -> tuple[Any, Any]:
+        """Return stiffness and mass with the numbers v, patches glued onto a host."""
         m = self.matrices
-        K = self.stiffness * m["bending"] + self.in_plane_load * m["load"]
+        K = host.stiffness * m["bending"] + v["in_plane_load"] * m["load"]
         for p, one in zip(self.patches, m["patches"], strict=True):
-            K += p.laminate(self)[1] * one
-        K = K + (self.clamp_stiffness or 0.0) * m["springs"]
-        return K, self.rho * self.thickness * np.eye(len(K)) + m["mass"]
+            K = K + p.laminate(host)[1] * one
+        K = K + (0.0 if v["clamp_stiffness"] is None else v["clamp_stiffness"]) * m["springs"]
+        return K, v["rho"] * self.thickness * np.eye(len(K)) + m["mass"]
 
     @cached_property
     def _solved(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
@@ -262,7 +263,7 @@ class Plate:
         found = self._solved.get(size)
         if found is None:
             with one_thread():
-                K, M = self._system()
+                K, M = self._system(vars(self), self)
                 half = 1 / math.sqrt(M[0, 0])  # a bare plate's M is this number, twice, times 1
                 if self.patches:
                     w2, v = eigh(K, M, subset_by_index=[0, size - 1])
@@ -465,7 +466,6 @@ class Plate:
             "clamp_stiffness": self.clamp_stiffness,
             "in_plane_load": self.in_plane_load,
         }
-        m = self.matrices
 
         def f(numbers: dict[str, Any]) -> Any:
             jnp = package("jax.numpy", "Plate.frequencies")
@@ -480,13 +480,9 @@ class Plate:
                 )
             v = known | numbers
             D = v["E"] * (self.stiffness / self.E)
-            K = D * m["bending"] + v["in_plane_load"] * m["load"]
             host: Any = SimpleNamespace(E=v["E"], nu=self.nu, thickness=self.thickness, stiffness=D)
-            for p, one in zip(self.patches, m["patches"], strict=True):
-                K = K + p.laminate(host)[1] * one
-            K = K + (0.0 if v["clamp_stiffness"] is None else v["clamp_stiffness"]) * m["springs"]
-            half = jnp.linalg.cholesky(v["rho"] * self.thickness * jnp.eye(len(K)) + m["mass"])
-            half = jnp.linalg.inv(half)
+            K, M = self._system(v, host)
+            half = jnp.linalg.inv(jnp.linalg.cholesky(M))
             return jnp.sqrt(jnp.linalg.eigvalsh(half @ K @ half.T)[:n]) / (2 * math.pi)
 
         return f

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -20,7 +21,12 @@ Fit = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @public
-def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: str = "fit") -> Fit:
+def mode_fit(
+    model: Plate,
+    origin: float = 0.0,
+    y: float | None = None,
+    clamp: Literal["fit", "known"] = "fit",
+) -> Fit:
     """Fit the shape of the lowest mode to measured displacements.
 
     It is made for ``equalize(x, measured, kind=mode_fit(plate))``.
@@ -71,7 +77,7 @@ def mode_fit(model: Plate, origin: float = 0.0, y: float | None = None, clamp: s
     unit('V')
     """
     y = model.width / 2 if y is None else y
-    _check_line(model, y, clamp)
+    _check_line(model, y)
     fitted = clamp == "fit" and "C" in (model.edges[0], model.edges[2])
     bare = replace(model, patches=(), terms=None)
     kinds = [bare]
@@ -155,10 +161,8 @@ class _ModeFit:
             )
 
 
-def _check_line(model: Plate, y: float, clamp: str) -> None:
+def _check_line(model: Plate, y: float) -> None:
     """Raise BadValue for a line beside the plate, or one on which nothing moves."""
-    if clamp not in ("fit", "known"):
-        raise BadValue(f"mode_fit: clamp = {clamp!r}; choose fit or known")
     if not 0 <= y <= model.width:
         raise BadValue(
             f"mode_fit: y = {y!r} m is outside the plate, which is {model.width:g} m wide"

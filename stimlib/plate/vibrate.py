@@ -11,10 +11,9 @@ from numpy.polynomial import legendre
 
 from ..blocks.impedance import with_unit
 from ..blocks.resonance import mode, mode_shape, svf
-from ..core.graph import Block, Const, constant
+from ..core.graph import Block, Const, constant, in_unit
 from ..core.pointwise import sqrt
-from ..core.units import unit
-from ..errors import BadValue, From0, UnitError, public
+from ..errors import BadValue, From0, public
 from .model import Plate
 
 LOOKED_AT = 16  # modes among which the driven ones are found
@@ -155,8 +154,7 @@ def plate(
     array([0.78])
     """
     V = with_unit(voltage, "V")
-    if V.dim != unit("V"):
-        raise UnitError(f"plate: voltage {V!r} [{V.dim}] must be in V")
+    in_unit("plate: voltage", V, V.dim, "V")
     x, y = with_unit(x, "m"), with_unit(y, "m")
     chosen, force = driven(model, modes, weights)
     w2 = model.solved(LOOKED_AT)[0]

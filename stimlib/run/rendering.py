@@ -15,7 +15,7 @@ import numpy as np
 from ..above import above
 from ..core.program import Program, program_of, rate, warn_beyond
 from ..core.scene import Scene
-from ..errors import BadValue, FaultError, need, one_of, outside, public
+from ..errors import BadValue, Count, FaultError, need, outside, public
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from ..system.limits import limits
 from ..system.packages import package
@@ -25,7 +25,6 @@ from .processor import Processor
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FAULTS = ("warn", "raise", "ignore")
 MOST_LEFT = 8
 LARGEST_LEFT = 2**16  # words of a state: a processor also has those of its last seeds
 _LEFT: dict[Any, tuple[Any, Any, Any]] = {}  # by scene, rate and target; see _leave
@@ -47,7 +46,7 @@ def stream(
     seed: int = 0,
     target: str = "llvm",
     on_fault: Literal["warn", "raise", "ignore"] = "warn",
-    block: int = 8192,
+    block: Count = 8192,
 ) -> Iterator[np.ndarray]:
     """Drive a scene with a motion, block after block, in constant memory.
 
@@ -100,8 +99,6 @@ def stream(
             "stream: a Processor has its own fs, params and seed: give a Scene with them, or the"
             " Processor without"
         )
-    if block < 1:
-        raise BadValue(f"stream: block = {block} must be at least 1 sample")
     frames, sources = _plan(proc, motion, seconds)
     warn_beyond(proc.program, proc.fs, frames)
     warn_fast(sources, proc.scene, frames / proc.fs, proc.fs)
@@ -123,7 +120,6 @@ def _driven(
     on_fault: str,
 ) -> Processor:
     """Return a processor at sample 0, with its parameters set."""
-    one_of("on_fault", on_fault, FAULTS)
     _, proc, code = _LEFT.pop((id(scene), rate(fs), repr(target)), (None, None, None))
     if proc is None or proc.program is not program_of(scene) or code != _code(proc.program):
         # which says what is wrong with fs

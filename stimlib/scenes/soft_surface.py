@@ -115,18 +115,17 @@ def soft_surface(
         else Param("push", push, "N") * (touching > 0.0)
     )
 
-    law = "frames" if frames else None
     places: list[tuple[Block, Block]] = [(x, y)]
     outputs: dict[str, Block] = {}
     if device == "pen" and mode in ("cursor", "combined", "vibration"):
         f_t = constant(tangent, "N") * stiffness_map(x, y, S)
-        avatar = delay_avatar(x, y, f_t, law or "streaming", touching)
+        avatar = delay_avatar(x, y, f_t, "frames" if frames else "streaming", touching)
         if mode == "vibration":
             outputs["vibration"] = vibration(avatar.wait)
         else:
             places = [(avatar.x, avatar.y)]
     elif mode in ("cursor", "combined"):
-        avatar = cursor(x, y, S, law or "reversible", touching)
+        avatar = cursor(x, y, S, "frames" if frames else "reversible", touching)
         places = [(avatar.x, avatar.y)]
     elif mode == "multipoint":
         places = triangle(x, y, side)

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +37,11 @@ a picture for less than two.
 SKIN = np.array([0.95, 0.84, 0.76])
 LIGHT = np.array([-0.5, -0.5, 0.7071])  # from the left and from before, 45 degrees high
 
+Join = Literal["mean", "deepest"]
+
 
 @cache
-def _dents(count: int, radius: float, join: str) -> Processor:
+def _dents(count: int, radius: float, join: Join) -> Processor:
     """Return a processor that computes the depth of the surface at given distances."""
     rho, depth = ([Input(f"{name}{i}", "m") for i in range(count)] for name in ("rho", "depth"))
     return compile(Scene({"down": deformation(rho, depth, radius, join)}), fs=1)
@@ -52,7 +54,7 @@ def surface(
     height: float = BLOCK,
     radius: float = RADIUS,
     spacing: float | None = None,
-    join: str = "mean",
+    join: Join = "mean",
 ) -> NDArray[np.float64]:
     """Return the heights of a soft surface under indenters, at the nodes of a grid.
 
@@ -128,7 +130,7 @@ def _indenters(result: Rendering, k: int) -> list[tuple[float, float, float]]:
 
 
 def _draw(
-    axes: Any, indenters: list, width: float, height: float, radius: float, join: str
+    axes: Any, indenters: list, width: float, height: float, radius: float, join: Join
 ) -> None:
     """Draw the shaded surface and a ball for each avatar, with lengths in mm.
 
@@ -190,7 +192,7 @@ def picture(
     width: float = BLOCK,
     height: float = BLOCK,
     radius: float = RADIUS,
-    join: str = "mean",
+    join: Join = "mean",
 ) -> Figure:
     """Draw the surface and its avatars at one time of a rendering.
 
@@ -263,7 +265,7 @@ def film(
     width: float = BLOCK,
     height: float = BLOCK,
     radius: float = RADIUS,
-    join: str = "mean",
+    join: Join = "mean",
     progress_bar: bool = True,
 ) -> int:
     """Draw pictures in sequence, as a GIF or as PNG files in a folder.

@@ -118,9 +118,7 @@ def measure(
     >>> measured(run, [lowest, onset])
     {'lowest': 0.0, 'first': 0.002, 'largest': 2.0}
     """
-    if not isinstance(version, str | None):
-        raise BadValue(f'measure: version = {version!r:.80} must be a text, such as version="1"')
-    if (unit_ is None) == (not figures) or not isinstance(unit_, str | None):
+    if (unit_ is None) == (not figures):
         raise BadValue(
             'measure: give the unit of the figure, measure("N"), or several by name,'
             ' measure(onset="s", slope="N/s")'

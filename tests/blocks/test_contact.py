@@ -435,7 +435,7 @@ OF_FRICTION = {
     "normal = -2": dict(normal=Param("N", -2.0, "N")),
     "mu = -0.1": dict(mu=-0.1),
     "stiffness = 0": dict(stiffness=0.0),
-    "choose one of": dict(law="karnopp"),
+    "law = .* must be one of": dict(law="karnopp"),
     "elastic = 1": dict(elastic=1.0),
     "elastic = -0.1": dict(elastic=-0.1),
     "at least mu": dict(static=0.5),
@@ -483,7 +483,7 @@ REFUSED = {  # a place and a remedy: what is made
     "rise": lambda: motor_current(FORCE, X, 10.0, ([0.0, 0.0], [0.5, 0.5])),
     "one length": lambda: motor_current(FORCE, X, 10.0, ([0.0, 1.0, 2.0], [0.5, 0.5])),
     "geometry = .* a tuple": lambda: motor_current(FORCE, X, 10.0, ([0.0, 1.0],)),
-    "pchip or linear": lambda: motor_current(FORCE, X, 10.0, kind="cubic"),
+    "one of pchip, linear": lambda: motor_current(FORCE, X, 10.0, kind="cubic"),
     "gap = .* above 0": lambda: squeeze_film(1.0, 1e-6, gap=0.0),
     "area = .* above 0": lambda: squeeze_film(1.0, 1e-6, area=-1.0),
     "pressure = .* above 0": lambda: squeeze_film(1.0, 1e-6, pressure=0.0),
@@ -510,8 +510,8 @@ UNITS = {
     r"b must be \[N·s/m\]": lambda: wall(X, 1.0, b=constant(1.0, "N")),
     r"at \[m\], not \[s\]": lambda: wall(X, 1.0, at=constant(1.0, "s")),
     r"hunt_crossley \[s/m\]": lambda: wall(X, 1.0, hunt_crossley=constant(1.0, "s")),
-    "squeeze_film: amplitude .* not in": lambda: squeeze_film(1.0, Input("a", "V")),
-    "squeeze_film: normal .* not in": lambda: squeeze_film(X, 1e-6),
+    "squeeze_film: amplitude .* must be in m": lambda: squeeze_film(1.0, Input("a", "V")),
+    "squeeze_film: normal .* must be in N": lambda: squeeze_film(X, 1e-6),
 }
 
 

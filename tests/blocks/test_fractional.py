@@ -403,7 +403,7 @@ REFUSED = [
     (lambda: springpot(Y, 1.0, 0.5, tol=Param("tol", 1e-9)), "design number"),
     (lambda: springpot(Input("f", "N"), 1.0, 0.5), "not in m", UnitError),
     (lambda: springpot(Y, Param("chi", 1.0, "N/m"), 0.5), "plain number", UnitError),
-    (lambda: springpot(Y, 1.0, Input("s", "m")), "without unit", UnitError),
+    (lambda: springpot(Y, 1.0, Input("s", "m")), "must have no unit", UnitError),
     (springpot(Y, 1.0, 0.5, scheme="gl-downsampled"), "horizon"),
     (lambda: springpot_stiffness(1.0, 1.5, 1.0), "alpha"),
     (lambda: springpot_stiffness(-1.0, 0.5, 1.0), "chi"),

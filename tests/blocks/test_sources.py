@@ -212,7 +212,7 @@ REFUSED = [
         r"Param\('f', 10.0, 'Hz'\); oscillator\(freq\) has a freq",
     ),
     (lambda: b.oscillator(100, "square", Input("d", "m")), "duty .* must have no unit", UnitError),
-    (lambda: b.pulse_train(10, Input("j", "s")), "jitter .* part of a period", UnitError),
+    (lambda: b.pulse_train(10, Input("j", "s")), "jitter .* must have no unit", UnitError),
     (lambda: b.chirp(10, 20, 1, "cubic"), "kind = 'cubic'; choose .*linear, exponential"),
     (lambda: b.chirp(0, 20, 1), "chirp: f0 = 0.0 .*above 0"),
     (lambda: b.at("noon"), "at: times must be numbers"),

@@ -142,7 +142,7 @@ REFUSED = [
             (dict(spacing=(1.0, 1.0, 1.0)), "spacing must be a number, or two"),
             (dict(spacing=Param("d", 1.0)), "number"),
             (dict(origin=np.inf), "not finite"),
-            (dict(kind="quintic"), "choose one of linear, cubic"),
+            (dict(kind="quintic"), "must be one of linear, cubic"),
         ]
     ),
 ]

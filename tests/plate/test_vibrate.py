@@ -152,7 +152,7 @@ def test_knots_that_are_too_few_or_another_shape_are_told(soft):
             lambda: mode_fit(replace(model, edges="CCCC", clamp_stiffness=None), y=0.0),
             "nothing moves",
         ),
-        (lambda: mode_fit(model, clamp="free"), "fit or known"),
+        (lambda: mode_fit(model, clamp="free"), "one of fit, known"),
         (lambda: mode_fit(model, y=1.0), "outside the plate"),
     ):
         with pytest.raises(BadValue, match=match):
