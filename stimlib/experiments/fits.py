@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -135,6 +135,8 @@ class Fit:
         Of the levels, as it was given.
     data : tuple of (float, int, int)
         Each level, how many said yes, how many were asked.
+    method : tuple
+        How it was fitted, for `level_interval`.
     """
 
     pse: float
@@ -159,6 +161,7 @@ class Fit:
     comparison: bool = True
     unit: str = ""
     data: tuple[tuple[float, int, int], ...] = ()
+    method: tuple[Model, float, _How] | None = field(default=None, repr=False, compare=False)
 
     @property
     def name(self) -> str:
@@ -259,10 +262,48 @@ class Fit:
         >>> round(float(fit.level(0.75)), 3) == round(fit.pse, 3)
         True
         """
-        part = (numbers("fit: p", p) - self.guess) / (1 - self.guess - self.lapse)
-        part = np.where((part > 0) & (part < 1), part, np.nan)
-        axis = self._axis(self.pse) + self.sigma * curve(self.link).inverse(part)
+        axis = self._axis(self.pse) + self.sigma * curve(self.link).inverse(self._part(p))
         return _power(axis) if self.log else axis
+
+    def level_interval(self, p: float) -> Interval:
+        """Return the interval of the level where the probability of yes is p.
+
+        It is found as those of the PSE and sigma were, by profile or bootstrap; rates
+        that were fitted are taken as known where p is turned into a part of the curve.
+        At the middle of the curve it is ``pse_interval``.
+
+        Parameters
+        ----------
+        p : float
+            As for `level`; where that is nan, so are the ends.
+
+        Returns
+        -------
+        (float, float)
+            In the unit of the levels; ends may be infinite.
+
+        Examples
+        --------
+        >>> from stimlib.experiments import psychometric
+        >>> yes, asked = [1, 4, 9, 17, 19], [20] * 5
+        >>> fit = psychometric([1.0, 1.5, 2.0, 2.5, 3.0], yes, asked)
+        >>> low, high = fit.level_interval(0.75)
+        >>> print(f"{fit.level(0.75):.2f} [{low:.2f}, {high:.2f}]")
+        2.39 [2.19, 2.65]
+        """
+        part = float(self._part(p))
+        if self.method is None or not math.isfinite(self.pse + part):
+            return math.nan, math.nan
+        model, fall, how = self.method
+        at, yes, asked = np.array(self.data).T[:, None]
+        sets = Sets(np.log10(at) if self.log else at, yes, asked)
+        low, high = _around(sets, model, np.array([fall]), how, part)[0, :, 0].tolist()
+        return (float(_power(low)), float(_power(high))) if self.log else (low, high)
+
+    def _part(self, p: ArrayLike) -> Array:
+        """Return the part of the way from the guess rate up at which the curve is p."""
+        part = (numbers("fit: p", p) - self.guess) / (1 - self.guess - self.lapse)
+        return np.where((part > 0) & (part < 1), part, np.nan)
 
     def advice(self) -> list[str]:
         """Return the problems of the fit, and what to do about them."""
@@ -372,6 +413,7 @@ def psychometric(
     confidence: float = 0.95,
     seed: int = 0,
     unit: str = "",
+    pse: float | None = None,
 ) -> Fit:
     """Fit a psychometric function by maximum likelihood.
 
@@ -418,6 +460,12 @@ def psychometric(
         Of the bootstrap.
     unit : str
         Of the levels, for texts and pictures.
+    pse : float, optional
+        Where the middle of the curve is known, such as the standard of two intervals
+        that differ in the level alone: where the difference is 0, half of all answers
+        are "more", and only sigma is fitted.  Of a level that is itself a difference it
+        is 0, and the curve starts at a chance level of 1/2 there.  By default it is
+        fitted.
 
     Returns
     -------
@@ -429,7 +477,8 @@ def psychometric(
     ------
     BadValue
         Shapes that differ, numbers that are not finite, answers that are no counts,
-        parameters outside their range; a table of tasks with different chance levels.
+        parameters outside their range; a table of tasks with different chance levels;
+        ``pse`` with a chance level other than 1/2.
     UnknownName
         A table without ``level`` or ``outcome``.
 
@@ -488,6 +537,7 @@ def psychometric(
         confidence=confidence,
         seed=seed,
         unit=unit,
+        pse=pse,
     )[""]
 
 
@@ -504,6 +554,7 @@ def psychometrics(
     confidence: float = 0.95,
     seed: int = 0,
     unit: str = "",
+    pse: float | None = None,
 ) -> dict[Key, Fit]:
     """Fit many psychometric functions at once, in a fraction of the time.
 
@@ -513,7 +564,7 @@ def psychometrics(
     ----------
     data : dict of key to (levels, yes), (levels, yes, trials) or a table of answers
         Of each participant and condition, say; each as `psychometric` takes it.
-    link, log, dispersion, interval, confidence, seed, unit
+    link, log, dispersion, interval, confidence, seed, unit, pse
         As `psychometric`.
     guess, lapse : float or {"free", "shared"}
         As `psychometric`; "shared" fits one rate to all sets of this call, which their
@@ -549,6 +600,7 @@ def psychometrics(
     log = log or link == "weibull"
     how = _How(log, dispersion, interval, confidence, int(seed), unit)
     _model(link, guess, lapse, how)
+    middle = _known(pse, guess, log)
     sets: dict[Any, Any] = {}
     chances: dict[Any, Any] = {}
     fits: dict[Any, Fit] = {}
@@ -556,12 +608,14 @@ def psychometrics(
         where = f"psychometrics of {shortened(key)}" if key != "" else "psychometrics"
         answers, chance = _answers(where, given)
         sets[key] = _set(where, answers, log)
-        chances[key] = chance if guess is None else guess
+        if middle is not None and chance not in (None, 0.5):
+            raise BadValue(f"{where}: pse is of a curve that is 1/2 there, not of chance {chance}")
+        chances[key] = None if middle is not None else chance if guess is None else guess
     parts: list[tuple[list[Any], Model]] = []
     for chance in dict.fromkeys(chances.values()):
         _model(link, chance, lapse, how)
         keys = [key for key in data if chances[key] == chance]
-        model = Model(link, chance, lapse)
+        model = Model(link, chance, lapse, middle)
         parts += [(keys[at : at + TOGETHER], model) for at in range(0, len(keys), TOGETHER)]
     rates = _shared([([sets[key] for key in keys], model) for keys, model in parts])
     for keys, model in parts:
@@ -591,7 +645,8 @@ def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> dict[str, float]:
     def loss(rates: Array) -> float:
         one = dict(zip(names, rates.tolist(), strict=True))
         return -sum(
-            float(maximum(s, _middle(s), _with(model, one)).loglik.sum()) for s, model in padded
+            float(maximum(s, _middle(s, model), _with(model, one)).loglik.sum())
+            for s, model in padded
         )
 
     # such likelihoods have several peaks: search from the best point of a lattice
@@ -609,11 +664,14 @@ def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> dict[str, float]:
 
 
 def _with(model: Model, rates: Mapping[str, float]) -> Model:
-    return Model(model.link, rates.get("guess", model.guess), rates.get("lapse", model.lapse))
+    guess, lapse = rates.get("guess", model.guess), rates.get("lapse", model.lapse)
+    return model._replace(guess=guess, lapse=lapse)
 
 
-def _middle(sets: Sets) -> Array:
-    return total(sets.x * sets.n) / total(sets.n)
+def _middle(sets: Sets, model: Model) -> Array:
+    """Return where intercepts are taken: the known middle, or that of the levels."""
+    mean = total(sets.x * sets.n) / total(sets.n)
+    return mean if model.pse is None else np.full_like(mean, model.pse)
 
 
 def _fitted(part: Sequence[Sets], model: Model, rates: Mapping[str, float], how: _How) -> list[Fit]:
@@ -624,14 +682,13 @@ def _fitted(part: Sequence[Sets], model: Model, rates: Mapping[str, float], how:
         if getattr(model, n) in (FREE, SHARED)
     }
     sets, model = _padded(part), _with(model, rates)
-    middle = _middle(sets)
+    middle = _middle(sets, model)
     best = maximum(sets, middle, model)
-    problems = [undetermined(one) for one in part]
+    problems = [undetermined(_mirrored(one, model.pse)) for one in part]
     if at := [i for i, wrong in enumerate(problems) if not wrong]:
         flaws = _flaws(_some(sets, at), middle[at], model, Found(*(v[at] for v in best)))
         for i, name in zip(at, flaws, strict=True):
             problems[i] = (name,) if name else ()
-    around = np.full((2, 2, len(part)), math.nan)
     usable = [i for i, wrong in enumerate(problems) if set(wrong) <= {"lapses", "guess"}]
     fitted, least = parameters(model), float(allowed(math.nan, 0, how.confidence))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -648,19 +705,13 @@ def _fitted(part: Sequence[Sets], model: Model, rates: Mapping[str, float], how:
     curves = np.full((2, len(part)), math.nan)
     curves[:, usable] = middle[usable] - best.a[usable] / best.b[usable], 1 / best.b[usable]
     for i in usable:
-        outside = not part[i].x[0] <= curves[0, i] <= part[i].x[-1]
+        outside = model.pse is None and not part[i].x[0] <= curves[0, i] <= part[i].x[-1]
         # the search for a rate ends within 1e-6 of the largest
         largest = any(getattr(best, n)[i] > v - 1e-4 for n, v in most.items())
         problems[i] += ("beyond",) * outside + ("edge",) * largest
-    if usable and how.interval == "profile":
-        around[..., usable] = profile(_some(sets, usable), model, how.confidence, falls[usable])
-    elif how.interval == "bootstrap":
-        wider = np.sqrt(falls / least)
-        for i in usable:
-            pse, sigma = bootstrap(part[i], model, how.confidence, how.seed)
-            middle_, spread = curves[:, i]
-            around[0, :, i] = middle_ + wider[i] * (pse - middle_)
-            around[1, :, i] = spread * (sigma / spread) ** wider[i]
+    around = np.full((2, 2, len(part)), math.nan)
+    if usable:
+        around[..., usable] = _around(_some(sets, usable), model, falls[usable], how)
     return [
         _fit(
             one,
@@ -676,9 +727,44 @@ def _fitted(part: Sequence[Sets], model: Model, rates: Mapping[str, float], how:
             dispersion=float(scatter[i]),
             parameters=fitted,
             shared=len(rates),
+            method=(model, float(falls[i]), how),
         )
         for i, one in enumerate(part)
     ]
+
+
+def _around(sets: Sets, model: Model, falls: Array, how: _How, part: float = 0.5) -> Array:
+    """Return the ends of the level of a part of the curve, and of sigma, on the axis.
+
+    Of each set, as `profile`; nan without intervals.
+    """
+    if how.interval == "profile":
+        return profile(sets, model, how.confidence, falls, part)
+    around = np.full((2, 2, falls.size), math.nan)
+    if how.interval == "none":
+        return around
+    middle = _middle(sets, model)
+    best = maximum(sets, middle, model)
+    at, spread = middle + (curve(model.link).inverse(part) - best.a) / best.b, 1 / best.b
+    wider = np.sqrt(falls / allowed(math.nan, 0, how.confidence))
+    for i, asked in enumerate(sets.n > 0):  # a set without what fills it up
+        one = Sets(*(v[i][asked] for v in sets))
+        level, sigma = bootstrap(one, model, how.confidence, how.seed, part=part)
+        around[0, :, i] = at[i] + wider[i] * (level - at[i])
+        around[1, :, i] = spread[i] * (sigma / spread[i]) ** wider[i]
+    return around
+
+
+def _mirrored(one: Sets, pse: float | None) -> Sets:
+    """Return a set with its mirror image about a middle that is known.
+
+    A curve through that middle is as likely of both, and answers that are all right
+    about it are separated there.
+    """
+    if pse is None:
+        return one
+    x, yes, n = (v[one.x != pse] for v in one)  # at the middle they say nothing
+    return Sets(np.append(x, 2 * pse - x), np.append(yes, n - yes), np.append(n, n))
 
 
 def _fit(one: Sets, found: Array, around: Array, model: Model, how: _How, **each: Any) -> Fit:
@@ -842,6 +928,7 @@ def profile(
     model: Model = PROBIT,
     confidence: float = 0.95,
     fall: ArrayLike | None = None,
+    part: float = 0.5,
 ) -> Array:
     """Return profile-likelihood intervals of many sets at once.
 
@@ -854,11 +941,15 @@ def profile(
     fall : array_like, shape (..), optional
         How far twice the log-likelihood falls to the end of an interval; by default the
         quantile of chi squared.
+    part : float
+        The part of the way up, between guesses and lapses, of the level whose ends are
+        looked for: 1/2 is the PSE.
 
     Returns
     -------
     ndarray, shape (2, 2, ..)
-        Lower and upper end of the PSE, and of sigma (positive slopes only).
+        Lower and upper end of the PSE, or of that level, and of sigma (positive slopes
+        only).
 
     References
     ----------
@@ -877,7 +968,7 @@ def profile(
     """
     each = np.broadcast_arrays(*sets)
     shape, sets = each[0].shape[:-1], Sets(*(v.reshape(-1, v.shape[-1]) for v in each))
-    middle = _middle(sets)
+    middle, up = _middle(sets, model), _quantile(model, part)
     best = maximum(sets, middle, model)
     fall = allowed(math.nan, 0, confidence) if fall is None else numbers("profile: fall", fall)
     if fall.ndim and fall.shape != shape or not (fall > 0).all():
@@ -895,21 +986,30 @@ def profile(
         least = maximum(_some(sets, k), c, model, start=peak, **held)
         return np.sqrt(2 * np.maximum(peak.loglik - least.loglik, 0.0)) - z[k]
 
-    def at_pse(m: Array, rows: Array) -> Array:
-        return fallen(rows % middle.size, m, a=np.zeros(m.shape))
+    def at_level(m: Array, rows: Array) -> Array:
+        return fallen(rows % middle.size, m, a=np.full(m.shape, up))
 
     def at_slope(logs: Array, rows: Array) -> Array:
         k = rows % middle.size
         return fallen(k, middle[k], b=np.exp(np.clip(logs, -60, 60)))
 
-    pses = ends(at_pse, np.tile(middle - best.a / best.b, 2), both * np.tile(width, 2))
-    slopes = ends(at_slope, np.tile(np.log(np.abs(best.b)), 2), -0.2 * both)
-    return np.stack([pses, np.exp(-slopes)]).reshape(2, 2, *shape)
+    sigmas = np.exp(-ends(at_slope, np.tile(np.log(np.abs(best.b)), 2), -0.2 * both))
+    if model.pse is not None:  # then the level goes with sigma
+        levels = np.sort(model.pse + up * sigmas.reshape(2, -1), axis=0).ravel()
+    else:
+        start = np.tile(middle + (up - best.a) / best.b, 2)
+        levels = ends(at_level, start, both * np.tile(width, 2))
+    return np.stack([levels, sigmas]).reshape(2, 2, *shape)
 
 
 @public
 def bootstrap(
-    sets: Sets, model: Model = PROBIT, confidence: float = 0.95, seed: int = 0, n: int = RESAMPLES
+    sets: Sets,
+    model: Model = PROBIT,
+    confidence: float = 0.95,
+    seed: int = 0,
+    n: int = RESAMPLES,
+    part: float = 0.5,
 ) -> Array:
     """Return parametric-bootstrap percentiles of the fit to one set of answers.
 
@@ -924,6 +1024,8 @@ def bootstrap(
     seed : int
     n : int
         How many.
+    part : float
+        As `profile`.
 
     Returns
     -------
@@ -952,7 +1054,8 @@ def bootstrap(
             f"bootstrap: confidence = {confidence}, seed = {seed}, n = {n} must be within 0 .. 1, 0"
             " or above, above 0"
         )
-    middle = float(np.average(sets.x, weights=sets.n))
+    middle, up = float(np.average(sets.x, weights=sets.n)), _quantile(model, part)
+    middle = middle if model.pse is None else model.pse
     found = maximum(sets, middle, model)
     eta = found.a + found.b * (sets.x - middle)
     p = probability(eta, model.link, found.guess, found.lapse)[0]
@@ -960,7 +1063,8 @@ def bootstrap(
     fits = maximum(sets._replace(yes=drawn), middle, model)
     with np.errstate(divide="ignore", invalid="ignore"):
         # of a flat resample at one half any PSE is as likely
-        each = np.stack([middle - np.where(fits.a == 0, 0.0, fits.a / fits.b), 1 / np.abs(fits.b)])
+        away = np.where(fits.a == up, 0.0, (up - fits.a) / fits.b)
+        each = np.stack([middle + away, 1 / np.abs(fits.b)])
     tail = (1 - confidence) / 2
     # infinities have no straight line between them
     low = np.quantile(each, tail, axis=1, method="lower")
@@ -970,7 +1074,30 @@ def bootstrap(
     return np.where(np.isnan(found), np.stack([low, high], axis=1), found)
 
 
+def _quantile(model: Model, part: float) -> float:
+    """Return the link at a part of the way up, or raise BadValue."""
+    if not isinstance(part, (int, float)) or not 0 < part < 1:
+        raise BadValue(f"part = {part!r:.80} must be a number above 0 and below 1, such as 0.75")
+    return float(curve(model.link).inverse(part))
+
+
 # What is given ------------------------------------------------------------------------
+def _known(pse: Any, guess: Any, log: bool) -> float | None:
+    """Return the middle that is given on the axis of the fit, or raise BadValue."""
+    if pse is None:
+        return None
+    if (
+        guess is not None
+        or not isinstance(pse, Real)
+        or not (math.isfinite(pse) and (pse > 0 or not log))
+    ):
+        raise BadValue(
+            f"psychometric: pse = {pse!r:.80} must be a finite number, above 0 for a fit over log10"
+            " of the level, and without guess, because the curve is at 1/2 there"
+        )
+    return math.log10(pse) if log else float(pse)
+
+
 def _model(link: str, guess: Any, lapse: Any, how: _How) -> None:
     """Raise BadValue unless the model and how to fit it are meant."""
     curve(link)
@@ -1129,14 +1256,14 @@ def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
         2 * SURE, 1
     )  # at the edge of its range: half of chi squared
     guess = np.zeros(flat.shape, bool)
-    if model.guess != FREE:
+    if model.guess != FREE and model.pse is None:
         others = [0.5] if model.guess is None else [g for g in CHANCES if g != model.guess]
         each = [maximum(sets, middle, model._replace(guess=g)).loglik for g in others]
         better = 2 * (np.max(each, axis=0) - found.loglik)
         guess = better > (AS_GOOD if model.guess is None else scipy.stats.chi2.isf(SURE, 1))
         guess &= ~lapses | (better > gain)
     names = np.select(
-        [flat, found.b <= 0, near < 2, guess, lapses],
+        [flat, found.b <= 0, near < 1 + (model.pse is None), guess, lapses],
         ["flat", "falling", "separated", "guess", "lapses"],
         "",
     )

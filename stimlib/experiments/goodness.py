@@ -114,7 +114,7 @@ def parameters(model: Model) -> int:
     >>> parameters(Model()), parameters(Model(lapse="free"))
     (2, 3)
     """
-    return 2 + (model.lapse == FREE) + (model.guess == FREE)
+    return 1 + (model.pse is None) + (model.lapse == FREE) + (model.guess == FREE)
 
 
 def goodness(sets: Sets, c: float, model: Model, found: Found, seed: int = 0) -> float:
@@ -152,7 +152,7 @@ def goodness(sets: Sets, c: float, model: Model, found: Found, seed: int = 0) ->
     eta, p, q = _chances(sets, c, model, found)
     slope = (1 - found.guess - found.lapse) * curve(model.link).density(eta)
     free = (
-        True,
+        model.pse is None,
         True,
         model.lapse == FREE and bool(0 < found.lapse < LAPSES),
         model.guess == FREE and bool(0 < found.guess < GUESSES),

@@ -100,14 +100,16 @@ def total(each: ArrayLike) -> Array:
 
 
 class Model(NamedTuple):
-    """The model to fit: its link, guess rate and lapse rate.
+    """The model to fit: its link, guess rate and lapse rate, and its middle if known.
 
-    A rate is a number or FREE; a guess rate of None equals the lapse rate.
+    A rate is a number or FREE; a guess rate of None equals the lapse rate.  ``pse`` is
+    on the axis of the fit; None fits it.
     """
 
     link: str = "probit"
     guess: float | str | None = None
     lapse: float | str = 0.0
+    pse: float | None = None
 
 
 PROBIT = Model()
@@ -250,7 +252,7 @@ def maximum(
     sets : Sets
         Shape (.., levels).
     c : array_like, shape (..)
-        Where the intercept is taken.
+        Where the intercept is taken; ``model.pse`` if that is known.
     model : Model
     a, b : array_like, shape (..), optional
         Held there and not fitted: with a = 0, c is the middle of the curve.
@@ -281,6 +283,8 @@ def maximum(
     >>> abs(round(float(found.a), 6)), round(float(found.b), 6)
     (0.0, 0.841621)
     """
+    if model.pse is not None and a is None:
+        a = 0.0
     free = a is None, b is None
     near = (start.a, start.b) if start is not None else (0.0, 0.0)
     a, b = (

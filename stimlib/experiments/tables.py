@@ -130,7 +130,7 @@ def _fields(row: Any) -> dict[str, Any]:
         raise BadValue(f"plain: {row!r:.80} is no result; give results of fits, or statistics")
     own = {f.name: getattr(row, f.name) for f in dataclasses.fields(row)}
     if isinstance(row, Fit):
-        del own["data"]
+        del own["data"], own["method"]
     return (
         own | {"jnd": row.jnd, "slope": row.slope, "intercept": row.intercept}
         if isinstance(row, Fit)

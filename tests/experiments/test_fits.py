@@ -12,7 +12,7 @@ from experiments.some import experiment
 from laws import STRESS
 from refusals import refused
 from scipy.optimize import minimize
-from scipy.special import ndtr, xlogy
+from scipy.special import ndtr, ndtri, xlogy
 from scipy.stats import chi2, f
 from statsmodels.genmod.families import Binomial, links
 from statsmodels.genmod.generalized_linear_model import GLM
@@ -49,6 +49,7 @@ LEVELS, YES, ASKED = (
     np.array([1, 4, 9, 17, 19, 20]),
     np.full(6, 20),
 )
+WAYS = ("profile", "bootstrap")
 
 
 # The same as elsewhere ----------------------------------------------------------------
@@ -92,6 +93,91 @@ def test_a_profile_interval_is_where_a_held_parameter_costs_so_much(dispersion):
     assert fit(np.array([fit.pse, 1e9])) == pytest.approx([0.74, 0.98])
     few = [chi2.ppf(0.95, 1), 2 * f.ppf(0.95, 1, 1), 2 * f.ppf(0.95, 1, 2)]
     assert allowed([2.0, 2.0, 2.0], [0, 1, 2]) == pytest.approx(few)
+
+
+@pytest.mark.parametrize("p", [0.6, 0.75, 0.95])
+def test_the_interval_of_a_level_is_where_the_profile_has_fallen(p):
+    """By trying, as above; at the middle it is that of the PSE."""
+    yes, asked = np.array([33, 30, 39, 54, 57, 60]), 60
+    how = dict(guess=0.5, lapse=0.02, confidence=0.9)
+    fit = psychometric(LEVELS, yes, 3 * ASKED, dispersion=1.0, **how)
+    z = ndtri((p - 0.5) / 0.48)
+
+    def deviance(level, sigma):
+        at = 0.5 + 0.48 * ndtr((LEVELS - level) / sigma + z)
+        return -2 * np.sum(yes * np.log(at) + (asked - yes) * np.log(1 - at))
+
+    fall, sigmas = chi2.ppf(0.9, 1), np.geomspace(0.005, 30, 4001)
+    low, high = fit.level_interval(p)
+    least = [min(deviance(end, s) for s in sigmas) for end in (low, high)]
+    assert least == pytest.approx([-2 * fit.loglik + fall] * 2, abs=2e-3)
+    assert low < fit.level(p) < high
+    assert fit.level_interval(0.74) == pytest.approx(fit.pse_interval, rel=1e-6)
+    wide = psychometric(LEVELS, yes, 3 * ASKED, dispersion=2.0, **how).level_interval(p)
+    assert wide[0] < low and high < wide[1]
+    assert np.isnan([*fit.level_interval(0.99), *fit.level_interval(0.5)]).all()
+    none = psychometric(LEVELS, yes, 3 * ASKED, interval="none", **how)
+    assert np.isnan(none.level_interval(p)).all()
+    # not determined
+    assert np.isnan(psychometric([1, 2], [0, 5], [5, 5]).level_interval(p)).all()
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_the_interval_of_a_level_by_bootstrap_is_near_that_by_profile(log):
+    how = dict(dispersion=1.0, log=log)
+    fits = [psychometric(LEVELS, 9 * YES, 9 * ASKED, interval=v, **how) for v in WAYS]
+    for p in (0.5, 0.75, 0.9):
+        ends_ = [fit.level_interval(p) for fit in fits]
+        assert ends_[1] == pytest.approx(ends_[0], rel=0.02)
+    assert fits[1].level_interval(0.5) == pytest.approx(fits[1].pse_interval, rel=1e-9)
+
+
+@pytest.mark.parametrize(("p", "guess"), [(0.9, None), (0.75, 0.5), (0.9, 0.5)])
+def test_intervals_of_levels_hold_the_truth(p, guess):
+    """Of 95 %; seven levels, 40 answers each."""
+    people, z = (200 if STRESS else 20), np.linspace(-2, 2, 7)
+    rng, low = np.random.default_rng([3, int(100 * p)]), guess or 0.0
+    yes = rng.binomial(40, low + (1 - low) * ndtr(z), (people, 7))
+    fits = psychometrics(
+        {k: (z, row, np.full(7, 40)) for k, row in enumerate(yes)}, guess=guess, dispersion=1.0
+    )
+    true = ndtri((p - low) / (1 - low))
+    ends_ = np.array([fit.level_interval(p) for fit in fits.values() if not fit.problems])
+    held = np.mean((ends_[:, 0] <= true) & (true <= ends_[:, 1]))
+    assert len(ends_) >= 0.9 * people
+    assert (0.91 if STRESS else 0.8) <= held <= (0.99 if STRESS else 1.0)
+
+
+@pytest.mark.parametrize("link", ["probit", "logit"])
+def test_a_curve_through_a_known_middle_is_that_of_statsmodels_without_an_intercept(link):
+    """With one parameter, and an interval of sigma that is that of each level."""
+    family = Binomial({"probit": links.Probit, "logit": links.Logit}[link]())
+    x = (LEVELS - 2.0)[:, None]
+    other = GLM(np.column_stack([YES, ASKED - YES]), x, family=family).fit(tol=1e-15, maxiter=200)
+    fit = psychometric(LEVELS, YES, ASKED, link=link, pse=2.0)
+    assert (fit.pse, fit.pse_interval, fit.parameters) == (2.0, (2.0, 2.0), 1)
+    assert fit.slope == pytest.approx(other.params[0], rel=1e-8)
+    assert fit.deviance == pytest.approx(other.deviance, rel=1e-8)
+    at = [2.0 + sigma * float(curve(link).inverse(0.25)) for sigma in fit.sigma_interval]
+    assert fit.level_interval(0.25) == pytest.approx(at[::-1])
+    # whether the middle is where it should be
+    assert 0 <= likelihood_ratio([fit], [psychometric(LEVELS, YES, ASKED, link=link)]).p <= 1
+    drawn = psychometric(LEVELS, YES, ASKED, link=link, pse=2.0, interval="bootstrap")
+    assert drawn.sigma_interval == pytest.approx(fit.sigma_interval, rel=0.1)
+    assert drawn.level_interval(0.75) == pytest.approx(fit.level_interval(0.75), rel=0.05)
+
+
+def test_a_known_middle_starts_a_curve_of_differences_at_chance():
+    """The table's chance level is 1/2, as the curve at 0; one level is enough."""
+    answers = {"level": [8.0] * 30, "outcome": [1] * 21 + [0] * 9, "chance": [0.5] * 30}
+    fit = psychometric(answers, pse=0.0)
+    assert fit.problems == () and fit(0.0) == 0.5
+    assert fit.sigma == pytest.approx(8.0 / ndtri(0.7), rel=1e-6)
+    assert psychometric([8.0] * 9, [1] * 9, pse=0.0).problems == ("separated",)
+    assert psychometric([8.0, -8.0], [9, 0], [9, 9], pse=0.0).problems == ("separated",)
+    assert psychometric([8.0] * 9, [0] * 9, pse=0.0).problems == ("falling",)
+    assert psychometric([0.0] * 9, [0] * 5 + [1] * 4, pse=0.0).problems == ("few",)
+    assert psychometric([8.0] * 30, [1, 0] * 15, pse=0.0).problems == ("flat",)
 
 
 def test_ends_are_infinite_where_there_are_none_and_only_what_is_looked_for_is_computed():
@@ -629,6 +715,13 @@ def test_a_fit_is_drawn_with_its_data_and_interval():
         (dict(levels=[1, 2], yes=[0, 1], guess="shared", lapse=0.3), "lapse = 0.3 .* 'shared'"),
         (dict(levels=[1, 2], yes=[0, 1], confidence=95), "confidence"),
         (dict(levels=[1, 2], yes=[0, 1], confidence=0.0), "confidence"),
+        (dict(levels=[1, 2], yes=[0, 1], pse=np.inf), "pse = inf is not finite"),
+        (dict(levels=[1, 2], yes=[0, 1], pse=0.0, log=True), "pse = 0.0 must be .* above 0"),
+        (dict(levels=[1, 2], yes=[0, 1], pse=0.0, guess=0.5), "without guess"),
+        (
+            dict(levels=dict(level=[1], outcome=[1], chance=[0.25]), pse=0.0),
+            "pse is of a curve that is 1/2 there, not of chance 0.25",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_said(given, said):
