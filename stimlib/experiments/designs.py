@@ -93,7 +93,9 @@ def trials_of(*designs: Design) -> int | None:
 
     A design of your own states it as ``trials``.
     """
-    counts: list[Any] = [getattr(d, "trials", None) for d in designs]
+    counts: list[Any] = [
+        None if getattr(d, "precision", None) else getattr(d, "trials", None) for d in designs
+    ]
     return sum(counts) if all(isinstance(n, int) for n in counts) else None
 
 

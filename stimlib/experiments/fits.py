@@ -1089,7 +1089,7 @@ def _known(pse: Any, guess: Any, log: bool) -> float | None:
     if (
         guess is not None
         or not isinstance(pse, Real)
-        or not (math.isfinite(pse) and (pse > 0 or not log))
+        or not (math.isfinite(pse) and (float(pse) > 0 or not log))
     ):
         raise BadValue(
             f"psychometric: pse = {pse!r:.80} must be a finite number, above 0 for a fit over log10"

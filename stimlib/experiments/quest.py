@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses as dc
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadValue, need, public
+from ..system.fields import positive, whole
 from .likelihood import FLOOR, Estimate
 from .tasks import Task
 from .trial import Answer, State, Trial, outcome
@@ -46,7 +48,7 @@ class Quest:
     lapses : sequence of float
         Probabilities of a lapse, below 0.5.
     trials : int
-        Its length.
+        Its length, or the most of it with ``precision``.
     slopes : sequence of float
         Instead of deviations, the exponents of a Weibull curve; the levels must be 0 or
         above, and the means above 0.
@@ -59,15 +61,23 @@ class Quest:
         before its entropy is computed, so that a trial is spent on them only where it
         helps the others (the psi-marginal method). By default the entropy is that of
         all parameters.
+    precision : dict of str to float
+        It ends before ``trials`` when the posterior's standard deviation of each of
+        these parameters, by the names that `estimate` returns, is at most so large, in
+        the unit of the parameter.  A 95 % interval is about four times as wide.  One
+        below a third of the distance between a parameter's values is hardly reached.
+    min_trials : int
+        Trials before which it does not end for ``precision``.
 
     Raises
     ------
     BadValue
         No levels or parameters, rows of something else, or trials below 1; rates of
         guesses and lapses that add up to 1 or more; a trial whose chance level is
-        another than the task's; all parameters as nuisance.
+        another than the task's; all parameters as nuisance; a precision that is not
+        above 0.
     UnknownName
-        A nuisance parameter that the curve does not have.
+        A parameter of ``nuisance`` or ``precision`` that the curve does not have.
 
     Notes
     -----
@@ -105,6 +115,17 @@ class Quest:
     >>> marginal = replace(design, lapses=(0.0, 0.05, 0.1), nuisance=("lapse",))
     >>> marginal.next(marginal.init(seed=1)).level
     2.0
+
+    As many trials as it takes to know the mean to 0.1, but 200 at most:
+
+    >>> from stimlib.experiments import Psychometric, observed, stream
+    >>> levels = tuple(1 + k / 8 for k in range(17))
+    >>> precise = replace(
+    ...     design, levels=levels, means=levels, trials=200, precision={"mean": 0.1}
+    ... )
+    >>> person, rng = Psychometric(1.8, 0.5), stream(1, "observer")
+    >>> len(list(observed(precise, 1, person, rng)))
+    55
     """
 
     task: Task
@@ -116,6 +137,8 @@ class Quest:
     slopes: tuple[float, ...] = ()
     guesses: tuple[float, ...] = ()
     nuisance: tuple[str, ...] = ()
+    precision: Mapping[str, float] = dc.field(default_factory=dict, hash=False)
+    min_trials: int = 20
 
     def __post_init__(self):
         for name in ROWS:
@@ -154,6 +177,12 @@ class Quest:
                 f"Quest: nuisance = {self.nuisance} names all parameters; leave out those that the"
                 " trials are to determine"
             )
+        need("Quest: precision", self.precision, names, "parameter")
+        if not all(map(positive, self.precision.values())) or not whole(10**6)(self.min_trials):
+            raise BadValue(
+                f"Quest: precision = {self.precision!r} must be standard deviations above 0, and"
+                f" min_trials = {self.min_trials!r} a whole number from 0 on"
+            )
 
     @property
     def reach(self) -> list[tuple[Task, float]]:
@@ -167,7 +196,7 @@ class Quest:
     def next(self, state: State) -> Trial | None:
         """Return the trial at the level of least expected entropy."""
         n = len(state["levels"])
-        if n >= self.trials:
+        if n >= self.trials or (self.precision and n >= self.min_trials and self._precise(state)):
             return None
         trial = self.task.trial(_level(*_facts(self, state)), state["seed"], n)
         chance = getattr(self.task, "chance", None)
@@ -183,13 +212,19 @@ class Quest:
         """Add one level and its outcome."""
         trial = self.next(state)
         if trial is None:
-            raise BadValue(f"all {self.trials} trials are done: there are no more answers to take")
+            n = len(state["levels"])
+            raise BadValue(f"all {n} trials are done: there are no more answers to take")
         more = int(outcome(trial, answer) > 0.5)
         return {
             **state,
             "levels": [*state["levels"], trial.level],
             "outcomes": [*state["outcomes"], more],
         }
+
+    def _precise(self, state: State) -> bool:
+        """Return whether all parameters are known as precisely as they are to be."""
+        found = self.estimate(state)
+        return all(found[name].error <= most for name, most in self.precision.items())
 
     def estimate(self, state: State) -> dict[str, Estimate]:
         """Return the posterior means: mean, deviation or slope, lapse and guess.

@@ -9,13 +9,24 @@ from collections import Counter
 
 import numpy as np
 import pytest
+from experiments.some import TASK, experiment, observer, simulate, some
 from laws import STRESS
 from refusals import refused
 from scipy.special import ndtr
 from scipy.stats import norm
 
 from stimlib.errors import BadValue, UnknownName
-from stimlib.experiments import Quest, Stimulus, TwoInterval, stream
+from stimlib.experiments import (
+    Quest,
+    Session,
+    Simulated,
+    Stimulus,
+    TwoInterval,
+    observed,
+    run,
+    stream,
+)
+from stimlib.experiments.designs import trials_of
 
 PAIR = TwoInterval("silent", "which", Stimulus("a", {"k": 1.0}), Stimulus("a"), "k")
 FELT = TwoInterval("felt", "which", Stimulus("a", {"k": 0.0}), Stimulus("a"), "k")
@@ -94,11 +105,57 @@ def test_each_level_has_the_least_expected_entropy_of_the_marginal(kind, nuisanc
         ({}, {"levels": [], "outcomes": [1]}, "0 levels and 1 outcomes"),
         ({}, {"levels": [ROWS["levels"][0]], "outcomes": [2]}, "with 2, are no state"),
         ({"guesses": (0.1, 0.6), "lapses": (0.0, 0.39)}, {"levels": []}, "no column 'outcomes'"),
+        ({"precision": {"sigma": 0.1}}, {}, "no parameter 'sigma'; there are mean, deviation"),
+        ({"precision": {"mean": 0.0}}, {}, "standard deviations above 0"),
+        ({"precision": {"mean": 0.1}, "min_trials": -1}, {}, "min_trials = -1"),
     ],
 )
 def test_a_nuisance_or_a_state_that_is_none(words, state, why):
     usual = {"task": PAIR, **ROWS, "deviations": (0.2, 0.4)}
     refused((BadValue, UnknownName), why, lambda: Quest(**usual | words).estimate(state))
+
+
+LEVELS = tuple(0.25 * k for k in range(1, 17))
+PRECISE = Quest(
+    TASK,
+    LEVELS,
+    means=LEVELS,
+    deviations=(0.2, 0.4, 0.8, 1.6),
+    trials=90,
+    precision={"mean": 0.2, "deviation": 0.2},
+)
+
+
+def test_it_ends_as_soon_as_all_are_known_precisely_and_not_before():
+    def errors(n):
+        found = PRECISE.estimate({k: v[:n] for k, v in state.items() if k != "seed"})
+        return [found[name].error <= 0.2 for name in ("mean", "deviation")]
+
+    lengths = []
+    for seed in range(6):
+        state = PRECISE.init(seed)
+        for _, answer in observed(PRECISE, seed, observer, stream(seed, "observer")):
+            state = PRECISE.update(state, answer)
+        lengths.append(n := len(state["levels"]))
+        assert PRECISE.next(state) is None
+        assert not any(all(errors(k)) for k in range(20, n)) and (n == 90 or all(errors(n)))
+        refused(BadValue, f"all {n} trials are done", PRECISE.update, state, answer)
+    assert len(set(lengths)) > 2 and 20 <= min(lengths) < 90
+    assert trials_of(PRECISE) is None and trials_of(dc.replace(PRECISE, precision={})) == 90
+    least = dc.replace(PRECISE, precision={"mean": 9.0, "deviation": 9.0}, min_trials=7)
+    assert len(list(observed(least, 1, observer, stream(1, "observer")))) == 7
+
+
+@pytest.mark.parametrize("left_at", [5, 21])
+def test_a_session_that_ends_on_precision_is_resumed(tmp_path, left_at):
+    """And has the trials, through a sink, that it has without one."""
+    made = experiment(design=PRECISE, bounds={"k": (0.1, 8.0)})
+    whole = simulate(tmp_path / "whole", made)
+    some(tmp_path, left_at, made)
+    with Session(made, tmp_path, "P01", resume=True) as left:
+        run(left, Simulated(left, observer), "offline")
+    facts = [[(r.number, r.trial, r.answer.values) for r in s.records] for s in (left, whole)]
+    assert facts[0] == facts[1] and 20 <= len(facts[0]) < 90
 
 
 @pytest.mark.filterwarnings("error")
