@@ -104,7 +104,9 @@ Send = Annotated[
     typer.Option(
         help=(
             "Where markers go: [bold]lsl:NAME[/], [bold]osc:HOST:PORT[/], "
-            "[bold]udp:HOST:PORT[/], or [bold]serial:PORT:onset=1,stimulus=2[/]. Repeatable."
+            "[bold]udp:HOST:PORT[/], [bold]serial:PORT:onset=1,stimulus=2[/] or "
+            "[bold]parallel:PORT:onset=1[/], with [bold]:width=0.005[/] for a byte that returns to "
+            "0 after 5 ms. Repeatable."
         )
     ),
 ]

@@ -33,11 +33,13 @@ from .sources import (
     Stream as Stream,
 )
 from .transports import (
+    byte_markers as byte_markers,
     lsl_markers as lsl_markers,
     lsl_motion as lsl_motion,
     lsl_streams as lsl_streams,
     osc_markers as osc_markers,
     osc_motion as osc_motion,
+    parallel_markers as parallel_markers,
     receiver as receiver,
     sender as sender,
     serial_markers as serial_markers,

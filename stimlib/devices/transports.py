@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 import socket
 import struct
@@ -20,6 +21,7 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
 from typing import Any, Literal
 
+from ..core.program import number
 from ..errors import BadValue, SinkError, public
 from ..system.packages import package
 from .markers import Marker, behind, checked_name
@@ -28,6 +30,9 @@ from .rows import CUT, Rows, osc_messages, osc_text, rows_of, shown_of
 Comma = Literal["separator", "decimal"]
 MOST = 256  # datagrams or lines that are taken at once
 LONGEST = 65536  # bytes of a line
+CLAIM, RELEASE, DIRECTION, DATA = 0x708B, 0x708C, 0x40047090, 0x40017086  # of ppdev
+AHEAD = 0.25  # s: a device that is later is none, but a rehearsal without a clock
+BYTES = ":(.+?):([^=,:]+=[0-9]+(?:,[^=,:]+=[0-9]+)*)(?::width=([0-9]*[.]?[0-9]+))?"
 PAUSE = 1.0  # s between calls, after which what waits at a serial port may have a gap
 
 
@@ -201,15 +206,93 @@ def udp_markers(host: str, port: int) -> Transport:
 
 
 @public
-def serial_markers(port: str, codes: Mapping[str, int], baudrate: int = 115200) -> Transport:
+def byte_markers(
+    write: Callable[[int], Any],
+    codes: Mapping[str, int],
+    width: float | None = None,
+    close: Callable[[], Any] = lambda: None,
+) -> Transport:
+    """Return a sender of one byte for each marker by a function of yours.
+
+    Parameters
+    ----------
+    write : callable
+        ``write(byte)`` puts a number from 0 to 255 on the lines, such as ``setData`` of
+        a parallel port of PsychoPy.
+    codes : dict of str to int
+        The byte, 0 to 255, of each name; markers of other names are not sent.
+    width : float, optional
+        Seconds from the byte to a 0, at most 1.  The byte then waits for the time at
+        which its sample leaves the device, and for the 0 before to have lasted as long,
+        so that at most one marker in twice the width can be sent.  By default the
+        byte stays until the next.
+    close : callable, optional
+        Called with ``close`` of the sender.
+
+    Returns
+    -------
+    callable
+        For ``Sink(send=..)``.
+
+    Raises
+    ------
+    BadValue
+        A code that is no byte, or 0 with a width; a width not above 0 or above 1.
+
+    Examples
+    --------
+    >>> from stimlib.devices import NullSink, byte_markers
+    >>> from stimlib.scenes import pulse
+    >>> lines = []  # stands for a port
+    >>> with NullSink(
+    ...     pulse(1.0, repeats=1),
+    ...     1.0,
+    ...     clocked=False,
+    ...     markers=["signal"],
+    ...     send=byte_markers(lines.append, {"signal": 4}, width=0.005),
+    ... ) as sink:
+    ...     sink.open(rate=8000)
+    ...     sink.start(seconds=0.1)
+    ...     sink.wait()
+    >>> lines
+    [4, 0]
+    """
+    lowest = 0 if width is None else 1
+    for name, code in codes.items():
+        if not lowest <= code <= 255:
+            raise BadValue(f"markers: codes[{name!r}] = {code} must be from {lowest} to 255")
+    if width is not None and not 0 < number(width, "markers: width") <= 1:
+        raise BadValue(f"markers: width = {width} s must be above 0, at most 1")
+    free = [0.0]  # when the 0 has lasted
+
+    def send(m: Marker) -> None:
+        if m.name not in codes:
+            return
+        if width is None:
+            write(codes[m.name])
+            return
+        due = m.time if m.time - time.monotonic() < AHEAD else 0.0
+        time.sleep(max(0.0, max(due, free[0]) - time.monotonic()))
+        write(codes[m.name])
+        time.sleep(width)
+        write(0)
+        free[0] = time.monotonic() + width
+
+    return Transport(send, close)
+
+
+@public
+def serial_markers(
+    port: str, codes: Mapping[str, int], baudrate: int = 115200, width: float | None = None
+) -> Transport:
     """Return a sender of one byte for each marker, for ``Sink(send=..)``.
 
     Parameters
     ----------
     port : str
         Such as ``"/dev/ttyUSB0"`` or ``"COM3"``: a trigger box, or a microcontroller.
-    codes : dict of str to int
-        The byte, 0 to 255, of each name; markers of other names are not sent.
+    codes, width
+        As for ``byte_markers``.
     baudrate : int
         Bits per second.
 
@@ -224,18 +307,74 @@ def serial_markers(port: str, codes: Mapping[str, int], baudrate: int = 115200) 
     SinkError
         The port cannot be opened.
     BadValue
-        A code that is no byte.
+        As ``byte_markers``.
     """
-    for name, code in codes.items():
-        if not 0 <= code <= 255:
-            raise BadValue(f"serial_markers: codes[{name!r}] = {code} must be from 0 to 255")
-    line = opened("serial_markers", port, baudrate)
+    line: list[Any] = []  # opened when the rest is right
+    sent = byte_markers(
+        lambda byte: line[0].write(bytes([byte])), codes, width, lambda: line[0].close()
+    )
+    line.append(opened("serial_markers", port, baudrate))
+    return sent
 
-    def send(m: Marker) -> None:
-        if m.name in codes:
-            line.write(bytes([codes[m.name]]))
 
-    return Transport(send, line.close)
+def control(port: int, request: int, data: bytes = b"") -> None:
+    """Give a request to the driver of a parallel port."""
+    from fcntl import ioctl
+
+    ioctl(port, request, data)
+
+
+@public
+def parallel_markers(port: str, codes: Mapping[str, int], width: float = 0.005) -> Transport:
+    """Return a sender of pulses on a parallel port of Linux, for ``Sink(send=..)``.
+
+    Parameters
+    ----------
+    port : str
+        Such as ``"/dev/parport0"``, of the driver ppdev.
+    codes, width
+        As for ``byte_markers``: the byte is on the lines D0 to D7, pins 2 to 9.
+
+    Returns
+    -------
+    callable
+
+    Raises
+    ------
+    SinkError
+        The port cannot be opened, or is not one of the driver ppdev.
+    BadValue
+        As ``byte_markers``.
+
+    Notes
+    -----
+    Not tried on hardware.
+    """
+    here: list[int] = []
+
+    def write(byte: int) -> None:
+        control(here[0], DATA, bytes([byte]))
+
+    def close() -> None:
+        write(0)
+        control(here[0], RELEASE)
+        os.close(here.pop())
+
+    sent = byte_markers(write, codes, width, close)
+    try:
+        here.append(os.open(port, os.O_RDWR))
+        control(here[0], CLAIM)
+        control(here[0], DIRECTION, struct.pack("i", 0))
+        write(0)
+    except (OSError, ImportError) as e:
+        for left in here:
+            os.close(left)
+        raise SinkError(
+            f"parallel_markers: {port} cannot be opened: {e}: on Linux load the driver (modprobe"
+            " ppdev), give yourself its group (lp), and end what else uses the port; elsewhere use"
+            " byte_markers"
+        ) from e
+    return sent
 
 
 @public
@@ -246,7 +385,9 @@ def sender(text: str) -> Transport:
     ----------
     text : str
         ``lsl:NAME``, ``osc:HOST:PORT``, ``udp:HOST:PORT``, or
-        ``serial:PORT:onset=1,stimulus=2`` with the byte for each marker name.
+        ``serial:PORT:onset=1,stimulus=2`` and ``parallel:PORT:onset=1,stimulus=2`` with
+        the byte for each marker name; ``:width=0.005`` at their end is the time in s
+        after which the byte returns to 0.
 
     Raises
     ------
@@ -266,12 +407,22 @@ def sender(text: str) -> Transport:
         "lsl:(.+)": lsl_markers,
         "osc:(.+):([0-9]+)": lambda host, port: osc_markers(host, int(port)),
         "udp:(.+):([0-9]+)": lambda host, port: udp_markers(host, int(port)),
-        "serial:(.+):([^=,:]+=[0-9]+(?:,[^=,:]+=[0-9]+)*)": lambda port, codes: serial_markers(
-            port, {k.strip(): int(v) for k, v in (code.split("=") for code in codes.split(","))}
-        ),
+        f"serial{BYTES}": lambda *found: _bytes_of(serial_markers, *found),
+        f"parallel{BYTES}": lambda *found: _bytes_of(parallel_markers, *found),
     }
-    says = "lsl:NAME, osc:HOST:PORT, udp:HOST:PORT or serial:PORT:onset=1,stimulus=2"
+    says = (
+        "lsl:NAME, osc:HOST:PORT, udp:HOST:PORT, serial:PORT:onset=1,stimulus=2 or"
+        " parallel:PORT:onset=1,stimulus=2, the last two with :width=0.005 for a byte that returns"
+        " to 0"
+    )
     return _described("send", text, forms, says)
+
+
+def _bytes_of(
+    make: Callable[..., Transport], port: str, codes: str, width: str | None
+) -> Transport:
+    told = {k.strip(): int(v) for k, v in (code.split("=") for code in codes.split(","))}
+    return make(port, told, **({"width": float(width)} if width else {}))
 
 
 def _described(

@@ -21,11 +21,13 @@ from stimlib.blocks import burst, every
 from stimlib.devices import (
     NullSink,
     Stream,
+    byte_markers,
     lsl_markers,
     osc_markers,
     receiver,
     sender,
     serial_markers,
+    transports,
     udp_markers,
     udp_motion,
 )
@@ -225,6 +227,52 @@ def serial():
         refused(BadValue, "from 0 to 255", serial_markers, port, {"onset": 256})
 
 
+class Port:
+    """A parallel port whose lines another process could read at the end of a pty."""
+
+    def __init__(self, monkeypatch, port):
+        self.port, self.asked, self.lines = port, [], []
+        monkeypatch.setattr(transports, "control", self.control)
+
+    def control(self, port, request, data=b""):
+        if request == transports.DATA:
+            self.lines.append((time.monotonic(), data[0]))
+            assert os.write(port, data) == 1
+        else:
+            self.asked.append((request, data))
+
+
+def test_a_byte_returns_to_zero_on_a_parallel_port(monkeypatch):
+    """Each pulse and each 0 lasts as stated or longer, however near the markers."""
+    with line() as (here, port):
+        known = Port(monkeypatch, port)
+        with sender(f"parallel:{port}:onset=7, other=8:width=0.01") as send:
+            for k in range(20):
+                send(Marker(("onset", "none", "other")[k % 3], 1.0, k, 0.0, 0.0))
+        assert os.read(here, 100) == bytes([0] + [7, 0, 8, 0] * 6 + [7, 0, 0])
+    assert known.asked == [(0x708B, b""), (0x40047090, bytes(4)), (0x708C, b"")]
+    at, _ = np.array(known.lines[1:-1]).T
+    assert np.diff(at).min() >= 0.01 and np.median(np.diff(at)) < 0.03
+
+
+def test_a_byte_waits_for_the_time_of_its_sample():
+    lines, at = [], time.monotonic() + 0.1
+    for due in (at, at + 9.0):  # of a rehearsal without a clock: at once
+        byte_markers(lambda b: lines.append((b, time.monotonic())), {"a": 1}, 0.002)(
+            Marker("a", 1.0, 0, due, 0.0)
+        )
+    assert [byte for byte, _ in lines] == [1, 0, 1, 0]
+    assert lines[0][1] >= at and lines[2][1] < at + 5.0
+
+
+def test_a_serial_byte_returns_to_zero_in_a_session():
+    """At the other end of a pty, with markers that are 50 ms apart."""
+    with line() as (here, port), serial_markers(port, {"onset": 3}, width=0.005) as send:
+        report = marked(send, clocked=True).report()
+        assert os.read(here, 100) == bytes([3, 0] * 6)
+    assert report.unsent_markers == 0
+
+
 @contextmanager
 def lsl(numeric=False):
     pylsl = pytest.importorskip("pylsl")
@@ -330,6 +378,12 @@ def test_commands_send_markers():
         (lambda: sender("tcp:127.0.0.1:9000"), BadValue, "send = 'tcp:"),
         (lambda: sender("serial:/dev/ttyUSB0:on"), BadValue, "serial:PORT:onset=1"),
         (lambda: sender("serial:/no/such/port:on=1"), SinkError, "serial_markers: .*opened"),
+        (lambda: sender("serial:/dev/x:on=1:width=no"), BadValue, ":width=0.005 for a byte"),
+        (lambda: sender("serial:/dev/x:on=1:width=0"), BadValue, "width = 0.0 s must be above"),
+        (lambda: sender("serial:/dev/x:on=1:width=2"), BadValue, "width = 2.0 s must be above"),
+        (lambda: sender("parallel:/dev/x:on=0"), BadValue, "= 0 must be from 1 to 255"),
+        (lambda: sender("parallel:/no/such/port:on=1"), SinkError, "opened: .*modprobe ppdev"),
+        (lambda: sender("parallel:/dev/null:on=1"), SinkError, "Inappropriate ioctl.*ppdev"),
         (lambda: receiver("osc:9000"), BadValue, "osc:PORT/ADDRESS"),
         (lambda: receiver("hand"), BadValue, "stream = 'hand'"),
         (lambda: receiver("serial:/no/such/port"), SinkError, "cannot be opened"),
