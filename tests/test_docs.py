@@ -175,8 +175,11 @@ def test_python_runs_as_it_is_pasted(name, tmp_path, monkeypatch, capsys):
 
     monkeypatch.setattr("stimlib.devices.JackSink", quiet)
     monkeypatch.setattr("stimlib.devices.PortAudioSink", quiet)
-    for transport in ("lsl_motion", "lsl_markers", "osc_markers", "serial_markers"):
-        monkeypatch.setattr(f"stimlib.devices.{transport}", lambda *where: lambda given: ([], []))
+    markers = [f"{kind}_markers" for kind in ("lsl", "osc", "serial", "parallel")]
+    for transport in ("lsl_motion", *markers):
+        monkeypatch.setattr(
+            f"stimlib.devices.{transport}", lambda *where, **how: lambda given: ([], [])
+        )
     monkeypatch.setattr("stimlib.live.share.compiled", lambda folder: b"")  # not for a browser
     level = logging.getLogger("stimlib").level
     exec(compile(python_blocks()[name], name, "exec"), {"__name__": "pasted"})
