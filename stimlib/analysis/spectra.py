@@ -11,11 +11,11 @@ they are computed.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 # the taper's kernel: points per bin, points to each side (less than the lowest bin
 # used)
@@ -160,57 +160,11 @@ def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
     bands = []
     for part in parts:
         total, m = W[part].sum(), part.size
-        p = min(1.0, sum_p(m, total))
+        p = min(1.0, 2 * min(scipy.special.gammaincc(m, total), scipy.special.gammainc(m, total)))
         bands.append(Band(f[part[0]], f[part[-1]], m, total / m, p))
     trend = min(weighted_p(a, W) for a in weights)
     p = min(1.0, (len(bands) + len(weights)) * min([trend, *(b.p for b in bands)]))
     return Spectrum(bands, trend, float(10 * np.log10(W.mean())), float(p))
-
-
-def sum_p(m: int, total: float) -> float:
-    """Return the two-sided p-value of a sum of m independent Exp(1).
-
-    It is the probability of fewer than m events of a Poisson process, or of m or more.
-
-    Examples
-    --------
-    >>> from stimlib.analysis.spectra import sum_p
-    >>> round(sum_p(8, 24.0), 6), sum_p(8, float("inf"))
-    (9.5e-05, 0.0)
-    """
-    k = np.arange(m) if total > m else np.arange(m, 3 * m + 100)  # the rest is below rounding
-    factorials = np.cumsum(np.log(np.maximum(np.arange(k[-1] + 1), 1)))
-    total = min(max(total, 1e-300), 1e300)
-    tail = float(np.exp(k * math.log(total) - total - factorials[k]).sum())
-    return 2 * min(tail, 1 - tail)
-
-
-def beyond(s: float) -> float:
-    """Return the probability that a normal deviate is above s."""
-    return math.erfc(s / math.sqrt(2)) / 2
-
-
-def crossing(f: Callable[[float], float], low: float, high: float) -> float:
-    """Return where a function that is negative at low and positive at high is 0.
-
-    The method is false position, by the Illinois rule.
-
-    Examples
-    --------
-    >>> from stimlib.analysis.spectra import crossing
-    >>> round(crossing(lambda x: x * x - 2, 0.0, 2.0), 9)
-    1.414213562
-    """
-    below, above, value, last, x = f(low), f(high), 0.0, high, low
-    while abs(x - last) > 1e-15 * abs(x):
-        last, x = x, low - below * (high - low) / (above - below)
-        before, value = value, f(x)
-        kept = 0.5 if before * value > 0 else 1.0  # of the end that stays, a second time
-        if value > 0:
-            high, above, below = x, value, kept * below
-        else:
-            low, below, above = x, value, kept * above
-    return x
 
 
 def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
@@ -235,7 +189,7 @@ def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
     a = a * np.sign(a @ (W - 1))
     s = float(a @ (W - 1))
     # below there is no doubt about it
-    return float(min(1.0, 2 * (beyond(s) if s < 2 else tail(a, s))))
+    return float(min(1.0, 2 * (scipy.special.ndtr(-s) if s < 2 else tail(a, s))))
 
 
 def tail(c: np.ndarray, s: float) -> float:
@@ -266,7 +220,7 @@ def tail(c: np.ndarray, s: float) -> float:
     if s < 0:
         return 1 - tail(-c, -s)
     if s < 1e-3:  # the formula has 0/0 at the mean
-        return beyond(s)
+        return float(scipy.special.ndtr(-s))
     top = float(c.max())
     if top <= 0 and s >= -c.sum():
         return 0.0  # larger than such a sum can be
@@ -277,11 +231,11 @@ def tail(c: np.ndarray, s: float) -> float:
     low, high = 0.0, 0.5 / top if top > 0 else s
     while slope(high) < 0:
         low, high = high, (high + 1 / top) / 2 if top > 0 else 2 * high
-    t = crossing(slope, low, high)
+    t = scipy.optimize.brentq(slope, low, high)
     r = np.sqrt(2 * (t * s + float(np.sum(np.log1p(-c * t) + c * t))))
     u = t * np.sqrt(float(np.sum((c / (1 - c * t)) ** 2)))
     density = np.exp(-r * r / 2) / np.sqrt(2 * np.pi)
-    return float(np.clip(beyond(r) + density * (1 / u - 1 / r), 0.0, 1.0))
+    return float(np.clip(scipy.special.ndtr(-r) + density * (1 / u - 1 / r), 0.0, 1.0))
 
 
 test_spectrum.__test__ = False  # type: ignore[attr-defined]  # a function of ours, not pytest's
@@ -326,4 +280,4 @@ def correlated_p(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
     """Return correlation and p-value of two complex normal vectors of variance 1."""
     c = float(np.mean((a * b.conj()).real))
     # normal for any given b
-    return c, 2 * beyond(abs(c) * a.size / np.sqrt(np.sum(np.abs(b) ** 2) / 2))
+    return c, float(2 * scipy.special.ndtr(-abs(c) * a.size / np.sqrt(np.sum(np.abs(b) ** 2) / 2)))

@@ -210,10 +210,8 @@ def summed(h: Row, x: Row) -> Row:
     h = h[: x.size].astype(float)
     if min(h.size, x.size) <= SHORT:
         return np.convolve(x, h)[: x.size]
+    size = scipy.fft.next_fast_len(x.size + h.size - 1, real=True)
     # as scipy.signal.fftconvolve, whose import takes most of a second of processor time
-    size = x.size + h.size - 1
-    step = 1 << max(0, size.bit_length() - 4)
-    size = -(-size // step) * step  # 8 to 16 times a power of 2
     return np.fft.irfft(np.fft.rfft(x, size) * np.fft.rfft(h, size), size)[: x.size]
 
 
@@ -279,8 +277,11 @@ def free(L: Row, rest: Row) -> Row:
 
     It is fitted at some samples, most of them early.
     """
-    later = np.geomspace(1, rest.size, 16 * L.size).astype(int) - 1
-    at = np.array(sorted({*range(min(64, rest.size)), *later.tolist()}))
+    at = np.unique(
+        np.r_[
+            np.arange(min(64, rest.size)), np.geomspace(1, rest.size, 16 * L.size).astype(int) - 1
+        ]
+    )
     L = L[L.imag >= -1e-12 * np.abs(L)]
 
     def columns(n: Row) -> Row:

@@ -12,7 +12,6 @@ import dataclasses as dc
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -237,23 +236,23 @@ def smallest_share(bins: int, alarm: float) -> float:
     >>> round(smallest_share(1000, 1e-6), 3), smallest_share(8, 1e-6)
     (0.146, nan)
     """
-    z, most = -NormalDist().inv_cdf(alarm / 2), math.sqrt(2 * max(bins, 1) - 1)
-    size = most + np.linspace(-6.0, 6.0, 200)  # sqrt(2 G), around its most probable value
-    size = size[size > 0]
-    chance = np.exp(most**2 * np.log(size / most) - (size**2 - most**2) / 2)
-    chance /= chance.sum()
+    z, size = (
+        -scipy.special.ndtri(alarm / 2),
+        np.sqrt(2 * scipy.special.gammainccinv(bins, (np.arange(400) + 0.5) / 400)),
+    )
 
     def lacks(rho: float) -> float:
-        seen = [spectra.beyond(v) for v in ((z - rho * size) / math.sqrt(1 - rho * rho)).tolist()]
-        return float(chance @ seen) - CHANCE
+        return (
+            float(np.mean(scipy.special.ndtr((rho * size - z) / math.sqrt(1 - rho * rho)))) - CHANCE
+        )
 
     top = 1 - 1e-9
-    return spectra.crossing(lacks, 0.0, top) if lacks(top) > 0 else math.nan
+    return float(scipy.optimize.brentq(lacks, 0.0, top)) if lacks(top) > 0 else math.nan
 
 
 def smallest_shift(c: Check) -> float:
     """Return the error at which a normal measurement exceeds its limit."""
-    return float(c.limit - NormalDist().inv_cdf(1 - CHANCE) * c.deviation)
+    return float(c.limit - scipy.special.ndtri(1 - CHANCE) * c.deviation)
 
 
 # The law of a scene -------------------------------------------------------------------

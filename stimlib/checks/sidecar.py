@@ -11,6 +11,7 @@ import json
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from ..core import definitions
 from ..errors import shown
@@ -148,7 +149,9 @@ def sums_of(e: Evidence) -> Sums:
         squares, scale = np.zeros((3, len(e.y))), np.where(top > 0, top, 1.0)
         for k, (y, got) in enumerate(zip(s.y, s.shown, strict=True)):
             error, y = (got - y) / scale[k], y / scale[k]  # squares of 1e200 would be too large
-            squares[:, k] = [_square(row) for row in (y, y - _smooth(y, size), error)]
+            squares[:, k] = [
+                _square(row) for row in (y, y - scipy.ndimage.uniform_filter1d(y, size), error)
+            ]
         tops = np.fmax(tops, top)
         parts.append((scale, squares, s.y.shape[1] / e.frames))
     scales = np.where(tops > 0, tops, 1.0)
@@ -159,13 +162,6 @@ def sums_of(e: Evidence) -> Sums:
             )
         )
     return Sums(peaks, clips, digest.hexdigest(), scales, rms)
-
-
-def _smooth(y: np.ndarray, size: int) -> np.ndarray:
-    """Return the moving mean of a row, which is reflected at both ends."""
-    before = size // 2
-    sums = np.cumsum(np.pad(y, (before + 1, size - before - 1), "symmetric"))
-    return (sums[size:] - sums[:-size]) / size
 
 
 def storage(e: Evidence, sums: Sums | None = None) -> list[Check]:

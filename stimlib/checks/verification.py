@@ -277,8 +277,7 @@ def _impulse(b: Block, p: Any, fs: float):
         peak = max(peak, last)
     h = np.concatenate(parts) / SMALL
     spectrum = np.fft.rfft(h)
-    bins = np.geomspace(1, spectrum.size - 1, 600).astype(int)
-    bins = bins[np.diff(bins, prepend=0) > 0]  # np.unique would import numpy.ma
+    bins = np.unique(np.geomspace(1, spectrum.size - 1, 600).astype(int))
     f = bins * fs / h.size
     settled = len(parts) >= least and last <= 1e-15 * peak
     # of a tail that falls as a power of time, what is cut off is about its last sample

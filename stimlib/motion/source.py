@@ -180,8 +180,6 @@ def sources_of(
 
 def unmasked(values: ArrayLike) -> Array:
     """Return numbers as float64; what a mask hides is nan, not what lies below."""
-    if type(values) is np.ndarray:  # without a mask, and without the import of numpy.ma
-        return np.asarray(values, np.float64)
     return np.ma.filled(np.ma.asarray(values, np.float64), np.nan)
 
 

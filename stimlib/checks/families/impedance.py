@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -249,7 +248,7 @@ def _slope(
     f = np.fft.rfftfreq(n, 1 / e.fs)
     density = model(np.maximum(f, f[1] / 2)) * np.abs(np.fft.rfft(weights, n)) ** 2
     deviation = float(np.sqrt(e.fs / n * density.sum())) / power
-    sigmas = -NormalDist().inv_cdf(e.share / 2)
+    sigmas = -float(scipy.special.ndtri(e.share / 2))
     text = f"{slope:.7g} N/m, {sigmas:.2g} standard deviations of what the noise adds"
     limit = sigmas * deviation + lost + 1e-12 * abs(k)
     return [
