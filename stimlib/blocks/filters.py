@@ -1423,9 +1423,9 @@ def track_velocity(
     Notes
     -----
     Reports that are held leave a ripple. At a constant speed and the default bandwidth,
-    its largest error is 30 % of the speed for reports at 60 Hz, 8 % at 125 Hz and 3 % at
-    250 Hz; with reports that come up to half an interval late, 58, 22 and 8 %. Half
-    the bandwidth has a third to a quarter of the error, and twice the latency.
+    its largest error is 30 % of the speed for reports at 60 Hz, 8 % at 125 Hz and 3 %
+    at 250 Hz; with reports that come up to half an interval late, 58, 22 and 8 %. Half
+    the bandwidth has about a third of the error, and twice the latency.
 
     References
     ----------

@@ -113,9 +113,9 @@ def velocity(x: Block, cutoff: float = 100.0, contact: Block | float = 1.0) -> B
     -----
     A position that is held between reports moves in steps, and the estimate ripples at
     the rate of the reports. At a constant speed, with reports at 125 Hz, its largest
-    error is 8 % of the speed for 20 Hz, 18 % for 30 Hz and 93 % for 100 Hz; with reports
-    that come up to half an interval late, 22, 39 and 130 %. For a given error the
-    cutoff is proportional to the rate: 250 Hz and 60 Hz are as 125 Hz and 30 Hz.
+    error is 8 % of the speed for 20 Hz, 18 % for 30 Hz and 93 % for 100 Hz; with
+    reports that come up to half an interval late, 22, 39 and 130 %. For a given error
+    the cutoff is proportional to the rate: 250 Hz and 60 Hz are as 125 Hz and 30 Hz.
     ``track_velocity`` with the same bandwidth has the same error.
 
     References

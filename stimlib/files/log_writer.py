@@ -326,7 +326,7 @@ def header(
         "units": {name: str(b.dim) for name, b in named.items()},
         "channels": list(made.outputs) if channels is None else channels,
         "device": device,
-        "block": block,
+        "block": block or 0,  # as where a device chooses anew each time
         "started": started,
     }
 
