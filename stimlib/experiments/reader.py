@@ -485,14 +485,10 @@ def csv_of(
     2,0;no
     """
     mark = {"tab": "\t"}.get(separator, separator)
-    for name, value, known in (("separator", mark, ",;|\t"), ("decimal", decimal, ".,")):
-        if len(value) != 1 or value not in known:
-            one_of = " ".join(known).replace("\t", "tab")
-            raise BadValue(f"{name} = {value!r} must be one of {one_of}")
-    if mark == decimal:
+    if mark == decimal or mark not in tuple(",;|\t") or decimal not in (".", ","):
         raise BadValue(
-            f"separator and decimal are both {decimal!r}: separate columns by ; where numbers have"
-            " a comma"
+            f"separator = {separator!r}, decimal = {decimal!r}: separate columns by , ; | or tab,"
+            " and mark decimals by . or , but not both by one sign"
         )
 
     def cell(value: Any) -> Any:

@@ -79,7 +79,7 @@ def text_of(file: str, data: bytes) -> tuple[bytes, list[str]]:
     """Return a file's text in UTF-8, and what was assumed about its form."""
     notes = []
     if data.startswith(b"\x1f\x8b"):
-        data, notes = _unpacked(file, data), ["unpacked with gzip"]
+        data, notes = unpacked(file, data), ["unpacked with gzip"]
     mark = next((m for m in MARKS if data.startswith(m)), b"")
     encoding = MARKS.get(mark, "utf-8")
     if encoding == "utf-8":
@@ -113,7 +113,7 @@ def _checked(data: bytes) -> bytes:
     return data
 
 
-def _unpacked(file: str, data: bytes) -> bytes:
+def unpacked(file: str, data: bytes) -> bytes:
     """Return what gzip packed, one member after another, up to the limit of a file."""
     parts, size = [], 0
     try:

@@ -1,10 +1,7 @@
 """Reading of arrays from .npz files, with sizes checked before allocation."""
 
 import io
-import struct
-import tokenize
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import prod
@@ -13,27 +10,13 @@ import numpy as np
 
 from ..errors import RecordingError
 from ..system.limits import limits
-from .rows import Array, Batch, Rows, table_error
+from .rows import Array, Batch, Rows, reading, table_error
 
 SAVE = "save arrays of numbers with numpy.savez"
 EQUAL = "save one-dimensional arrays of equal length"
 MAX_HEADER = 10_000  # bytes of the header of an array
 READERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 BATCH = 1 << 17  # rows
-ODD = (
-    *(
-        OSError,
-        ValueError,
-        EOFError,
-        LookupError,
-        TypeError,
-        RuntimeError,
-        SyntaxError,
-        MemoryError,
-        OverflowError,
-    ),
-    *(struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error),
-)
 
 
 @dataclass(frozen=True)
@@ -51,44 +34,23 @@ def read_npz(file: str, data: bytes) -> tuple[tuple[str, ...], int, Callable[[],
     # one for each member
     limits.check("recording_columns", data.count(b"PK\1\2"), f"{file}: arrays", RecordingError)
     members: dict[str, _Member] = {}
-    name: str | None = None
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as z:
-            limits.check(
-                "recording_bytes",
-                sum(i.file_size for i in z.infolist()),
-                f"{file}: unpacked bytes",
-                RecordingError,
-            )
-            for info in z.infolist():
-                name = info.filename.removesuffix(".npy")
-                if name in members:
-                    raise table_error(file, "two arrays have this name", "rename one", None, name)
+    with reading(file, "npz", SAVE), zipfile.ZipFile(io.BytesIO(data)) as z:
+        size = sum(i.file_size for i in z.infolist())
+        limits.check("recording_bytes", size, f"{file}: unpacked bytes", RecordingError)
+        for info in z.infolist():
+            name = info.filename.removesuffix(".npy")
+            if name in members:
+                raise table_error(file, "two arrays have this name", "rename one", None, name)
+            with reading(file, "npz", SAVE, name):
                 members[name] = _member(file, name, z, info)
-                first = next(iter(members))
-                if members[name].count != members[first].count:
-                    problem = (
-                        f"{members[name].count} values, but {first} has {members[first].count}"
-                    )
-                    raise table_error(file, problem, EQUAL, None, name)
-    except ODD as error:
-        raise _odd(file, name, error) from None
+            first = next(iter(members))
+            if members[name].count != members[first].count:
+                problem = f"{members[name].count} values, but {first} has {members[first].count}"
+                raise table_error(file, problem, EQUAL, None, name)
     if not members:
         raise table_error(file, "there are no arrays", SAVE)
     most = next(iter(members.values())).count
     return tuple(members), most, lambda: _batches(file, data, members, most)
-
-
-def _odd(file: str, name: str | None, error: BaseException) -> RecordingError:
-    if isinstance(error, RecordingError):
-        return error
-    return table_error(
-        file,
-        f"cannot be read as npz ({str(error)[:200] or type(error).__name__})",
-        SAVE,
-        None,
-        name,
-    )
 
 
 def _member(file: str, name: str, z: zipfile.ZipFile, info: zipfile.ZipInfo) -> _Member:
@@ -120,7 +82,7 @@ def _batches(file: str, data: bytes, members: dict[str, _Member], count: int) ->
 
     def column(name: str) -> np.ndarray:
         if name not in unpacked:
-            try:
+            with reading(file, "npz", SAVE, name):
                 with zipfile.ZipFile(io.BytesIO(data)) as z, z.open(members[name].info) as f:
                     f.read(members[name].offset)
                     values = f.read(members[name].info.file_size)
@@ -131,14 +93,16 @@ def _batches(file: str, data: bytes, members: dict[str, _Member], count: int) ->
                 ):
                     raise ValueError("texts of characters that are none")
                 unpacked[name] = np.frombuffer(values, dtype, count)
-            except ODD as error:
-                raise _odd(file, name, error) from None
         return unpacked[name]
 
+    return batches_of(column, count)
+
+
+def batches_of(column: Callable[[str], np.ndarray], count: int) -> "Iterator[ArrayBatch]":
+    """Yield the rows of columns, whose arrays are asked for when they are used."""
     for at in range(0, count, BATCH):
-        yield ArrayBatch(
-            column, slice(at, at + BATCH), np.arange(at, min(at + BATCH, count), dtype=np.int64)
-        )
+        rows = np.arange(at, min(at + BATCH, count), dtype=np.int64)
+        yield ArrayBatch(column, slice(at, at + BATCH), rows)
 
 
 @dataclass(frozen=True)

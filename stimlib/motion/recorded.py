@@ -294,12 +294,14 @@ def recording(
     ----------
     source : path, DataFrame or mapping of str to array
         A ``.npz`` file holds one-dimensional arrays of equal length, by name; row
-        numbers are their indices. Any other file is read as text, packed by gzip or
-        not: columns are separated by commas, semicolons, tabs, ``|`` or spaces, and a
-        line above the rows has their names; row numbers are line numbers. Comments,
-        lines above the names and a row of units are skipped, see ``info["read"]``. A
-        table in memory (pandas, or any mapping of names to one-dimensional arrays) is
-        treated like an npz file.
+        numbers are their indices. A ``.mat`` file (version 5 to 7) has the vectors and
+        matrices of MATLAB, an ``.xdf`` file (needs pyxdf) the channels of a stream and
+        its times ``t_s``. Any other file is read as text, packed by gzip or not:
+        columns are separated by commas, semicolons, tabs, ``|`` or spaces, and a line
+        above the rows has their names; row numbers are line numbers. Comments, lines
+        above the names and a row of units are skipped, see ``info["read"]``. A table in
+        memory (pandas, or any mapping of names to one-dimensional arrays) is treated
+        like an npz file.
     columns : mapping of str to str
         For each input of the scene, a column in the input's unit, or a conversion:
         ``"force_N*5e-4"``, ``"(x_raw - 1472)*2e-5"``, ``"hypot(vx, vy)*1e-3"``. It has

@@ -1,12 +1,13 @@
 """Batches of rows of a table in any format, and the errors about them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import RecordingError
+from ..errors import RecordingError, StimlibError
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -40,3 +41,15 @@ def table_error(
     if column is not None:
         file += f", column {column}"
     return RecordingError(f"{file}: {problem}; {remedy}")
+
+
+@contextmanager
+def reading(file: str, form: str, remedy: str, column: str | None = None) -> Iterator[None]:
+    """Turn whatever a library raises about a file into an error about it."""
+    try:
+        yield
+    except StimlibError:
+        raise
+    except Exception as error:
+        problem = f"cannot be read as {form} ({str(error)[:200] or type(error).__name__})"
+        raise table_error(file, problem, remedy, None, column) from None

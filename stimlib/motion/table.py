@@ -1,4 +1,4 @@
-"""Reader of external tables (CSV, npz or in memory), one batch of rows at a time.
+"""Reader of external tables, in files or in memory, one batch of rows at a time.
 
 Only the requested parts of a file are kept in memory.
 
@@ -21,6 +21,7 @@ import numpy as np
 from ..errors import BadValue, RecordingError
 from ..system import fields, safe_files
 from ..system.limits import limits
+from .binary import read_mat, read_xdf
 from .layout import (
     EMPTY,
     PIECE,
@@ -135,8 +136,8 @@ def read_table(
     Parameters
     ----------
     source : path or Columns
-        A file whose name ends in .npz is read as npz, any other as text, packed by gzip
-        or not; or arrays of equal length under their names.
+        A file whose name ends in .npz, .mat, .xdf or .xdfz is read as such, any other
+        as text, packed by gzip or not; or arrays of equal length under their names.
     sha256 : str, optional
         First 8 to 64 hex digits of the SHA-256 of the file, or of the table's names and
         values, which must match.
@@ -184,6 +185,10 @@ def read_table(
     if file.lower().endswith(".npz"):
         names, most, batches = read_npz(file, data)
         return TableFile(file, digest, names, most, batches)
+    if found := re.search(r"\.(mat|xdf|xdfz|xdf\.gz)\Z", file.lower()):
+        read = read_mat if found[1] == "mat" else read_xdf
+        names, most, batches, notes = read(file, data, known)
+        return TableFile(file, digest, names, most, batches, read=notes)
     stem = re.sub(r"\.tsv(\.gz)?\Z", "", file)
     if re.search("_(stim|physio|motion)\\Z", stem) and os.path.exists(f"{stem}.json"):
         return _read_bids(file, digest, data, stem)

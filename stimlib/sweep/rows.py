@@ -193,16 +193,13 @@ def _read(pa: Any, rows: Any) -> pa.Table:
 def _read_csv(path: Path) -> pa.Table:
     """Read a CSV file, whose encoding, separator and decimal sign are found."""
     data, _ = text_of(str(path), path.read_bytes())
-    mark, decimal = ",", "."
-    if data.strip():
-        found = layout_of(str(path), data, lambda names: sum(map(str.isidentifier, names)))
-        mark = found.separator.replace(" ", ",")
-        decimal = decimal_sign(data, 0, mark)
+    found = layout_of(str(path), data, lambda names: sum(map(str.isidentifier, names)))
+    mark = found.separator.replace(" ", ",")
     csv = arrow("pyarrow.csv")
     return csv.read_csv(
         BytesIO(data),
         parse_options=csv.ParseOptions(delimiter=mark),
-        convert_options=csv.ConvertOptions(decimal_point=decimal),
+        convert_options=csv.ConvertOptions(decimal_point=decimal_sign(data, 0, mark)),
     )
 
 

@@ -122,7 +122,7 @@ def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
     told = pd.read_csv(tmp_path / "e.csv", sep=";", decimal=",")
     pd.testing.assert_frame_equal(told, pd.read_csv(tmp_path / "t.csv"))
     assert (tmp_path / "e.csv").read_bytes().startswith(b"\xef\xbb\xbfparticipant;session;")
-    assert "both ','" in stimlib("analyse", *where, "--decimal", ",", status=2)
+    assert "not both by one sign" in stimlib("analyse", *where, "--decimal", ",", status=2)
 
 
 def test_simulated_sessions_are_pilots(file, tmp_path):

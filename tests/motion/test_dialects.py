@@ -378,10 +378,6 @@ def test_tables_that_stimlib_writes_are_read_back(tmp_path_factory, rows, bom):
 
 
 def test_other_signs_of_tables_are_refused():
-    for words, why in (
-        ({"separator": "::"}, r"separator = '::' must be one of , ; \| tab"),
-        ({"decimal": ";"}, "decimal = ';' must be one of . ,"),
-        ({"decimal": ","}, "both ','.*separate columns by ;"),
-    ):
-        refused(BadValue, why, csv_of, {"a": [1.5]}, **words)
+    for words in ({"separator": "::"}, {"separator": ""}, {"decimal": ";"}, {"decimal": ","}):
+        refused(BadValue, "separate columns by , ; | or tab, and", csv_of, {"a": [1.5]}, **words)
     assert csv_of({"a": [1.5, "1.5", None, True, 2]}, ";", ",") == 'a\n1,5\n1.5\n""\nTrue\n2\n'

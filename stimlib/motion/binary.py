@@ -1,0 +1,203 @@
+"""Tables in binary formats of others: MATLAB's .mat, and XDF by pyxdf.
+
+Framing and sizes are checked before anything is unpacked, and before pyxdf gets a file,
+so that what is cut off or claims to be huge is refused. No code of a file is run.
+SciPy's reader of .mat ends the process at some damaged files, so only the arrays of
+numbers are read here.
+"""
+
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from typing import Any
+
+import numpy as np
+
+from ..errors import RecordingError
+from ..system.limits import limits
+from ..system.packages import package
+from .layout import unpacked
+from .npz import EQUAL, batches_of
+from .rows import Batch, Known, reading, table_error
+
+# names, number of rows, batches, and what was skipped or assumed
+Read = tuple[tuple[str, ...], int, Callable[[], Iterator[Batch]], tuple[str, ...]]
+
+# -- MATLAB
+
+HEADER = 128  # bytes
+MATRIX, COMPRESSED = 14, 15  # types of elements
+CLASSES = range(6, 16)  # of arrays of numbers
+COMPLEX = 0x800  # in the flags of an array
+TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+SAVE = "save vectors of numbers with save(.., '-v7'), the fields of a struct s with '-struct', 's'"
+
+
+def read_mat(file: str, data: bytes, known: Known) -> Read:
+    """Read the vectors and matrices of a MATLAB file of version 5 to 7.
+
+    Columns of a matrix x are x_1, x_2, ... All columns in use must have the length of
+    most of them.
+    """
+    columns: dict[str, np.ndarray] = {}
+    others, size = [], len(data)
+    with reading(file, ".mat", SAVE):
+        if data[HEADER - 4 : HEADER] not in (b"\0\1IM", b"\1\0MI"):
+            raise table_error(file, "not a MATLAB file of version 5 to 7, and 7.3 is HDF5", SAVE)
+        order = "<" if data[HEADER - 2 : HEADER] == b"IM" else ">"
+        for kind, element in _elements(data[HEADER:], order, 1):
+            if kind == COMPRESSED:
+                most = int(min(limits.recording_bytes, 2**40))
+                element = zlib.decompressobj().decompress(element, most + 1)
+                size += len(element)
+                limits.check("recording_bytes", size, f"{file}: unpacked bytes", RecordingError)
+                ((kind, element),) = _elements(element, order, 1)
+            name, values = _variable(element, order) if kind == MATRIX else ("", None)
+            if values is None:
+                others.append(name)
+                continue
+            limits.check("recording_columns", len(values), f"{file}: columns", RecordingError)
+            names = [f"{name}_{k + 1}" if len(values) > 1 else name for k in range(len(values))]
+            columns |= dict(zip(names, values, strict=True))
+    if not columns:
+        there = ", ".join(others)[:100] or "nothing"
+        raise table_error(file, f"there are no arrays of real numbers, but {there}", SAVE)
+    lengths: dict[int, list[str]] = {}
+    for name, values in columns.items():
+        lengths.setdefault(len(values), []).append(name)
+    rows = max(lengths, key=lambda n: (known(lengths[n]), n))
+    used = lengths.pop(rows)
+    for n, names in lengths.items():
+        if known(names):
+            raise table_error(file, f"{n} values, and {used[0]} has {rows}", EQUAL, None, names[0])
+        others += [f"{name} (length {n})" for name in names]
+    limits.check("recording_rows", rows, f"{file}: rows", RecordingError)
+    notes = (f"variables skipped: {', '.join(others)[:100]}",) if others else ()
+    return tuple(used), rows, lambda: batches_of(columns.__getitem__, rows), notes
+
+
+def _elements(data: bytes, order: str, multiple: int = 8) -> Iterator[tuple[int, bytes]]:
+    """Yield types and contents of elements, which begin at multiples of some bytes."""
+    at = 0
+    while at < len(data):
+        kind, length = struct.unpack_from(f"{order}2I", data, at)
+        at += 8
+        if kind >> 16:  # up to 4 bytes, in place of the length
+            kind, length, at = kind & 0xFFFF, kind >> 16, at - 4
+        if at + length > len(data):
+            raise ValueError("the file is cut off")
+        yield kind, data[at : at + length]
+        at += length + -(at + length) % multiple
+
+
+def _variable(data: bytes, order: str) -> tuple[str, np.ndarray | None]:
+    """Return the name of a variable, and its columns if it is a matrix of numbers."""
+    parts = _elements(data, order)
+    (flags,) = struct.unpack_from(f"{order}I", next(parts)[1])
+    shape = np.frombuffer(next(parts)[1], f"{order}u4").tolist()
+    name = next(parts)[1].decode()
+    if flags & 0xFF not in CLASSES or flags & COMPLEX or len(shape) != 2 or not name:
+        return name, None
+    kind, numbers = next(parts)
+    values = np.frombuffer(numbers, order + TYPES[kind]).reshape(shape[::-1])
+    return name, values.T if shape[0] == 1 else values
+
+
+# -- XDF
+
+ITEM = {"double64": 8, "float32": 4, "int64": 8, "int32": 4, "int16": 2, "int8": 1}  # bytes
+STREAM_HEADER, SAMPLES = 2, 3  # tags of chunks
+BY_HAND = "copy it again, or load it with pyxdf, which leaves out what is damaged, and give arrays"
+Chunks = dict[int, list[tuple[int, int]]]  # samples and bytes of each, by stream
+
+
+def read_xdf(file: str, data: bytes, known: Known) -> Read:
+    """Read the stream of numbers of an XDF file that has most of the columns in use.
+
+    Columns are t_s, the labels of channels, and these after the stream's name, type or
+    number, such as Tracker.x. Clock offsets are applied and jitter is removed by pyxdf.
+    """
+    pyxdf = package("pyxdf", "an XDF file")
+    if data.startswith(b"\x1f\x8b"):
+        data = unpacked(file, data)
+    with reading(file, "XDF", BY_HAND), np.errstate(all="ignore"):
+        headers, chunks = _chunks(file, data)
+        found = [s["info"] for s in pyxdf.load_xdf(BytesIO(headers), synchronize_clocks=False)[0]]
+        streams = {
+            s["stream_id"]: _columns(file, s, chunks[s["stream_id"]])
+            for s in found
+            if s["channel_format"][0] in ITEM and s["stream_id"] in chunks
+        }
+        fit = {n: known([*names]) for n, names in streams.items()}
+        chosen = [n for n in streams if fit[n] == max(fit.values())]
+        if len(chosen) != 1:
+            names = ", ".join(c for n in chosen for c in streams[n] if "." in c)[:200]
+            remedy = f"use those of one, by name, type or number: {names or 'there is none'}"
+            raise table_error(file, f"the columns are in {len(chosen)} streams of numbers", remedy)
+        wanted = sum(count for count, _ in chunks[chosen[0]])
+        limits.check("recording_rows", wanted, f"{file}: rows", RecordingError)
+        (s,) = pyxdf.load_xdf(BytesIO(data), select_streams=chosen)[0]
+        rows = len(s["time_stamps"])
+        # those beyond the number in the footer are none: liblsl, issue 246
+        stated = ((s.get("footer") or {}).get("info") or {}).get("sample_count") or ()
+        if rows != wanted and str(rows) not in stated:
+            raise table_error(file, f"pyxdf reads {rows} of {wanted} samples", BY_HAND)
+        channels = {name: s["time_series"][:, k] for name, k in streams[chosen[0]].items()}
+        columns = {**channels, "t_s": s["time_stamps"]}
+        note = f"stream {(s['info']['name'] or [''])[0]}: {len(s['clock_times'])} clock offsets"
+        note += " applied, times made even" if s["info"]["effective_srate"] else " applied"
+    return tuple(columns), rows, lambda: batches_of(columns.__getitem__, rows), (note,)
+
+
+def _chunks(file: str, data: bytes) -> tuple[bytes, Chunks]:
+    """Return the headers of streams as an XDF file, and the sizes of their chunks."""
+    headers, chunks, at = [data[:4]], Chunks(), 4
+    while at < len(data):
+        start = at
+        length, at = _whole(data, at)
+        end = at + length
+        if end > len(data) or length < 2:
+            raise table_error(file, "the file is cut off or damaged", BY_HAND)
+        tag = int.from_bytes(data[at : at + 2], "little")
+        if tag == STREAM_HEADER:
+            headers.append(data[start:end])
+        if tag == SAMPLES:
+            count, first = _whole(data, at + 6)
+            stream = int.from_bytes(data[at + 2 : at + 6], "little")
+            chunks.setdefault(stream, []).append((count, end - first))
+        at = end
+    return b"".join(headers), chunks
+
+
+def _whole(data: bytes, at: int) -> tuple[int, int]:
+    """Return a whole number after the byte that has its size, and where it ends."""
+    if data[at] not in (1, 4, 8):
+        raise ValueError(f"a number of {data[at]} bytes at byte {at}")
+    end = at + 1 + data[at]
+    return int.from_bytes(data[at + 1 : end], "little"), end
+
+
+def _columns(file: str, info: Any, chunks: list[tuple[int, int]]) -> dict[str, int]:
+    """Return the columns of a stream, whose chunks must have room for their samples.
+
+    Channels without labels of their own are channel1, channel2, ...
+    """
+    count = int(info["channel_count"][0])
+    limits.check("recording_columns", count, f"{file}: channels", RecordingError)
+    size = count * ITEM[info["channel_format"][0]]
+    for samples, length in chunks:
+        if not samples * (1 + size) <= length <= samples * (9 + size):  # with or without a time
+            raise table_error(file, f"{samples} samples in a chunk of {length} bytes", BY_HAND)
+    try:
+        labels = [c["label"][0].strip() for c in info["desc"][0]["channels"][0]["channel"]]
+    except (AttributeError, LookupError, TypeError):
+        labels = []
+    if len(labels) != count or len({*labels, "t_s"}) <= count:
+        labels = [f"channel{k + 1}" for k in range(count)]
+    of = [
+        "",
+        *(f"{(info[what] or [''])[0]}." for what in ("name", "type")),
+        f"{info['stream_id']}.",
+    ]
+    return {"t_s": -1, **{prefix + name: k for prefix in of for k, name in enumerate(labels)}}

@@ -1,0 +1,282 @@
+"""One contract for every reader: text, npz, .mat and XDF give the same motion for the
+same table and options, and what is damaged or hostile is refused by name.
+"""
+
+import gzip
+import random
+import struct
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+import scipy
+from hypothesis import given, settings, strategies as st
+from laws import STRESS
+from refusals import refused
+from typer.testing import CliRunner
+
+import stimlib
+from stimlib.cli.app import app
+from stimlib.errors import BadValue, MissingPackage, RecordingError
+from stimlib.motion.recorded import parse_source, recording
+from stimlib.motion.table import read_table
+
+N = 200
+T = np.arange(N) * 0.01 + 1000.0
+TABLE = {
+    "t_s": T,
+    "x": 0.05 * np.sin(T),
+    "y": 0.02 * np.cos(3 * T),
+    "us": (np.arange(N) * 10_000.0 + 2**32 - 500_000) % 2**32,
+    "trial": 1.0 + (np.arange(N) >= 100),
+    "contact": 1.0 * (np.arange(N) % 50 > 3),
+}
+HOLES = {**TABLE, "x": np.where(np.arange(N) % 20 == 7, np.nan, TABLE["x"])}
+SENTINELS = {**TABLE, "x": np.where(np.arange(N) % 20 == 7, -9999.0, TABLE["x"])}
+
+
+def chunk(tag, content):
+    return struct.pack("<BIH", 4, len(content) + 2, tag) + content
+
+
+def header(number, name, labels, kind="double64", rate=0.0, count=None):
+    channels = "".join(f"<channel><label>{n}</label></channel>" for n in labels)
+    count = len(labels) if count is None else count
+    return chunk(
+        2,
+        struct.pack("<I", number)
+        + f"<info><name>{name}</name><type>Mocap</type><channel_count>{count}</channel_count>"
+        f"<channel_format>{kind}</channel_format><nominal_srate>{rate}</nominal_srate>"
+        f"<desc><channels>{channels}</channels></desc></info>".encode(),
+    )
+
+
+def samples(number, times, values, stamped=True):
+    rows = [
+        (struct.pack("<Bd", 8, t) if stamped or not k else b"\0") + np.float64(v).tobytes()
+        for k, (t, v) in enumerate(zip(times, values, strict=True))
+    ]
+    return chunk(3, struct.pack("<IBI", number, 4, len(rows)) + b"".join(rows))
+
+
+def xdf_of(table, number=1, name="Tracker", rate=0.0, offsets=()):
+    names = [n for n in table if n != "t_s"]
+    values = np.array([table[n] for n in names]).T
+    times, parts = np.asarray(table["t_s"]), [header(number, name, names, rate=rate)]
+    for at in range(0, len(times), 60):
+        parts.append(samples(number, times[at : at + 60], values[at : at + 60]))
+    parts += [chunk(4, struct.pack("<Idd", number, *pair)) for pair in offsets]
+    return b"".join(parts)
+
+
+def xdf(*streams):
+    return b"XDF:" + chunk(1, b"<info><version>1.0</version></info>") + b"".join(streams)
+
+
+def write(path, table):
+    """Write a table in the format of the path's name."""
+    match path.suffix:
+        case ".csv":
+            path.write_text(pd.DataFrame(table).to_csv(index=False))
+        case ".npz":
+            np.savez(path, **table)
+        case ".mat":
+            scipy.io.savemat(path, {**table, "fs": 100.0, "info": {"who": "P01"}, "kind": "press"})
+        case ".xdf":
+            pytest.importorskip("pyxdf")
+            path.write_bytes(xdf(xdf_of(table), header(2, "Marks", ["m"], "string")))
+    return path
+
+
+OPTIONS = {
+    "plain": (TABLE, {"x": "x"}, {"contact": False}),
+    "contact, another unit": (TABLE, {"x": "x*1e-3", "y": "y"}, {}),
+    "a combination": (TABLE, {"x": "hypot(x, y)"}, {"contact": False, "max_speed": None}),
+    "one trial": (TABLE, {"x": "x"}, {"where": {"trial": 2}, "contact": False}),
+    "a wrap": (TABLE, {"x": "x"}, {"time": "us*1e-6", "wrap": 2**32, "contact": False}),
+    "a second clock": (TABLE, {"x": "x"}, {"clock": "us*1e-6", "wrap": 2**32, "contact": False}),
+    "an even rate": (TABLE, {"x": "x"}, {"rate": 100, "contact": False}),
+    "interpolated": (HOLES, {"x": "x"}, {"missing": "interpolate", "contact": False}),
+    "gaps": (HOLES, {"x": "x"}, {"missing": "gap"}),
+    "sentinels": (SENTINELS, {"x": "x"}, {"missing": "hold", "sentinels": (-9999,)}),
+}
+
+
+@pytest.mark.parametrize("form", [".csv", ".npz", ".mat", ".xdf"])
+@pytest.mark.parametrize("what", OPTIONS)
+def test_every_format_gives_the_same_motion(tmp_path, form, what):
+    table, columns, words = OPTIONS[what]
+    wanted = recording(table, columns, **words)
+    path = write(tmp_path / f"press{form}", table)
+    found = recording(path, columns, **words)
+    t = np.linspace(-0.1, wanted.duration + 0.1, 3001)
+    for name in columns:
+        assert np.array_equal(found.motion[name](t), wanted.motion[name](t))
+    assert np.array_equal(found.contact(t), wanted.contact(t))
+    for key in ("reports", "period", "jumps", "gaps", "start"):
+        assert found.info[key] == wanted.info[key], key
+    above = 2 if form == ".csv" else 0  # rows of text are lines
+    assert found.info["lifts"] == [(row + above, at) for row, at in wanted.info["lifts"]]
+    again = parse_source(repr(found), pinned=True)
+    assert np.array_equal(again.motion["x"](t), found.motion["x"](t))
+
+
+@pytest.mark.parametrize("form", [".csv", ".npz", ".mat", ".xdf"])
+def test_every_format_refuses_the_same(tmp_path, form):
+    table = {**HOLES, "late": np.where(np.arange(N) == 50, 0.0, TABLE["t_s"])}
+    path = write(tmp_path / f"press{form}", table)
+    for columns, words, why in (
+        ({"x": "z"}, {}, "x needs column z, and there is none; the columns are: .*t_s"),
+        ({"x": "x"}, {}, "column x: (nan is not finite|.*no number).*missing="),
+        ({"y": "y"}, {"time": "late"}, "row"),
+        ({"y": "y"}, {"where": {"trial": 7}}, "no row has trial=7; choose from .*1.*2"),
+        ({"y": "y"}, {"sha256": "0" * 8}, "SHA-256 is"),
+    ):
+        refused(BadValue, why, recording, path, columns, **words)
+
+
+# MATLAB -------------------------------------------------------------------------------
+def test_matrices_rows_and_other_lengths_of_a_mat_file(tmp_path):
+    path = tmp_path / "m.mat"
+    xy = np.array([TABLE["x"], TABLE["y"]]).T
+    kinds = {"t_s": T[None], "xy": xy, "n": np.arange(N, dtype=np.int16), "z": xy[:, :1] * 1j}
+    scipy.io.savemat(path, {**kinds, "short": xy[1:], "cells": np.array([1, "a"], object)})
+    assert read_table(path).names == ("t_s", "xy_1", "xy_2", "n")
+    found = recording(path, {"x": "hypot(xy_1, xy_2)", "n": "n*1e-6"})
+    wanted = np.hypot(*xy.T)
+    assert found.motion["x"](T - T[0]).tolist() == pytest.approx(wanted, abs=1e-15)
+    assert "variables skipped: z, cells, short_1 (length 199)" in str(found)
+    why = "column short_1: 199 values, and t_s has 200; save one-dimensional"
+    refused(RecordingError, why, recording, path, {"x": "xy_1", "y": "short_1"})
+    scipy.io.savemat(path, {"s": {"x": 1.0}})
+    refused(RecordingError, "no arrays of real numbers, but s; .*'-struct', 's'", read_table, path)
+    for data, why in (
+        (b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM", "7.3 is HDF5; .*'-v7'"),
+        (b"", "not a MATLAB file of version 5 to 7"),
+        (b"t_s,x\n0,1\n", "not a MATLAB file"),
+    ):
+        path.write_bytes(data)
+        refused(RecordingError, why, read_table, path)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("kind", "b1 i1 u1 i2 u2 i4 u4 i8 u8 f4 f8".split())
+def test_numbers_of_all_types_are_those_of_scipy(tmp_path, kind, packed):
+    rng = np.random.default_rng(0)
+    for shape in ((1, 1), (3, 1), (1, 4), (5, 3), (2, 0)):
+        values = rng.integers(0, 100, shape).astype(kind)
+        path = tmp_path / "m.mat"
+        scipy.io.savemat(path, {"v": values, "longer_name": values}, do_compression=packed)
+        wanted = scipy.io.loadmat(path)["v"].astype(float)
+        table = read_table(path) if values.size else None
+        if table is None:
+            refused(RecordingError, "no arrays of real numbers", read_table, path)
+            continue
+        names = [n for n in table.names if n.startswith("v")]
+        got = np.concatenate([b.numbers(names) for b in table.batches()], axis=1)
+        assert np.array_equal(got, wanted if shape[0] == 1 else wanted.T)
+
+
+def test_a_small_mat_file_of_much_is_refused_without_unpacking(tmp_path, monkeypatch):
+    path = tmp_path / "m.mat"
+    scipy.io.savemat(path, {"x": np.zeros((1000, 1000))}, do_compression=True)
+    assert path.stat().st_size < 20_000
+    monkeypatch.setattr(stimlib.limits, "recording_bytes", 1e6)
+    refused(RecordingError, "unpacked bytes", read_table, path)
+
+
+def test_the_command_line_takes_such_files(tmp_path):
+    path = write(tmp_path / "press.mat", {**TABLE, "contact": np.ones(N)})
+    out = tmp_path / "a.wav"
+    words = ["render", "squeeze", "--motion", str(path), "--map", "x=x*0.1", "--out", str(out)]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    assert "variables skipped: info, kind, fs (length 1)" in str(recording(path, {"x": "x"}))
+
+
+# XDF ----------------------------------------------------------------------------------
+def test_streams_clock_offsets_and_jitter_of_an_xdf_file(tmp_path):
+    pytest.importorskip("pyxdf")
+    path, rng = tmp_path / "lab.xdf", np.random.default_rng(0)
+    jitter = {**TABLE, "t_s": T + rng.normal(0, 1e-3, N)}
+    offsets = [(t, 5.0 + 1e-4 * (t - T[0])) for t in np.linspace(T[0], T[-1], 10)]
+    pen = {"t_s": T, "x": 2 * TABLE["x"], "tip": TABLE["y"]}
+    tracker = xdf_of(jitter, 1, "Tracker", rate=100.0, offsets=offsets)
+    path.write_bytes(xdf(tracker, xdf_of(pen, 2, "Pen"), header(3, "Marks", ["m"], "string")))
+    found = recording(path, {"x": "'Tracker.x'"}, contact=False)
+    assert "stream Tracker: 10 clock offsets applied, times made even" in str(found)
+    assert found.info["start"] == pytest.approx(1005.0, abs=1e-3)
+    assert found.info["rate"] == pytest.approx(100 / (1 + 1e-4), rel=1e-4)
+    for x in ("'Pen.x'", "'2.x'", "tip + 0*x"):
+        found = recording(path, {"x": x})
+        assert found.info["start"] == T[0] and "0 clock offsets applied)" in str(found)
+    for columns in ({"x": "x"}, {"x": "'Pen.x'", "y": "'Tracker.y'"}, {"x": "'Mocap.x'"}):
+        why = "in 2 streams of numbers; use those of one, by name, type or number: Tracker.x"
+        refused(RecordingError, why, recording, path, columns)
+    packed = tmp_path / "lab.xdfz"
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    again = recording(packed, {"x": "'Pen.x'"})
+    assert again.info["reports"] == N
+    path.write_bytes(xdf(header(1, "Pen", ["", ""]), samples(1, T, np.zeros((N, 2)))))
+    assert read_table(path).names[:3] == ("t_s", "channel1", "channel2")
+
+
+def test_without_pyxdf_the_error_says_how_to_install_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyxdf", None)
+    (tmp_path / "a.xdf").write_bytes(xdf())
+    refused(MissingPackage, "an XDF file needs the package pyxdf", read_table, tmp_path / "a.xdf")
+
+
+HUGE = struct.pack("<IBQ", 1, 8, 2**40) + b"\0" * 8
+BAD_XDF = {
+    "no XDF": (b"t_s,x\n0,1\n", "cannot be read as XDF"),
+    "empty": (b"", "cannot be read as XDF"),
+    "no streams": (xdf(), "in 0 streams"),
+    "texts only": (xdf(header(1, "M", ["m"], "string")), "in 0 streams"),
+    "huge count": (xdf(header(1, "A", ["x"]), chunk(3, HUGE)), "1099511627776 samples in a chunk"),
+    "many channels": (xdf(header(1, "A", [], count=10**9), samples(1, T, T)), "channels"),
+    "cut off": (xdf(xdf_of(TABLE))[:-3], "cut off or damaged; copy it again, or load it with"),
+    "a number of 3 bytes": (xdf() + b"\3\0\0\0", "a number of 3 bytes"),
+    "no XML": (xdf(chunk(2, b"\1\0\0\0<info>"), samples(1, T, T)), "cannot be read as XDF"),
+    "entities": (
+        xdf(
+            chunk(
+                2,
+                b'\1\0\0\0<!DOCTYPE a [<!ENTITY b "'
+                + b"b" * 10**5
+                + b'">]><info><name>'
+                + b"&b;" * 10**5
+                + b"</name></info>",
+            )
+        ),
+        "cannot be read as XDF",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", BAD_XDF)
+def test_odd_xdf_files(tmp_path, what):
+    pytest.importorskip("pyxdf")
+    data, why = BAD_XDF[what]
+    (tmp_path / "a.xdf").write_bytes(data)
+    refused(RecordingError, why, recording, tmp_path / "a.xdf", {"x": "x"})
+
+
+# -- both
+
+
+@pytest.mark.parametrize("form", [".mat", ".xdf"])
+@settings(max_examples=2000 if STRESS else 60)
+@given(seed=st.integers(0, 2**32))
+def test_damaged_files_are_read_or_refused_by_name(tmp_path_factory, form, seed):
+    folder, rng = tmp_path_factory.mktemp("bad"), random.Random(seed)
+    path = write(folder / f"a{form}", {name: values[:20] for name, values in TABLE.items()})
+    data = bytearray(path.read_bytes())
+    for _ in range(rng.randrange(3)):
+        data[rng.randrange(len(data))] = rng.choice([0, 1, 4, 8, 127, 255, rng.randrange(256)])
+    path.write_bytes(data[: rng.choice([len(data), rng.randrange(len(data))])])
+    try:
+        recording(path, {"x": "x"}, contact=False, max_speed=None)
+    except BadValue:
+        pass
