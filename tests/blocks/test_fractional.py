@@ -121,7 +121,6 @@ LONGEST = [  # seconds, sample rate, order, movement
 SOME = [
     *((60, 1000.0, a, kind) for a, kind in zip(ALPHAS[::2], [*KINDS, "ramp"], strict=True)),
     (60, 8000.0, 0.95, "quantised"),
-    (3600, 1000.0, 0.05, "ramp"),
 ]
 
 
