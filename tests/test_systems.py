@@ -17,6 +17,7 @@ from systems import flow
 HERE = Path(__file__).parent / "systems"
 pytestmark = [
     pytest.mark.systems,
+    pytest.mark.longer,
     pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="looks at open files in /proc"),
 ]
 STEPS = {"windows": [step.__name__ for step in flow.STEPS]}

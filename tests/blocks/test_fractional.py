@@ -122,10 +122,11 @@ SOME = [
     *((60, 1000.0, a, kind) for a, kind in zip(ALPHAS[::2], [*KINDS, "ramp"], strict=True)),
     (60, 8000.0, 0.95, "quantised"),
 ]
+HOUR = (3600, 1000.0, 0.05, "ramp")
 
 
 @extended
-@pytest.mark.parametrize("given", LONGEST if LONG else SOME, ids=str)
+@pytest.mark.parametrize("given", LONGEST if LONG else mostly(SOME, [*SOME, HOUR]), ids=str)
 def test_a_minute_and_an_hour_to_the_last_digits(given):
     seconds, fs, alpha, kind = given
     n = int(seconds * fs)
