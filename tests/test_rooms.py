@@ -144,7 +144,7 @@ def files_of(path: Path) -> set[Path]:
         elif isinstance(node, ast.ImportFrom):
             names = [f"{node.module or ''}.{a.name}".lstrip(".") for a in node.names]
             names += [node.module] * bool(node.module)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+        elif isinstance(node, ast.Call) and "import_module" in vars(node.func).values():
             names = [a.value for a in node.args if isinstance(a, ast.Constant)]
         else:
             continue
