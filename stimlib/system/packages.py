@@ -13,7 +13,7 @@ EXTRAS = {
     "sweep": ("pyarrow", "cloudpickle", "distributed"),
     "live": ("starlette", "uvicorn", "websockets"),
     "experiments": ("statsmodels", "pandas"),
-    "lab": ("pylsl", "serial"),
+    "lab": ("pylsl", "serial", "pyxdf"),
 }
 """Modules that ``pip install 'stimlib[NAME]'`` brings, of what `package` imports."""
 
