@@ -59,6 +59,14 @@ PRINTED = {
         "A = 3.4: felt as the standard at about 2190 N/m\n"
     ),
     "detection_threshold.py": "79 trials, threshold 0.085 V\n",
+    "difference_threshold.py": (
+        "        JND / Hz   95 %           Weber fraction\n"
+        "P01         16.7   13.0 to 22.8   8.4%\n"
+        "P02         19.2   13.7 to 30.0   9.6%\n"
+        "P03         17.3   13.3 to 24.0   8.7%\n"
+        "P04         15.1   11.4 to 21.6   7.6%\n"
+        "P05         16.9   11.3 to 30.0   8.5%\n"
+    ),
     "own_block.py": (
         "force after 50 ms: 20.0000 N\ncompiled and reference samples are equal, bit for bit\ngain"
         " at 50 Hz: -3.01 dB\n"

@@ -423,6 +423,7 @@ RESULTS = set("""
     Rendering Report Check Shows Drawing Against Recording Cues Power Effect Detection Distance
     Coefficient ForcedChoice Estimate Roc Jnds Explained Found Located Sorted Ratings Law
     Comparison Fit LikelihoodRatio MaterialFit SpringpotFit MaxwellFit Bin TextureFit FrameFit
+    DifferenceThreshold
     Placement Resonance Sweep Drift FileReport PatternReport Replay SessionReport MotionFile
     SessionLog Loopback Device Saved Record Forecast Copies Levels TextureModel
     stimlib.plate.Answer Prompt

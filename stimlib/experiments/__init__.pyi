@@ -106,7 +106,14 @@ from .signal_detection import (
     roc as roc,
     wilson as wilson,
 )
-from .tables import fitted as fitted, grouped as grouped, plain as plain, to_pandas as to_pandas
+from .tables import (
+    DifferenceThreshold as DifferenceThreshold,
+    difference_thresholds as difference_thresholds,
+    fitted as fitted,
+    grouped as grouped,
+    plain as plain,
+    to_pandas as to_pandas,
+)
 from .tasks import (
     OneInterval as OneInterval,
     Rate as Rate,

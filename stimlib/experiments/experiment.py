@@ -24,7 +24,7 @@ from ..system import fields
 from .designs import reach_of
 from .questions import Question
 from .random_streams import seed_of, stream
-from .tasks import extremes
+from .tasks import DIFFERENCES, TwoInterval, extremes
 from .texts import Texts, texts_of
 from .trial import Answer, Design, Observer, Stimulus, Trial, observed
 from .user_code import called
@@ -437,8 +437,10 @@ class Experiment:
 
         If feedback is wanted, a trial must have a right answer.
         """
-        for trial in (t for pair in reach_of(design) for t in extremes(*pair)):
-            self.check(trial)
+        for task, level in reach_of(design):
+            for trial in extremes(task, level):
+                self.check(trial)
+            self._check_detection(getattr(task, "task", task))
         guessed = observed(design, 0, self.guess, stream(0, "feedback"))
         if self.feedback and not any(trial.right for trial, _ in islice(guessed, 1000)):
             raise BadValue(
@@ -446,6 +448,17 @@ class Experiment:
                 " answer; give correct= in Rate or in Trial, give the standard of a TwoInterval a"
                 " value of what varies, or leave feedback out"
             )
+
+    def _check_detection(self, task: Any) -> None:
+        """Raise an error where a standard of 0 Hz or 0 s is taken as no stimulus."""
+        if isinstance(task, TwoInterval) and task.chance and task.detection is None:
+            varied = self.scenes[task.comparison.scene].params[task.varies]
+            if str(varied.dim) in ("1/s", "s"):
+                raise BadValue(
+                    f"condition {task.condition!r}: the standard has {task.varies} = 0"
+                    f" {varied.unit}, which is taken as no stimulus, with a chance level of 0.5;"
+                    f" {DIFFERENCES}"
+                )
 
     def familiar(self, participant: str, session: int = 1) -> Mapping[str, Stimulus]:
         """Return the stimuli that a participant may explore before a session."""

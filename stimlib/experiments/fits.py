@@ -995,7 +995,8 @@ def profile(
 
     sigmas = np.exp(-ends(at_slope, np.tile(np.log(np.abs(best.b)), 2), -0.2 * both))
     if model.pse is not None:  # then the level goes with sigma
-        levels = np.sort(model.pse + up * sigmas.reshape(2, -1), axis=0).ravel()
+        away = up * sigmas if up else np.zeros(sigmas.shape)
+        levels = np.sort(model.pse + away.reshape(2, -1), axis=0).ravel()
     else:
         start = np.tile(middle + (up - best.a) / best.b, 2)
         levels = ends(at_level, start, both * np.tile(width, 2))

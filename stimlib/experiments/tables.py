@@ -7,8 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ..errors import BadValue, need, public
+from ..system.fields import positive
 from ..system.packages import package
-from .fits import Fit, psychometrics
+from .fits import Fit, _chance, psychometrics
 
 Columns = Mapping[str, Sequence[Any]]
 """Columns with a row for each trial, as `stimlib.experiments.observers.simulate`
@@ -90,6 +91,119 @@ def fitted(
     need("fitted", ("level", "outcome"), columns)
     groups = grouped(columns, by)
     return psychometrics(groups, **how)
+
+
+@dataclasses.dataclass(frozen=True)
+class DifferenceThreshold:
+    """A just-noticeable difference, and Weber's fraction.
+
+    Attributes
+    ----------
+    standard : float
+    jnd, jnd_low, jnd_high : float
+        The difference that is noticed in 75 % of the pairs, and its interval, in the
+        unit of the levels.
+    weber, weber_low, weber_high : float
+        The same as parts of the standard.
+    pse : float
+        Where the curve is half-way up.
+    trials : int
+    problems : tuple of str
+        Of the fit, see `stimlib.experiments.fits.PROBLEMS`; nothing can be used as it
+        is where there are some.
+    """
+
+    standard: float
+    jnd: float
+    jnd_low: float
+    jnd_high: float
+    weber: float
+    weber_low: float
+    weber_high: float
+    pse: float
+    trials: int
+    problems: tuple[str, ...]
+
+
+@public
+def difference_thresholds(
+    columns: Columns,
+    standard: float | Mapping[Any, float],
+    by: Sequence[str] = ("participant", "condition"),
+    *,
+    pse: float | str | None = "standard",
+    **how: Any,
+) -> dict[tuple[Any, ...], DifferenceThreshold]:
+    """Return the just-noticeable difference and Weber fraction of each group.
+
+    Parameters
+    ----------
+    columns : dict of str to sequence
+        As for `fitted`: answers to two intervals, of which one is the standard.
+    standard : float or dict of str to float
+        Value of the standard, above 0: one for all, or one for each condition.
+    by : sequence of str
+        Columns whose values make a group.
+    pse : "standard" or float or None
+        Where the two intervals are equal, see `stimlib.experiments.fits.psychometric`:
+        at the standard; at another level, such as 0 if levels are differences; or None,
+        which fits it, as where they also differ in something else.  Answers of a task
+        with a chance level are to differences, and take 0 for "standard".
+    **how
+        As `stimlib.experiments.fits.psychometrics`.
+
+    Returns
+    -------
+    dict of key to DifferenceThreshold
+
+    Raises
+    ------
+    UnknownName, BadValue
+        As `fitted`; a standard that is not above 0, or not given for a condition.
+
+    Examples
+    --------
+    >>> from stimlib.experiments import difference_thresholds
+    >>> answers = {
+    ...     "participant": ["P01"] * 60 + ["P02"] * 60,
+    ...     "level": [180.0, 220.0, 240.0] * 40,
+    ...     "outcome": [0, 1, 1] * 16 + [1, 0, 1] * 4 + [0, 1, 1] * 18 + [1, 0, 1] * 2,
+    ... }
+    >>> found = difference_thresholds(answers, 200.0, ["participant"])
+    >>> {who: f"{one.weber:.1%}" for (who,), one in found.items()}
+    {'P01': '6.9%', 'P02': '5.1%'}
+    """
+    need("difference_thresholds", ("level", "outcome"), columns)
+    groups = grouped(columns, by)
+    equal: dict[Any, Any] = {}
+    at: dict[Any, Any] = {}
+    for key, rows in groups.items():
+        given: set[Any] = set()
+        if isinstance(standard, Mapping):
+            conditions = rows.get("condition", ["without a column condition"])
+            need("difference_thresholds", conditions, standard, "condition")
+            given = {standard[name] for name in conditions}
+        at[key] = given.pop() if given else standard
+        if given or not positive(at[key]):
+            raise BadValue(
+                f"difference_thresholds: standard = {at[key]!r:.80} must be a number above 0, and"
+                " one for each group; give more columns as by, such as the condition"
+            )
+        chances = [_chance("difference_thresholds", v) for v in rows.get("chance", ())]
+        equal[key] = pse if pse != "standard" else 0.0 if any(chances) else at[key]
+    found: dict[tuple[Any, ...], Fit] = {}
+    for middle in dict.fromkeys(equal.values()):
+        some = {key: rows for key, rows in groups.items() if equal[key] == middle}
+        found |= psychometrics(some, pse=middle, **how)
+    return {key: _difference(found[key], at[key]) for key in groups}
+
+
+def _difference(fit: Fit, standard: float) -> DifferenceThreshold:
+    """Return the report of a fit; with ``log`` its JND is a part of the PSE."""
+    unit = fit.pse if fit.log else 1.0
+    jnd, low, high = unit * fit.jnd, *(unit * v for v in fit.jnd_interval)
+    parts = jnd / standard, low / standard, high / standard
+    return DifferenceThreshold(standard, jnd, low, high, *parts, fit.pse, fit.trials, fit.problems)
 
 
 @public

@@ -16,6 +16,12 @@ from ..errors import BadValue, need, public
 from .random_streams import seed_of, stream
 from .trial import Stimulus, Trial
 
+DIFFERENCES = (
+    "if 0 is no difference, let the level be the value itself and not its difference, or give"
+    " detection=False and levels of both signs; if it is no stimulus, give detection=True"
+)
+"""What to do about a standard of 0 that may be no absence of a stimulus."""
+
 
 @runtime_checkable
 class Task(Protocol):
@@ -61,12 +67,14 @@ class TwoInterval:
     detection : bool, optional
         Whether the standard is the absence of a stimulus, so that the chance level is
         0.5.  By default this is so if ``standard`` sets ``varies`` to 0; pass True if
-        the standard is a separate scene.
+        the standard is a separate scene, and False if 0 is no difference, so that
+        levels have both signs.
 
     Raises
     ------
     BadValue
-        A standard or comparison that is no Stimulus.
+        A standard or comparison that is no Stimulus; a level below 0, in a trial, where
+        ``detection`` follows from a standard of 0.
 
     Notes
     -----
@@ -116,6 +124,11 @@ class TwoInterval:
 
         Each stimulus has its own noise.
         """
+        if self.chance and self.detection is None and level < 0:
+            raise BadValue(
+                f"TwoInterval {self.condition!r}: {self.varies} = {level:g} is below the"
+                f" standard's 0, which is taken as no stimulus; {DIFFERENCES}"
+            )
         comparison = dc.replace(
             self.comparison,
             params={**self.comparison.params, self.varies: level},
