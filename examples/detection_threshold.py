@@ -14,7 +14,7 @@ from stimlib.blocks import burst, oscillator
 from stimlib.experiments import (
     Experiment,
     Interleaved,
-    Psychometric,
+    PsychometricObserver,
     Staircase,
     Stimulus,
     Timing,
@@ -62,7 +62,7 @@ threshold = Experiment(
     bounds={"amplitude": (0.0, BOUNDS[1])},
     timing=Timing(interval=0.5, gap=0.5),
     instructions="One of the two intervals has a vibration. Say which.",
-    observer=Psychometric(pse=0.08, sigma=0.2, log=True),
+    observer=PsychometricObserver(pse=0.08, sigma=0.2, log=True),
     analysis=analysis,
 )
 

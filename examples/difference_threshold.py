@@ -14,7 +14,7 @@ from stimlib import Param, Scene
 from stimlib.blocks import burst, oscillator
 from stimlib.experiments import (
     Experiment,
-    Psychometric,
+    PsychometricObserver,
     Quest,
     Roved,
     Stimulus,
@@ -77,7 +77,7 @@ pitch = Experiment(
     timing=Timing(interval=0.5, gap=0.5),
     instructions="Both intervals vibrate. Say which vibration was faster.",
     # notices a difference of 16 Hz in 75 % of the pairs
-    observer=Psychometric(pse=STANDARD, sigma=16 / 0.6745),
+    observer=PsychometricObserver(pse=STANDARD, sigma=16 / 0.6745),
     analysis=analysis,
 )
 

@@ -355,7 +355,7 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
             },
             "formula": "y ~ x",
         },
-        "Psychometric": {"pse": 2.0, "sigma": 1.0},
+        "PsychometricObserver": {"pse": 2.0, "sigma": 1.0},
         "Listener": {"scenes": {"spring": SPRING}, "measure": "rms", "sigma": 0.1},
         "simulate": {"participants": 1},
         "power": {

@@ -437,7 +437,7 @@ def _jnds(
             spread * experiments.stream(seed, "person", code).normal() - spread**2 / 2
         )
         sigma = (math.log10(1 + own / pse) if log else own) / wide
-        observers[code] = experiments.Psychometric(pse, sigma, log=log, link=link)
+        observers[code] = experiments.PsychometricObserver(pse, sigma, log=log, link=link)
     answers = experiments.simulate(made, observers, [*observers], seed=seed, **how)
     fits = experiments.fitted(
         answers, ["condition", "participant"], link=link, log=log, interval="none"

@@ -53,7 +53,7 @@ from .likelihood import Estimate as Estimate
 from .observers import (
     Listener as Listener,
     Power as Power,
-    Psychometric as Psychometric,
+    PsychometricObserver as PsychometricObserver,
     power as power,
     simulate as simulate,
 )

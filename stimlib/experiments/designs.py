@@ -197,7 +197,7 @@ class Staircase:
     Linear steps through 0, weighted so that the staircase settles where 75 % of the
     outcomes are 1; the simulated observer has that at 13.5:
 
-    >>> from stimlib.experiments import Psychometric, observed, outcome, stream
+    >>> from stimlib.experiments import PsychometricObserver, observed, outcome, stream
     >>> stairs = Staircase(
     ...     task,
     ...     start=60.0,
@@ -208,7 +208,7 @@ class Staircase:
     ...     target=0.75,
     ... )
     >>> answers = {"level": [], "outcome": []}
-    >>> observer = Psychometric(0.0, 20.0)
+    >>> observer = PsychometricObserver(0.0, 20.0)
     >>> for trial, answer in observed(stairs, 1, observer, stream(2, "observer")):
     ...     answers["level"].append(trial.level)
     ...     answers["outcome"].append(outcome(trial, answer))

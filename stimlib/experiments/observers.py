@@ -33,7 +33,7 @@ By = float | Mapping[str, float]
 
 @public
 @dataclass(frozen=True)
-class Psychometric:
+class PsychometricObserver:
     """An observer with a psychometric function, which uses only a trial's level.
 
     It answers "more" with the probability g + (1 - g - l) F((level - PSE)/sigma), where
@@ -65,7 +65,12 @@ class Psychometric:
 
     Examples
     --------
-    >>> from stimlib.experiments import Psychometric, Stimulus, TwoInterval, stream
+    >>> from stimlib.experiments import (
+    ...     PsychometricObserver,
+    ...     Stimulus,
+    ...     TwoInterval,
+    ...     stream,
+    ... )
     >>> task = TwoInterval(
     ...     "noise",
     ...     "softer",
@@ -75,7 +80,7 @@ class Psychometric:
     ...     asks_less=True,
     ... )
     >>> trial = task.trial(9000.0, seed=1, n=0)
-    >>> answer = Psychometric(2340.0, 300.0)(trial, stream(1, "observer"))
+    >>> answer = PsychometricObserver(2340.0, 300.0)(trial, stream(1, "observer"))
     >>> trial.scores[
     ...     answer.values["softer"]
     ... ]  # the comparison, of 9 N/mm, feels stiffer
@@ -100,14 +105,14 @@ class Psychometric:
         )
         if not (sigma > 0 and 0 <= self.lapse <= 0.5):
             raise BadValue(
-                f"Psychometric: sigma = {sigma:g} must be above 0, and lapse = {self.lapse:g} from"
-                " 0 to 0.5"
+                f"PsychometricObserver: sigma = {sigma:g} must be above 0, and lapse ="
+                f" {self.lapse:g} from 0 to 0.5"
             )
         logs = self.log or self.link == "weibull"
         if logs and not trial.level / pse > 0:
             raise BadValue(
-                f"Psychometric: condition {trial.condition!r} has the level {trial.level:g}, and"
-                f" pse = {pse:g}: log10 needs both above 0; give log=False"
+                f"PsychometricObserver: condition {trial.condition!r} has the level"
+                f" {trial.level:g}, and pse = {pse:g}: log10 needs both above 0; give log=False"
             )
         away = math.log10(trial.level / pse) if logs else trial.level - pse
         guess = self.lapse if trial.chance is None else trial.chance
@@ -362,7 +367,12 @@ def simulate(
     --------
     >>> import stimlib
     >>> from stimlib.experiments import Experiment, Staircase, psychometric
-    >>> from stimlib.experiments import Psychometric, TwoInterval, choice, simulate
+    >>> from stimlib.experiments import (
+    ...     PsychometricObserver,
+    ...     TwoInterval,
+    ...     choice,
+    ...     simulate,
+    ... )
     >>> from stimlib.experiments import Stimulus
     >>> spring = stimlib.Scene(
     ...     {"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")}
@@ -375,7 +385,7 @@ def simulate(
     >>> springs = Experiment(
     ...     "springs", "1", {"spring": spring}, stairs, (ask,), fs=1000.0, safety=10.0
     ... )
-    >>> found = simulate(springs, Psychometric(117.0, 15.0), participants=4)
+    >>> found = simulate(springs, PsychometricObserver(117.0, 15.0), participants=4)
     >>> fit = psychometric(found)
     >>> fit.problems, 105 < fit.pse < 130
     ((), True)

@@ -118,12 +118,12 @@ class Quest:
 
     As many trials as it takes to know the mean to 0.1, but 200 at most:
 
-    >>> from stimlib.experiments import Psychometric, observed, stream
+    >>> from stimlib.experiments import PsychometricObserver, observed, stream
     >>> levels = tuple(1 + k / 8 for k in range(17))
     >>> precise = replace(
     ...     design, levels=levels, means=levels, trials=200, precision={"mean": 0.1}
     ... )
-    >>> person, rng = Psychometric(1.8, 0.5), stream(1, "observer")
+    >>> person, rng = PsychometricObserver(1.8, 0.5), stream(1, "observer")
     >>> len(list(observed(precise, 1, person, rng)))
     55
     """
@@ -256,13 +256,18 @@ class Quest:
         Examples
         --------
         >>> import math
-        >>> from stimlib.experiments import Psychometric, Quest, Stimulus, TwoInterval
+        >>> from stimlib.experiments import (
+        ...     PsychometricObserver,
+        ...     Quest,
+        ...     Stimulus,
+        ...     TwoInterval,
+        ... )
         >>> from stimlib.experiments import observed, stream
         >>> tone = Stimulus("tone", {"A": 0.0})
         >>> task = TwoInterval("felt", "which", tone, Stimulus("tone"), "A")
         >>> levels = tuple(0.01 * 2 ** (k / 2) for k in range(11))
         >>> design = Quest(task, levels, means=levels[1:-1], slopes=(1.0, 2.0, 3.0))
-        >>> person = Psychometric(0.06, 0.2, link="weibull")
+        >>> person = PsychometricObserver(0.06, 0.2, link="weibull")
         >>> state = design.init(seed=1)
         >>> for _, answer in observed(design, 1, person, stream(1, "observer")):
         ...     state = design.update(state, answer)

@@ -17,7 +17,7 @@ from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
     Answer,
     Interleaved,
-    Psychometric,
+    PsychometricObserver,
     Quest,
     Staircase,
     Stimulus,
@@ -35,7 +35,7 @@ EXAMPLE = runpy.run_path(
     str(Path(__file__).parents[2] / "examples" / "difference_threshold.py"), run_name="example"
 )
 JND = 16.0
-PERSON = Psychometric(200.0, JND / 0.6744898)
+PERSON = PsychometricObserver(200.0, JND / 0.6744898)
 PAIR = EXAMPLE["pair"]
 DELTA = TwoInterval("200 Hz", "higher", Stimulus("tone", {"delta": 0.0}), Stimulus("tone"), "delta")
 RULE = {"step_type": "lin", "reversals": None, "initial_rule": False}

@@ -27,7 +27,7 @@ from stimlib.cli.terminal import Terminal
 from stimlib.errors import FaultError, SinkError
 from stimlib.experiments import (
     Keyed,
-    Psychometric,
+    PsychometricObserver,
     analogue,
     choice,
     fitted,
@@ -151,7 +151,7 @@ def test_the_errors_of_a_planned_jnd_are_those_of_power(file, log, sizes):
     def person(rng):
         spread = math.sqrt(math.log(1 + (0.1 / 0.4) ** 2))
         jnd = 0.4 * math.exp(rng.normal(-(spread**2) / 2, spread))
-        return Psychometric(2.0, (math.log10(1 + jnd / 2) if log else jnd) / wide, log=log)
+        return PsychometricObserver(2.0, (math.log10(1 + jnd / 2) if log else jnd) / wide, log=log)
 
     def mean_jnd(columns):
         fits = fitted(columns, ["participant"], log=log, interval="none").values()

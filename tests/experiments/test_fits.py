@@ -20,7 +20,7 @@ from statsmodels.genmod.generalized_linear_model import GLM
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
     ConstantStimuli,
-    Psychometric as Observer,
+    PsychometricObserver as Observer,
     Stimulus,
     TwoInterval,
     bootstrap,

@@ -20,7 +20,7 @@ from stimlib.experiments import (
     ConstantStimuli,
     Listener,
     OneInterval,
-    Psychometric,
+    PsychometricObserver,
     Rate,
     Sequential,
     Stimulus,
@@ -45,13 +45,13 @@ def listener(measure="rms", sigma=0.1, **other):
 
 # Of parameters ------------------------------------------------------------------------
 def test_an_observer_of_parameters_answers_as_often_as_its_curve():
-    observer = Psychometric({"k": 100.0, "other": 1.0}, 20.0, lapse=0.05)
+    observer = PsychometricObserver({"k": 100.0, "other": 1.0}, 20.0, lapse=0.05)
     trial = PAIR.trial(120.0, 1, 0)
     assert observer.chance(trial) == pytest.approx(0.05 + 0.9 * ndtr(1.0))
     rng = np.random.default_rng(1)
     more = np.mean([trial.scores[observer(trial, rng).values["stiffer"]] for _ in range(4000)])
     assert more == pytest.approx(observer.chance(trial), abs=0.02)
-    logs = Psychometric(100.0, 0.1, log=True)
+    logs = PsychometricObserver(100.0, 0.1, log=True)
     assert logs.chance(trial) == pytest.approx(ndtr(math.log10(1.2) / 0.1))
 
 
@@ -133,7 +133,7 @@ def test_a_participant_more_changes_no_other():
         assert simulate(made, of, 3, workers=1) == simulate(made, of, 3, workers=2)
 
 
-FELT = Psychometric(2.34, 0.3)
+FELT = PsychometricObserver(2.34, 0.3)
 
 
 def test_power_counts_all_experiments_and_everybody_is_somebody_else():
@@ -185,18 +185,18 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda t: Psychometric(1.0, 0.0)(t, None), "sigma"),
-        (lambda t: Psychometric(1.0, 1.0, lapse=0.6)(t, None), "lapse = 0.6"),
-        (lambda t: Psychometric({"a": 1.0}, 1.0)(t, None), "pse of condition 'k'"),
-        (lambda t: Psychometric(1.0, 1.0)(Trial("k", t.stimuli, ("q",)), None), "no level"),
+        (lambda t: PsychometricObserver(1.0, 0.0)(t, None), "sigma"),
+        (lambda t: PsychometricObserver(1.0, 1.0, lapse=0.6)(t, None), "lapse = 0.6"),
+        (lambda t: PsychometricObserver({"a": 1.0}, 1.0)(t, None), "pse of condition 'k'"),
+        (lambda t: PsychometricObserver(1.0, 1.0)(Trial("k", t.stimuli, ("q",)), None), "no level"),
         (
-            lambda t: Psychometric(1.0, 1.0, log=True)(
+            lambda t: PsychometricObserver(1.0, 1.0, log=True)(
                 Trial("k", t.stimuli, ("q",), -2.0), stream(1)
             ),
             "the level -2, and pse = 1: log10 needs both above 0",
         ),
         (
-            lambda t: Psychometric(1.0, 1.0)(Trial("k", t.stimuli, ("q",), 1.0), stream(1)),
+            lambda t: PsychometricObserver(1.0, 1.0)(Trial("k", t.stimuli, ("q",), 1.0), stream(1)),
             "no scores",
         ),
         (lambda t: listener("cues")(t, stream(1)), "several figures"),
@@ -221,8 +221,8 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
             ),
             "named",
         ),
-        (lambda t: simulate(experiment(), Psychometric(2.0, 1.0), 0), "participant"),
-        (lambda t: simulate(experiment(), {"P01": Psychometric(2.0, 1.0)}, 2), "P02"),
+        (lambda t: simulate(experiment(), PsychometricObserver(2.0, 1.0), 0), "participant"),
+        (lambda t: simulate(experiment(), {"P01": PsychometricObserver(2.0, 1.0)}, 2), "P02"),
         (
             lambda t: power(experiment(), lambda rng: None, lambda found: None, 1, experiments=0),
             "experiments",

@@ -20,7 +20,7 @@ from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
     ConstantStimuli,
     Listener,
-    Psychometric,
+    PsychometricObserver,
     Session,
     Simulated,
     Stimulus,
@@ -63,7 +63,7 @@ def ideal(alpha):
 
 # UGrip --------------------------------------------------------------------------------
 def test_ugrip_has_the_papers_staircases_one_pair_for_each_condition():
-    paper, person = ugrip(), Psychometric(K0, 0.1, log=True)
+    paper, person = ugrip(), PsychometricObserver(K0, 0.1, log=True)
     trials, other = (trials_of(ugrip(reversals=2), person, "P01", seed=seed) for seed in (5, 7))
     conditions, of_other = ([*dict.fromkeys(t.condition for t in v)] for v in (trials, other))
     assert sorted(conditions) == [
@@ -95,7 +95,7 @@ def test_ugrip_finds_what_its_observers_feel():
     pse = dict.fromkeys(names, 2020.0) | {"one finger, vibrating": 2340.0}
     sigma = {name: 1 / 7.9 if "one" in name else 1 / 17.5 for name in names}
     people = 8 if STRESS else 3
-    answers = simulate(ugrip(), Psychometric(pse, sigma, log=True), people, seed=2)
+    answers = simulate(ugrip(), PsychometricObserver(pse, sigma, log=True), people, seed=2)
     found = comparisons(answers)
     compared = [(t.what, t.a, t.b) for t in found][:4]
     assert compared[:3] == [(what, *names[:2]) for what in ("pse", "slope", "intercept")]

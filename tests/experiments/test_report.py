@@ -15,7 +15,7 @@ from refusals import refused
 
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
-    Psychometric,
+    PsychometricObserver,
     fitted,
     grouped,
     plain,
@@ -31,7 +31,7 @@ from stimlib.experiments import (
 
 @pytest.fixture(scope="module")
 def answers():
-    columns = simulate(experiment(), Psychometric(2.34, 0.3), 2)
+    columns = simulate(experiment(), PsychometricObserver(2.34, 0.3), 2)
     more = {"participant": "P<03>", "number": 1, "condition": "silent", "track": "high"}
     for level in (1.0, 2.0, 3.0):  # who felt every difference
         row = more | {"level": level, "outcome": float(level > 2)}

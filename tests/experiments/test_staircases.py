@@ -14,7 +14,7 @@ from scipy.special import ndtr
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
     Answer,
-    Psychometric,
+    PsychometricObserver,
     Staircase,
     Stimulus,
     Trial,
@@ -227,7 +227,7 @@ BOUNDED = Staircase(
 
 def found_by(stairs, truth, deviation, seed):
     """Return the estimate that a staircase makes of an observer."""
-    answers = observed(stairs, seed, Psychometric(truth, deviation), stream(seed, "who"))
+    answers = observed(stairs, seed, PsychometricObserver(truth, deviation), stream(seed, "who"))
     # as a file of few digits has it
     rows = [(trial.level * (1 + 1e-12), outcome(trial, answer)) for trial, answer in answers]
     return stairs.estimate(dict(zip(("level", "outcome"), zip(*rows, strict=True), strict=True)))

@@ -23,7 +23,7 @@ def spring():
 EXPERIMENT = """\
 from spring import spring
 from stimlib.experiments import (
-    ConstantStimuli, Experiment, Psychometric, Stimulus, Timing, TwoInterval, choice,
+    ConstantStimuli, Experiment, PsychometricObserver, Stimulus, Timing, TwoInterval, choice,
 )
 from stimlib.motion import minimum_jerk
 
@@ -41,7 +41,7 @@ harder = Experiment(
     bounds={"k": (100.0, 500.0)},
     motion={"x": minimum_jerk(depth=0.02)},
     timing=Timing(before=0.1, interval=0.2, gap=0.1, ramp=0.02),
-    observer=Psychometric(pse=300.0, sigma=30.0),
+    observer=PsychometricObserver(pse=300.0, sigma=30.0),
 )
 """
 
