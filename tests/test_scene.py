@@ -4,7 +4,9 @@ describe a scene.
 
 import json
 import os
+import pickle
 import sys
+from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +63,16 @@ def test_hash_tells_scenes_apart():
     assert len(hashes | {Scene({"y": x, "z": b}).hash for b in (x, -x)}) == 10
     assert Scene({"y": x}).hash == Scene({"y": Input("x")}).hash in hashes
     assert Scene({"y": x, "z": 2 * x}).hash != Scene({"y": x, "w": 2 * x}).hash
+
+
+def test_scenes_are_equal_where_their_hashes_are(tmp_path):
+    """A scene that was made again, loaded, copied or pickled."""
+    scene = Scene({"y": 2 * x})
+    scene.save(tmp_path / "s.json")
+    copies = [scene, Scene({"y": 2 * Input("x")}), load(tmp_path / "s.json"), deepcopy(scene)]
+    copies.append(pickle.loads(pickle.dumps(scene)))
+    assert all(one == scene for one in copies) and len(set(copies)) == 1
+    assert Scene({"y": 3 * x}) not in {scene: 1} and scene != scene.hash
 
 
 # Files that are not scenes ------------------------------------------------------------

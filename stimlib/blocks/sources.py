@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import namedtuple
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,7 +16,7 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..design.filters import HALF, resampled
-from ..errors import Above0, BadValue, one_of, public
+from ..errors import Above0, BadValue, one_of, public, shortened
 from ..system.limits import limits
 from .events import Time, as_event, as_signal, happens
 from .filters import Cascade, Filter
@@ -258,9 +259,28 @@ class Scanned(Block):
         return where(t - t == 0.0, where(inside > 0.0, y, 0.0), t - t), s
 
 
+def rate_of(name: str, samples, rate: float | None) -> float:
+    """Return the rate of a recording, after checking that there is one, and no file.
+
+    A scene keeps samples, not the name of a file, which may change.
+    """
+    if isinstance(samples, str | os.PathLike):
+        raise BadValue(
+            f"{name}: samples = {shortened(str(samples))} is the name of a file; read it first: _,"
+            " channels, fs = stimlib.files.as_scene(path), then give channels['channel1'] and fs"
+        )
+    if rate is None:
+        raise BadValue(f"{name}: rate is missing; give the sample rate of the samples in Hz")
+    return rate
+
+
 @public
 def playback(
-    samples, rate: float, loop: bool = False, unit: str = "", at: Block | float | None = None
+    samples,
+    rate: float | None = None,
+    loop: bool = False,
+    unit: str = "",
+    at: Block | float | None = None,
 ) -> Block:
     """Play a recording from sample 0 on, or at the times that a signal gives.
 
@@ -272,9 +292,9 @@ def playback(
     Parameters
     ----------
     samples : array_like, shape (n,)
-        Numbers; of a sound file, a column of what ``soundfile.read`` gives.  Whole
-        numbers of PCM, as of ``scipy.io.wavfile``, are taken as they are: divide 16
-        bits by 32768.
+        Numbers; of a sound file, a channel of what ``stimlib.files.as_scene`` or a
+        column of what ``soundfile.read`` gives.  Whole numbers of PCM, as of
+        ``scipy.io.wavfile``, are taken as they are: divide 16 bits by 32768.
     rate : float
         Their sample rate in Hz.
     loop : bool
@@ -298,7 +318,8 @@ def playback(
     Raises
     ------
     BadValue
-        No samples, or none that are finite; a rate not above 0; an event for ``at``.
+        No samples, or none that are finite; the name of a file; no rate, or one not
+        above 0; an event for ``at``.
     UnitError
         ``at`` in another unit than s.
 
@@ -334,6 +355,7 @@ def playback(
     ... ).round(4)
     array([[1., 2., 3., 2., 1.]])
     """
+    rate = rate_of("playback", samples, rate)
     if at is None:
         return Playback(Time(), samples, rate, loop, unit)
     return Scanned(
@@ -672,7 +694,7 @@ class Grain(Block):
 
 
 @public
-def grain(event: Block | float, samples, rate: float, unit: str = "") -> Block:
+def grain(event: Block | float, samples, rate: float | None = None, unit: str = "") -> Block:
     """Play a recorded transient at each event; these may overlap.
 
     Parameters
@@ -694,8 +716,8 @@ def grain(event: Block | float, samples, rate: float, unit: str = "") -> Block:
     Raises
     ------
     BadValue
-        No samples, or none that are finite; a rate not above 0; what is known to be no
-        event.
+        No samples, or none that are finite; the name of a file; no rate, or one not
+        above 0; what is known to be no event.
 
     Examples
     --------
@@ -705,4 +727,4 @@ def grain(event: Block | float, samples, rate: float, unit: str = "") -> Block:
     >>> stimlib.compile(scene, fs=1000).process(np.empty((0, 5)))
     array([[1.  , 0.5 , 1.25, 0.5 , 1.25]])
     """
-    return Grain(as_event("grain", event), samples, rate, unit)
+    return Grain(as_event("grain", event), samples, rate_of("grain", samples, rate), unit)

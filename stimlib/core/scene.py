@@ -53,6 +53,11 @@ class Scene:
         A law that is no function with a name, or a name that no shipped scene has;
         something given that a file cannot keep.
 
+    Notes
+    -----
+    Two scenes are equal (``==``) if they have the same ``hash``, as a scene and what
+    ``load`` reads from its file.  A law counts by its name, not by its text.
+
     Examples
     --------
     >>> from stimlib import Input, Param, Scene
@@ -257,6 +262,14 @@ class Scene:
                 f"share: no part has {next(iter(one))!r}; there are {', '.join(seen)}"
             )
         return Scene(outputs, laws)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Scene):
+            return NotImplemented
+        return self is other or self.hash == other.hash
+
+    def __hash__(self) -> int:
+        return hash(self.hash)
 
     def __repr__(self):
         names = [f"{n} [{b.dim}]" for n, b in (self.inputs | self.params).items()]

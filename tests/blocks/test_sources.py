@@ -4,10 +4,12 @@ fractions and many digits.
 
 import itertools
 from fractions import Fraction
+from pathlib import Path
 
 import mpmath as mp
 import numpy as np
 import pytest
+import soundfile
 from laws import lawful, mostly, played, refuses
 
 import stimlib
@@ -218,6 +220,9 @@ REFUSED = [
     (lambda: b.at("noon"), "at: times must be numbers"),
     (lambda: b.playback([], 8000), "playback: samples must be one row"),
     (lambda: b.playback([1.0], 0), "playback: rate = 0.0 .*above 0"),
+    (lambda: b.playback([1.0]), "playback: rate is missing; give the sample rate"),
+    (lambda: b.playback("a.wav"), "playback: samples = 'a.wav' is the name of a file; read it"),
+    (lambda: b.grain(b.every(1.0), Path("a.wav"), 8000), "grain: samples = 'a.wav' is the name"),
     (
         lambda: b.playback([1.0], 8000, at=Input("x", "m")),
         r"at Input\('x', 'm'\) \[m\] .*constant\(.., 's/\(m\)'\)",
@@ -246,6 +251,13 @@ REFUSED = [
     (b.chirp(10, 600, 1), "fit below fs/2 = 500"),
     (b.pulse_train(600), "fit below fs/2 = 500"),
 ]
+
+
+def test_the_remedy_for_the_name_of_a_file_plays_it(tmp_path):
+    path, y = tmp_path / "a.wav", np.array([0.25, -0.5, 0.125])
+    soundfile.write(path, y, 8000, "DOUBLE")
+    _, channels, fs = stimlib.files.as_scene(path)
+    assert (played(b.playback(channels["channel1"], fs), 3, fs=8000.0) == y).all()
 
 
 @pytest.mark.parametrize("given", REFUSED, ids=lambda given: given[1])
