@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
@@ -1725,8 +1724,6 @@ def ours() -> dict[str, type[Block]]:
 
 EACH = {e.cls: e for e in reversed(TABLE)}
 """The first example of each class."""
-# where the engine does something else, too; others have the same step and other numbers
-VARIED = re.compile("contact|nested|live|param|enabled|gated|segment")
 
 
 def missing() -> set[str]:

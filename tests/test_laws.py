@@ -3,12 +3,13 @@ blocks is ``contract.py``.
 """
 
 import dataclasses as dc
+import re
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-from contract import DEAF, EACH, TABLE, VARIED, missing
+from contract import DEAF, EACH, TABLE, missing
 from laws import (
     STRESS,
     assert_same,
@@ -33,6 +34,9 @@ from stimlib.core.graph import Block, reach, registry, signals
 from stimlib.core.guard import Guard
 from stimlib.core.subsystems import Enabled
 from stimlib.errors import BadValue, SceneError
+
+# where the engine does something else, too; others have the same step and other numbers
+VARIED = re.compile("contact|nested|live|param|enabled|gated|segment")
 
 
 def case(e, fs, chosen, name=""):
