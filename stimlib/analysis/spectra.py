@@ -260,24 +260,13 @@ def _at_least(parts: list[np.ndarray], size: int) -> list[np.ndarray]:
     return joined
 
 
-def correlation(
-    x: np.ndarray, y: np.ndarray, fs: float, model: Callable, f_low: float, f_high: float
-) -> tuple[float, float]:
-    """Return the correlation of two signals and its two-sided p-value.
+def correlated_p(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+    """Return the correlation and its p-value of complex normal vectors of variance 1.
 
-    The signals are whitened by the model; the p-value assumes that they are
-    independent.
+    Below 8 elements there is none.
     """
-    n = min(x.size, y.size)
-    _, _, a = whitened(x[:n], fs, model, f_low, f_high)
-    _, _, b = whitened(y[:n], fs, model, f_low, f_high)
     if a.size < 8:
         return 0.0, 1.0
-    return correlated_p(a, b)
-
-
-def correlated_p(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """Return correlation and p-value of two complex normal vectors of variance 1."""
     c = float(np.mean((a * b.conj()).real))
     # normal for any given b
     return c, float(2 * scipy.special.ndtr(-abs(c) * a.size / np.sqrt(np.sum(np.abs(b) ** 2) / 2)))

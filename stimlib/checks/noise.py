@@ -6,6 +6,7 @@ It must be the published generator's, sample for sample, with the spectrum of th
 from __future__ import annotations
 
 import dataclasses as dc
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -197,6 +198,14 @@ def noise(e: Evidence) -> list[Check]:
         e.taps[k] = dc.replace(t, spectrum=s)
         text = f"{len(s.bands)} bands, {s.level_db:+.3f} dB over {t.stream.size / e.fs:.3g} s"
         checks.append(Check("c", f"{t.title}: spectrum", _surprise(s.p), _surprise(share), text))
+    streams = {id(t.stream): (t.stream, t.model) for t in e.taps}
+
+    @cache  # each noise once for each length and band, not for each partner
+    def white(stream: int, *cut: Any) -> np.ndarray:
+        (x, model), (n, low, high) = streams[stream], cut
+        assert model is not None
+        return spectra.whitened(x[:n], e.fs, model, low, high)[2]
+
     for a, b, low, high, size in pairs(e):
         name = f"{a.title} and {b.title}: independence"
         if not np.isfinite(size):
@@ -205,8 +214,8 @@ def noise(e: Evidence) -> list[Check]:
                 " even equal noises"
             )
             continue
-        assert a.model is not None
-        c, p = spectra.correlation(a.stream, b.stream, e.fs, a.model, low, high)
+        cut = min(a.stream.size, b.stream.size), low, high
+        c, p = spectra.correlated_p(*(white(id(t.stream), *cut) for t in (a, b)))
         checks.append(Check("c", name, _surprise(p), _surprise(share), f"correlation {c:+.3g}"))
     return checks
 

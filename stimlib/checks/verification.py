@@ -34,7 +34,9 @@ from .sidecar import says, storage, sums_of
 
 SMALL = 2.0**-40  # an impulse that no tracker takes for a jump
 ROUNDING = 1e-10  # of two computations of one transfer function
-STRETCH = 512  # samples that the interpreter makes again
+# samples that the interpreter makes again: of many blocks fewer, but more than two
+# tiles, from before a gate opens
+STRETCH, LEAST, WORK = 512, 160, 24_000
 
 
 @overload
@@ -333,7 +335,8 @@ def same_samples(e: Evidence) -> list[Check]:
 
 def _interpreted(e: Evidence, state: np.ndarray, start: int, cut: np.ndarray) -> Check:
     """Check some samples from a state on against the interpreter."""
-    stretch = min(e.end - start, STRETCH)
+    many = max(LEAST, WORK // len(e.scene.program.instances))
+    stretch = min(e.end - start, STRETCH, many)
     # what runs before sample 0 costs it 10 us each
     reference = Processor(e.scene, e.fs, "python", e.seed, e.proc)
     reference.state = state

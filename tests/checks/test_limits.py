@@ -148,10 +148,10 @@ class TestNoise:
         monkeypatch.setattr(
             spectra, "test_spectrum", lambda *a: honest(*a)._replace(p=share / size)
         )
-        monkeypatch.setattr(spectra, "correlation", lambda *a: (0.0, 1.0))
+        monkeypatch.setattr(spectra, "correlated_p", lambda *a: (0.0, 1.0))
         assert passed(noise.noise(fresh(squeezed)), squeezed, "spectrum") == good
         monkeypatch.setattr(spectra, "test_spectrum", honest)
-        monkeypatch.setattr(spectra, "correlation", lambda *a: (0.0, share / size))
+        monkeypatch.setattr(spectra, "correlated_p", lambda *a: (0.0, share / size))
         assert passed(noise.noise(fresh(squeezed)), squeezed, "independence") == good
 
 

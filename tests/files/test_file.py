@@ -552,7 +552,7 @@ REFUSED = [  # the change of a call that is fine, the error, and what it says
     ({"seconds": -1.0}, BadValue, "at least one sample"),
     ({"seconds": float("nan")}, BadValue, "finite"),
     ({"seconds": "long"}, BadValue, "seconds = 'long'"),
-    ({"block": 0}, BadValue, "block must be"),
+    ({"block": 0}, BadValue, "block = 0 must be"),
     ({"block": 64.0}, BadValue, "block = 64.0"),
     ({"full_scale": 0.0}, BadValue, "full_scale must be finite and above 0"),
     ({"full_scale": float("inf")}, BadValue, "full_scale = inf"),
