@@ -122,11 +122,12 @@ class Staircase:
     Sources: Levitt 1971, J. Acoust. Soc. Am. 49, 467-477; Kaernbach 1991, Perception &
     Psychophysics 49, 227-229.
 
-    An outcome of 1 ("more") lowers the level once there were ``down`` of them in a row,
-    0 raises it after ``up``.  Until the first reversal one answer is enough, unless
-    ``initial_rule`` is False.  Without a
-    target the levels are those of PsychoPy's ``StairHandler`` with ``stepType`` as
-    ``step_type``.
+    An outcome of 1 lowers the level once there were ``down`` of them in a row, 0 raises
+    it after ``up``.  In a detection outcome 1 is a correct answer; in a comparison it
+    is "the comparison has more", correct above the standard and wrong below it.
+    Until the first reversal one answer is enough, unless ``initial_rule`` is False.
+    Without a target the levels are those of PsychoPy's ``StairHandler`` with
+    ``stepType`` as ``step_type``.
 
     Parameters
     ----------
