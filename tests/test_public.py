@@ -210,6 +210,8 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "cos": {"x": U},
         "creep_compliance": {"t": T, "k0": 1.0},
         "delay": {"samples": 3},
+        "playback": {"rate": 500.0},
+        "grain": {"rate": 500.0},
         "differentiator": {"passband": 100.0},
         "enabled": {"block": b.white_noise(1), "by": U > 0.0},
         "equalize": {"x": VOLT, "displacement": ([0.0, 0.1], [1.0, 2.0])},
