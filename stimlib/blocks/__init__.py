@@ -64,7 +64,7 @@ from .soft import (
 )
 from .sources import band_noise, chirp, grain, playback, ring
 from .surfaces import bump, equalize, grating, spatial_noise
-from .tables import lut, lut2
+from .tables import lut, lut2, panning
 from .texture import texture
 from .viscoelastic import (
     compliance,
@@ -143,6 +143,7 @@ __all__ = [
     "notch",
     "once_within",
     "oscillator",
+    "panning",
     "pink_noise",
     "pinking",
     "playback",

@@ -205,7 +205,9 @@ class White(Block):
 def white_noise(seed: int, stream: int = 0, shared: bool = False) -> Block:
     """Make Gaussian white noise of unit variance, N(0, 1) per sample, at any rate.
 
-    Its one-sided PSD is 2/fs. Sample n depends only on (run seed, seed, stream, n).
+    Its one-sided PSD is 2/fs, so what a filter lets through is weaker at a higher rate;
+    ``band_noise`` has the same level at any rate.  Sample n depends only on (run seed,
+    seed, stream, n).
 
     Parameters
     ----------

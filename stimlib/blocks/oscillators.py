@@ -14,7 +14,8 @@ from ..core.graph import NONE, ONE, Block, Const, as_block, in_unit, scratch
 from ..core.maths import as_float, floor, fma, where, words
 from ..core.parameter import Param
 from ..core.program import lead
-from ..errors import BadValue, public
+from ..core.subsystems import segment
+from ..errors import BadValue, From0, public
 from .events import Event
 from .impedance import with_unit
 from .movement import sinpi
@@ -351,7 +352,11 @@ class Oscillator(Block):
 
 @public
 def oscillator(
-    freq: Block | float, waveform: str = "sine", duty: Block | float = 0.5, phase: float = 0.0
+    freq: Block | float,
+    waveform: str = "sine",
+    duty: Block | float = 0.5,
+    phase: float = 0.0,
+    onset: From0 = 0.0,
 ) -> Block:
     """Make a periodic wave between -1 and 1 whose phase is exact for days.
 
@@ -369,7 +374,10 @@ def oscillator(
     duty : float or Block
         Of square and pulse.
     phase : float
-        At sample 0 in rad; sine and triangle rise through 0 at phase 0.
+        At the onset in rad; sine and triangle rise through 0 at phase 0.
+    onset : float
+        In s, at the nearest sample; before it the wave is 0.  So actuators that start
+        one after another begin with the same phase.
 
     Returns
     -------
@@ -379,8 +387,8 @@ def oscillator(
     Raises
     ------
     BadValue
-        An unknown waveform, a frequency below 0, a duty not between 0 and 1; at compile
-        time, a frequency not below fs/2.
+        An unknown waveform, a frequency below 0, a duty not between 0 and 1, an onset
+        below 0; at compile time, a frequency not below fs/2.
     UnitError
         A frequency that is not in Hz, or a duty with a unit.
 
@@ -389,6 +397,9 @@ def oscillator(
     The error of the phase grows by at most 2^-65 turns a sample: 1.2e-10 rad in 24 h at
     8 kHz.  For a sine's rectified forms see ``carrier``, for envelopes tied to a place
     ``bump``.
+
+    With an onset the wave runs in a ``segment``, as do the blocks of its frequency and
+    duty: their times count from the onset, too.
 
     Examples
     --------
@@ -403,11 +414,12 @@ def oscillator(
            [ 0.  ,  1.  ,  1.  , -1.  , -1.  ]])
     """
     freq = with_unit(freq, "Hz")
-    return (
+    wave = (
         carrier(freq, phase=phase)
         if waveform == "sine"
         else Oscillator(freq, as_block(duty), waveform, phase)
     )
+    return segment(wave, onset) if onset else wave
 
 
 # Parameters of `PulseTrain` at a sample rate.

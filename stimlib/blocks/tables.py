@@ -13,6 +13,7 @@ import numpy as np
 
 from ..core.graph import Block, Const, as_block, scratch
 from ..core.maths import floor, fma, search, where
+from ..core.pointwise import maximum, sqrt
 from ..core.units import unit
 from ..errors import BadValue, UnitError, one_of, public
 from ..system.limits import limits
@@ -250,6 +251,51 @@ def lut(
     if kind == "polynomial":
         return Polynomial(as_block(x), knots, values, outside, unit)
     return Lut(as_block(x), knots, values, kind, outside, unit)
+
+
+@public
+def panning(place: Block | float, places) -> tuple[Block, ...]:
+    """Return the gains of a row of actuators for a point that is felt between them.
+
+    Between two neighbours at the distance d, the point is at the part b = (place -
+    left)/d.  Their gains are sqrt(1 - b) and sqrt(b), and those of the others 0, so
+    that the sum of the squares is 1 at every place.
+
+    Parameters
+    ----------
+    place : float or Block
+        Of the point, in the unit of ``places``; before the first and beyond the last
+        actuator it is at that one.
+    places : array_like, shape (n,)
+        Of the actuators, rising.
+
+    Returns
+    -------
+    tuple of n Blocks
+        Gains from 0 to 1.
+
+    Raises
+    ------
+    BadValue
+        Fewer than two places, or places that do not rise.
+
+    References
+    ----------
+    A. Israr and I. Poupyrev, "Tactile Brush: Drawing on Skin with a Tactile Grid
+    Display", CHI 2011, 2019-2028, doi 10.1145/1978942.1979235: the energy summation
+    model of phantom sensations.
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.blocks import panning
+    >>> gains = panning(0.0225, [0.0, 0.03, 0.06])
+    >>> scene = stimlib.Scene({f"tactor{k}": gain for k, gain in enumerate(gains)})
+    >>> stimlib.render(scene, fs=1000, seconds=0.001).y[:, 0].round(3)
+    array([0.5  , 0.866, 0.   ])
+    """
+    energies = [lut(place, places, row) for row in np.eye(np.size(places))]
+    return tuple(sqrt(maximum(energy, 0.0)) for energy in energies)  # above 0 but for rounding
 
 
 # Two variables ----------------------------------------------------------------------

@@ -76,6 +76,21 @@ def test_samples_are_those_worked_out_by_hand(name):
     np.testing.assert_allclose(played(block, n), wanted, rtol=1e-15)
 
 
+@pytest.mark.parametrize("wave", ["sine", "triangle", "square", "sawtooth", "pulse"])
+def test_a_wave_begins_at_its_onset_with_its_phase(wave):
+    """At the nearest sample, as a burst does; its frequency counts from there, too."""
+    sweep = b.timeline([(0.0, 50.0), (0.2, 90.0)], unit="Hz")
+    for freq in (157.3, Param("f", 80.0, "Hz"), sweep):
+        plain = played(heard(b.oscillator(freq, wave, 0.3, 1.0)), np.zeros(400))
+        for onset, first in ((3 * 0.1, 300), (0.0294, 29), (1e-9, 0)):
+            late = heard(b.oscillator(freq, wave, 0.3, 1.0, onset))
+            wanted = np.r_[np.zeros(first), plain][:400]
+            assert (played(late, np.zeros(400)) == wanted).all()
+            lawful(late, 1000, x=np.zeros(400))
+    y, t = played(b.oscillator(157.3, onset=0.05), 400), np.arange(400) / 1000 - 0.05
+    np.testing.assert_allclose(y, (t >= 0) * np.sin(2 * np.pi * 157.3 * t), atol=1e-12)
+
+
 @pytest.mark.parametrize(("kind", "tol"), [("linear", 1e-14), ("exponential", 1e-8)])
 def test_the_phase_of_an_hour_of_sweep(kind, tol):
     fs, seconds = 48000, 3600.0
@@ -205,6 +220,9 @@ def test_a_frequency_of_half_the_rate_is_refused_as_a_parameter_and_counted_as_a
 
 REFUSED = [
     (lambda: b.oscillator(100, "saw"), "waveform = 'saw'; choose .*triangle, sawtooth"),
+    (lambda: b.oscillator(100, onset=-0.1), "oscillator: onset = -0.1 must be a number, 0 or"),
+    (lambda: b.oscillator(-1.0, onset=0.1), "freq = -1.0 .*or above"),
+    (b.oscillator(500, onset=0.1), "fit below fs/2 = 500|freq .*500 Hz"),
     (lambda: b.oscillator(-1.0, "square"), "oscillator: freq = -1 .*or above"),
     (lambda: b.oscillator(Param("f", -1.0, "Hz"), "square"), "oscillator: freq = -1 .*or above"),
     (lambda: b.oscillator(100, "square", duty=1.0), "duty = 1 must .*below 1"),

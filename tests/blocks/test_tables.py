@@ -49,6 +49,23 @@ def test_a_grid_is_its_surface_with_its_slopes(table, kind):
     np.testing.assert_allclose(corner, table[[0, -1], [0, -1]], rtol=0, atol=1e-13)
 
 
+def test_the_gains_of_an_array_are_those_of_tactile_brush():
+    """sqrt(1 - b) and sqrt(b) at the part b of the way; one energy at every place."""
+    places = np.array([-0.01, 0.0, 0.03, 0.031])
+    inside = np.r_[places, np.nextafter(places, -1), np.nextafter(places, 1)]
+    x = np.r_[inside, -1e300, 1e300, np.random.default_rng(0).uniform(-0.02, 0.04, 5000)]
+    scene = Scene({f"tactor{k}": gain for k, gain in enumerate(blocks.panning(X, places))})
+    made = stimlib.render(scene, {"x": x}, 1000)
+    held = np.clip(x, places[0], places[-1])
+    left = np.clip(np.searchsorted(places, held, "right") - 1, 0, 2)
+    b = (held - places[left]) / np.diff(places)[left]
+    wanted = np.zeros((4, x.size))
+    wanted[left, np.arange(x.size)], wanted[left + 1, np.arange(x.size)] = 1 - b, b
+    assert np.abs(made.y**2 - wanted).max() < 1e-13
+    assert np.abs((made.y**2).sum(0) - 1).max() < 1e-15 * 4
+    assert stimlib.verify(scene, {"x": x}, made).passed
+
+
 FAULTS = [
     *(("error", "linear", u) for u in (-2.1, 4.1, np.nan)),
     *((outside, kind, np.nan) for outside in ("hold", "zero") for kind in ("linear", "polynomial")),
@@ -119,6 +136,8 @@ REFUSED = [
     (lambda: lut(U, [0, 1, 1], [1, 2, 3], "polynomial"), "must rise"),
     (lambda: lut(U, [0, 1], [1, 2, 3], "polynomial"), "one length"),
     (lambda: lut(U, [0, 1], [1, 2], 201 * "l"), "201 letters"),
+    (lambda: blocks.panning(U, [0.0]), "^panning: "),
+    (lambda: blocks.panning(U, [0.0, 0.02, 0.01]), "^panning: .*must rise"),
     *((lut(U, [0, 1e-200, 2e-200], [0, 1e200, 3], kind), "too unequal") for kind in KINDS),
     (lambda: lut(U, [0, 1], [1, 2], "polynomial", outside="extend"), "hold, zero, error"),
     (
