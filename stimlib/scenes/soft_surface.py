@@ -114,7 +114,6 @@ def soft_surface(
         if device == "pen"
         else Param("push", push, "N") * (touching > 0.0)
     )
-
     places: list[tuple[Block, Block]] = [(x, y)]
     outputs: dict[str, Block] = {}
     if device == "pen" and mode in ("cursor", "combined", "vibration"):
