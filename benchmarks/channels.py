@@ -1,5 +1,5 @@
 """Many copies of a scene, each with its own seed and parameters: the one-finger
-squeeze, 64 times.
+squeeze, 64 times.  And one scene of many equal channels: a block in each.
 
 python benchmarks/channels.py             print
 python benchmarks/channels.py --record    and keep the figures in results/channels.csv
@@ -16,6 +16,8 @@ from noise_chain import FS, movements
 from timing import interleaved, medians, ratio
 
 import stimlib
+from stimlib import blocks
+from stimlib.core.graph import Block
 from stimlib.run.processor import Copies, Processor
 from stimlib.scenes import squeeze
 
@@ -58,10 +60,36 @@ def measure() -> list[Row]:
         for what, seconds in medians(times).items()
     ]
     several = list(jobs)[1:]
-    return rows + [
+    rows += [
         row(f"rate: {what}, against 1 copy", COPIES / ratio(times, what, "1 copy"), TIMES)
         for what in several
     ]
+    return rows + [row(what, seconds * 1e9, NS) for what, seconds in channels()]
+
+
+BLOCKS: dict[str, Callable[[Block, int], Block]] = {
+    "input to output": lambda x, k: x,
+    "lowpass, order 2": lambda x, k: blocks.lowpass(x, 100.0 + k, 2),
+    "lowpass, order 4": lambda x, k: blocks.lowpass(x, 100.0 + k, 4),
+    "lowpass, order 8": lambda x, k: blocks.lowpass(x, 100.0 + k, 8),
+    "first_order": lambda x, k: blocks.first_order(x, 1e-3 + 1e-6 * k),
+    "velocity": lambda x, k: blocks.velocity(x, cutoff=100.0 + k),
+    "oscillator": lambda x, k: x * blocks.oscillator(250.0 + k),
+}
+
+
+def channels() -> Iterable[tuple[str, float]]:
+    """Seconds a sample and channel, of one block in each of some channels."""
+    for name, make in BLOCKS.items():
+        jobs, cost = {}, {}
+        for n in (1, 8, 64, 1000):
+            scene = stimlib.Scene({f"y{k}": make(stimlib.Input(f"x{k}"), k) for k in range(n)})
+            x = np.random.default_rng(n).standard_normal((n, max(256, SAMPLES // n)))
+            what = f"{name}, a channel of {n}"
+            jobs[what] = partial(stimlib.compile(scene, FS).process, x, np.empty(x.shape))
+            cost[what] = x.size
+        for what, seconds in medians(interleaved(jobs)).items():
+            yield what, seconds / cost[what]
 
 
 if __name__ == "__main__":
