@@ -40,7 +40,8 @@ def rows() -> list[list[str]]:
     for suffix in FORMATS:
         for path in sorted(FILES.glob(f"*{suffix}")):
             found = read_pattern(path)
-            counts = [str(sum(len(x) for x in kind)) for kind in zip(*found.patterns, strict=True)]
+            kinds = zip(*((p.voices, p.taps) for p in found.patterns), strict=True)
+            counts = [str(sum(len(x) for x in kind)) for kind in kinds]
             losses = [lost(path, other) for other in FORMATS]
             made.append([path.name, f"{found.seconds:.3g}", *counts, *losses])
     return made

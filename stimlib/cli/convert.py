@@ -12,7 +12,7 @@ import typer
 from .. import files
 from ..errors import BadValue
 from . import options as opt
-from .app import command, print_json
+from .app import command, note, print_json
 from .motions import motions_of
 from .scene import params_of, run_files, scene_of, touching
 
@@ -64,6 +64,9 @@ def convert_(
     power: Annotated[
         float, typer.Option(help="Of AHAP: amplitude = intensity^power; 2 as in NiceVibrations.")
     ] = 1.0,
+    skip_sound: Annotated[
+        bool, typer.Option("--skip-sound", help="Leave out AHAP's events of sound.")
+    ] = False,
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
@@ -108,9 +111,11 @@ def convert_(
         )
     motion: dict[str, Any] = {}
     recorded: float | None = None
-    if kind in FORMATS:
-        given = files.read_pattern(source, device)
+    if kind in {*FORMATS, ".hmpg"}:
+        given = files.read_pattern(source, device, skip_sound)
         made, recorded = given.scene, given.seconds
+        for text in given.notes:
+            note(f"{source}: {text}")
     elif kind in sounds:
         made, motion, fs = files.as_scene(source)
         recorded = len(next(iter(motion.values()))) / fs

@@ -34,6 +34,7 @@ class Pattern(NamedTuple):
 
     voices: list[Voice]
     taps: list[Tap]
+    notes: tuple[str, ...] = ()  # what of the file has no effect
 
     @property
     def seconds(self) -> float:
@@ -52,6 +53,7 @@ class Pattern(NamedTuple):
         return Pattern(
             [v._replace(amplitude=[(t, a * factor) for t, a in v.amplitude]) for v in self.voices],
             [(t, a * factor, f) for t, a, f in self.taps],
+            self.notes,
         )
 
 

@@ -12,7 +12,7 @@ Band, AhapEncoder).
 from __future__ import annotations
 
 import math
-from collections.abc import Sized
+from collections.abc import Iterator, Sized
 from itertools import pairwise
 from typing import Any
 
@@ -41,13 +41,15 @@ WAVES = {  # base signal -> waveform, phase, sign
 CANNOT = {  # what is refused -> what to do
     "WaveletWave": "synthesise it with MPEG's reference software, and convert the sound file",
     "Timeline": "write its effects one by one",
-    "AudioCustom": "take the event out, and convert its sound file by itself",
-    "AudioContinuous": "take the event out",
+    "AudioCustom": "take the event out or skip it (skip_sound=True, --skip-sound), and convert its"
+    " sound file by itself",
+    "AudioContinuous": "take the event out or skip it (skip_sound=True, --skip-sound)",
 }
+SOUNDS = ("AudioCustom", "AudioContinuous")
 
 # The shapes of the files ("?": may be missing): an object, a list of what all items
-# are, the least and the largest number, or the known texts. Apple's numbers are
-# clamped where they are read.
+# are, the least and the largest number, the known texts, or None where nothing is read.
+# Apple's numbers are clamped where they are read.
 TIME, PART, ANY = (0.0, 86_400.0), (0.0, 1.0), (-1e9, 1e9)
 ENVELOPE = {"AttackTime": 0.0, "DecayTime": 0.0, "ReleaseTime": 0.0, "Sustained": 1.0}
 EVENT = {"HapticIntensity": 1.0, "HapticSharpness": 0.5} | ENVELOPE
@@ -60,12 +62,23 @@ CONTROLS = tuple(
     ).split()
     + [*AUDIO]
 )
+
+
+def unread(names: str) -> Tree:
+    """Return a shape of fields that the format has and nothing here reads."""
+    return {f"{name}?": None for name in names.split()}
+
+
 VALUE: Tree = {"Time?": TIME, "ParameterValue": ANY}
 AHAP: Tree = {
+    "Version?": None,
+    "Metadata?": None,
     "Pattern": [
         {
             "Event?": {
-                "EventType": ("HapticContinuous", "HapticTransient"),
+                "EventType": ("HapticContinuous", "HapticTransient", *SOUNDS),
+                **unread("EventWaveformPath EventWaveformUseVolumeEnvelope"),
+                **unread("EventWaveformLoopEnabled"),
                 "Time?": TIME,
                 "EventDuration?": TIME,
                 "EventParameters?": [VALUE | {"ParameterID": (*EVENT, *AUDIO)}],
@@ -77,10 +90,11 @@ AHAP: Tree = {
                 "ParameterCurveControlPoints": [VALUE],
             },
         }
-    ]
+    ],
 }
 HAPTIC: Tree = {
-    "version": {"major": (1, 1)},
+    "version": {"major": (1, 1), **unread("minor patch")},
+    "metadata?": None,
     "signals": {
         "continuous": {
             "envelopes": {
@@ -101,7 +115,7 @@ FRAME: Tree = {
     "amplitude_modulation?": (-1.0, 1.0),
     "frequency_modulation?": (0.0, 1e6),
 }
-EFFECT: Tree = {
+EFFECT: Tree = unread("semantic_keywords") | {
     "effect_type?": ("Basis", "Reference"),
     "id?": ANY,
     "position?": (0.0, 1e9),
@@ -109,7 +123,7 @@ EFFECT: Tree = {
     "base_signal?": tuple(WAVES),
     "keyframes?": [FRAME],
 }
-BAND: Tree = {
+BAND: Tree = unread("block_length priority") | {
     "band_type": ("Transient", "VectorialWave", "Curve"),
     "curve_type?": ("Unknown", "Linear", "Cubic"),
     "lower_frequency_limit?": (0.0, 1e6),
@@ -117,13 +131,24 @@ BAND: Tree = {
     "effects": [EFFECT],
 }
 OVER_TIME = "Vibrotactile Vibration Force Pressure Acceleration Velocity Position Other"
-HJIF: Tree = {
+HJIF: Tree = unread("version profile level date description avatars syncs") | {
     "timescale?": (1.0, 1e6),
     "perceptions": [
-        {
+        unread(
+            "id avatar_id description unit_exponent perception_unit_exponent reference_devices"
+            " effect_semantic_scheme priority"
+        )
+        | {
             "perception_modality": tuple(OVER_TIME.split()),
             "effect_library?": [EFFECT | {"effect_type?": ("Basis",), "id": ANY}],
-            "channels": [{"gain?": (-1e6, 1e6), "bands": [BAND]}],
+            "channels": [
+                unread(
+                    "id description mixing_coefficient mixing_weight body_part_mask actuator_target"
+                    " actuator_resolution body_part_target reference_device_id frequency_sampling"
+                    " sample_count vertices direction priority"
+                )
+                | {"gain?": (-1e6, 1e6), "bands": [BAND]}
+            ],
         }
     ],
 }
@@ -134,23 +159,33 @@ def wrong(path: str, what: str, remedy: str) -> SceneFileError:
     return SceneFileError(f"{path} {what}; {remedy}")
 
 
-def compare(value: Any, shape: Any, path: str = "$") -> None:
-    """Raise SceneFileError unless a value has a shape, see the table of shapes."""
+def compare(value: Any, shape: Any, path: str = "$") -> Iterator[str]:
+    """Yield the path of each field that a shape does not have, see the table of shapes.
+
+    Raises
+    ------
+    SceneFileError
+        The value has not the shape.
+    """
+    if shape is None:
+        return
     if isinstance(shape, dict):
         if not isinstance(value, dict):
             raise wrong(path, "is not an object", "write it as {..}")
         for key, inner in shape.items():
             name = key.rstrip("?")
             if name in value:
-                compare(value[name], inner, f"{path}.{name}")
+                yield from compare(value[name], inner, f"{path}.{name}")
             elif name == key:
                 raise wrong(f"{path}.{name}", "is missing", "give it")
+        known = shape.keys() | {key.rstrip("?") for key in shape}
+        yield from (f"{path}.{name}" for name in value if name not in known)
     elif isinstance(shape, list):
         if not isinstance(value, list):
             raise wrong(path, "is not a list", "write it as [..]")
         limits.check("scene_blocks", len(value), f"{path}: items", SceneFileError)
         for k, item in enumerate(value):
-            compare(item, shape[0], f"{path}[{k}]")
+            yield from compare(item, shape[0], f"{path}[{k}]")
     elif isinstance(shape[0], str):
         if not (isinstance(value, str) and value in shape):
             remedy = CANNOT.get(str(value), f"use {', '.join(shape)}")
@@ -169,6 +204,12 @@ def rising(points: list[Any], path: str) -> list[Any]:
     return points
 
 
+def beyond(path: str, end: float, seconds: float) -> list[str]:
+    """Return the note on a curve that goes on after the end of the vibration, if so."""
+    late = f"{path} goes on to {end:g} s, and the vibration ends at {seconds:g} s"
+    return [late] * (end > seconds + SHORTEST)
+
+
 def few_enough(line: Sized, path: str) -> None:
     """Raise SceneFileError before a line gets more points than a pattern may have."""
     limits.check("scene_blocks", FINER * len(line), f"{path}: points of a curve", SceneFileError)
@@ -181,19 +222,29 @@ def course(points: list[Point], start: float) -> list[Point]:
 
 
 # AHAP ---------------------------------------------------------------------------------
-def read_ahap(tree: Tree, device: PatternDevice) -> list[Pattern]:
+def read_ahap(tree: Tree, device: PatternDevice, skip_sound: bool = False) -> list[Pattern]:
     """Return the pattern of an AHAP file; limit values out of range, as Apple does."""
     curves: dict[str, list[list[Point]]] = {INTENSITY: [], SHARPNESS: []}
+    notes: list[str] = []
+    ends: dict[str, float] = {}
     for k, item in enumerate(tree["Pattern"]):
         p = item.get("ParameterCurve") or item.get("Parameter") or {}
         if p.get("ParameterID") in curves:
             points = p.get("ParameterCurveControlPoints", [p | {"Time": 0.0}])
             line = [(p.get("Time", 0.0) + c.get("Time", 0.0), c["ParameterValue"]) for c in points]
             curves[p["ParameterID"]].append(rising(line, f"$.Pattern[{k}]"))
+            ends[f"$.Pattern[{k}]"] = line[-1][0]
     lines = joined(curves[INTENSITY], 1.0, 0.0), joined(curves[SHARPNESS], 0.0, -1.0)
     pattern, size = Pattern([], []), 0
     for k, item in enumerate(tree["Pattern"]):
         if not (event := item.get("Event")):
+            continue
+        if (sound := event["EventType"]) in SOUNDS:
+            if not skip_sound:
+                raise wrong(
+                    f"$.Pattern[{k}].Event.EventType", f"= {sound!r} cannot be read", CANNOT[sound]
+                )
+            notes.append(f"$.Pattern[{k}].Event is sound ({sound}) and was skipped")
             continue
         given = EVENT | {
             p["ParameterID"]: min(1.0, max(0.0, p["ParameterValue"]))
@@ -208,7 +259,9 @@ def read_ahap(tree: Tree, device: PatternDevice) -> list[Pattern]:
             pattern.voices.append(Voice(amplitude, frequency))
         size += len(amplitude)
         limits.check("scene_blocks", size, f"$.Pattern[{k}]: points so far", SceneFileError)
-    return [pattern]
+    for path, end in ends.items():
+        notes += beyond(path, end, pattern.seconds)
+    return [pattern._replace(notes=tuple(notes))]
 
 
 def joined(curves: list[list[Point]], default: float, low: float) -> np.ndarray:
@@ -343,7 +396,8 @@ def read_haptic(tree: Tree, device: PatternDevice) -> list[Pattern]:
         for p in lines["amplitude"]
         if "emphasis" in p
     ]
-    return [Pattern([Voice(amplitude, course(line, amplitude[0][0]))], taps)]
+    notes = beyond(f"{path}.frequency", line[-1][0], amplitude[-1][0])
+    return [Pattern([Voice(amplitude, course(line, amplitude[0][0]))], taps, tuple(notes))]
 
 
 def write_haptic(patterns: list[Pattern], device: PatternDevice) -> Tree:

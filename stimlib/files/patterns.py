@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
+from collections import Counter
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +19,7 @@ from ..run.rendering import Rendering, fault_text, render
 from ..system import fields, safe_files
 from .pattern_analysis import Band, analysed, events_of, loss
 from .pattern_table import Pattern, PatternDevice, block_of
-from .pattern_text import FORMATS, compare, simple
+from .pattern_text import FORMATS, compare, read_ahap, simple
 
 
 @dataclass(frozen=True)
@@ -33,12 +36,16 @@ class ImportedPattern:
         What the file says of each output, amplitudes 0 to 1.
     device : PatternDevice
         How its numbers were read.
+    notes : list of str
+        What of the file has no effect, by its JSON path: fields that the format does
+        not have, curves that go on after the vibration, and sound that was skipped.
     """
 
     scene: Scene
     seconds: float
     patterns: list[Pattern]
     device: PatternDevice
+    notes: list[str]
 
 
 @dataclass(frozen=True)
@@ -82,7 +89,9 @@ class PatternReport:
 
 @public
 def read_pattern(
-    path: str | os.PathLike[str], device: PatternDevice | None = None
+    path: str | os.PathLike[str],
+    device: PatternDevice | None = None,
+    skip_sound: bool = False,
 ) -> ImportedPattern:
     """Read an AHAP, .haptic or .hjif file as a scene.
 
@@ -97,6 +106,8 @@ def read_pattern(
         files that it names are not opened.
     device : PatternDevice, optional
         Full scale with its unit, frequencies, and the ring of a transient.
+    skip_sound : bool
+        Leave out the events of sound of an AHAP file, which are otherwise refused.
 
     Returns
     -------
@@ -129,20 +140,33 @@ def read_pattern(
     path, device = Path(path), device or PatternDevice()
     shape, read, _ = format_of(path)
     data = safe_files.read(path, "scene_bytes", SceneFileError)
+    if skip_sound and read is read_ahap:
+        read = partial(read_ahap, skip_sound=True)
     try:
         tree = fields.parse(data)
-        compare(tree, shape)
+        unknown = Counter(re.sub(r"\[\d+\]", "[..]", place) for place in compare(tree, shape))
         patterns = read(tree, device)
     except (ValueError, RecursionError) as e:
         raise SceneFileError(f"{path}: {e}") from None
     many = [f"channel{k + 1}" for k in range(len(patterns))]
     names, scale = many if len(many) > 1 else ["vibration"], device.full_scale or 1.0
     outputs = {n: block_of(p, scale, device) for n, p in zip(names, patterns, strict=True)}
-    return ImportedPattern(Scene(outputs), max(p.seconds for p in patterns), patterns, device)
+    seconds = max(p.seconds for p in patterns)
+    notes = [
+        f"{place} is no field of this format and was ignored ({n} x)"
+        for place, n in unknown.items()
+    ]
+    notes += [note for p in patterns for note in p.notes]
+    return ImportedPattern(Scene(outputs), seconds, patterns, device, [shown(n) for n in notes])
 
 
 def format_of(path: Path) -> tuple[Any, Any, Any]:
     """Return shape, reader and writer of a file's format, from its name."""
+    if path.suffix.lower() == ".hmpg":
+        raise BadValue(
+            f"{path}: the binary form of .hjif is neither read nor written; MPEG's reference"
+            " software converts between the two: Decoder -f a.hmpg -o a.hjif"
+        )
     if path.suffix.lower() not in FORMATS:
         raise BadValue(f"{path}: the suffix is not known; use one of {', '.join(FORMATS)}")
     return FORMATS[path.suffix.lower()]

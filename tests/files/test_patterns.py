@@ -187,6 +187,43 @@ READ = {  # a file, or the items of an AHAP, and its samples at times t; how nea
 }
 
 
+# What has no effect -------------------------------------------------------------------
+SOUND = {"EventType": "AudioCustom", "Time": 0.2, "EventWaveformPath": "a.wav"}
+
+
+def test_what_of_a_file_has_no_effect_is_noted(tmp_path):
+    """Fields of no format, curves beyond the last event, and sound that is skipped."""
+    odd = happens(**PARAMETERS, _for=1.0)
+    odd["Event"]["Loudness"], odd["Note"] = 1.0, None
+    steps = curved(INTENSITY, (0.0, 1.0), (2.5, 0.5)), step("HapticSharpnessControl", 1.0009, 0)
+    path = ahap(tmp_path, odd, tap(0.5, 1.0), odd, *steps, {"Event": SOUND})
+    made = read_pattern(path, skip_sound=True)
+    no_field = "is no field of this format and was ignored"
+    assert made.notes == [
+        f"$.Pattern[..].Event.Loudness {no_field} (2 x)",
+        f"$.Pattern[..].Note {no_field} (2 x)",
+        "$.Pattern[5].Event is sound (AudioCustom) and was skipped",
+        "$.Pattern[3] goes on to 2.5 s, and the vibration ends at 1 s",
+    ]
+    del odd["Event"]["Loudness"], odd["Note"]
+    assert made.scene == read_pattern(ahap(tmp_path, odd, tap(0.5, 1.0), odd, *steps)).scene
+    frequency = [{"time": 0.0, "frequency": 0.5}, {"time": 9.0, "frequency": 0.5}]
+    late = changed("button1.haptic", put(*LINES, "frequency", frequency), tmp_path)
+    (said,) = read_pattern(late, skip_sound=True).notes
+    assert "envelopes.frequency goes on to 9 s" in said
+
+
+def test_whole_files_of_each_format_and_our_own_have_no_notes(tmp_path):
+    for path in sorted(FILES.glob("*.*")):
+        if path.suffix != ".txt":
+            made = read_pattern(path)
+            assert not made.notes, (path, made.notes)
+    made = read_pattern(FILES / "ramp_down_with_emp.haptic")
+    for name in ("a.ahap", "a.haptic", "a.hjif"):
+        write_pattern(tmp_path / name, made)
+        assert read_pattern(tmp_path / name).notes == []
+
+
 # Read ---------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", READ)
 def test_a_file_is_read_as_its_closed_form(name, tmp_path):
@@ -446,7 +483,7 @@ TAP_AT = f'"EventType": "{TAP}", "Time"'
         (
             "pop.ahap",
             put("Pattern", 0, "Event", "EventType", "AudioCustom"),
-            r"\$\.Pattern\[0\]\.Event\.EventType = 'AudioCustom' cannot be read; take the event",
+            r"\$\.Pattern\[0\]\.Event\.EventType = 'AudioCustom' cannot be read; take .*skip_sound",
         ),
         (
             "pop.ahap",
@@ -580,6 +617,7 @@ def test_what_a_format_cannot_say_is_refused(outputs, device, error, says, tmp_p
     refused(error, says, write_pattern, *words)
     refused(BadValue, "suffix is not known", write_pattern, tmp_path / "a.ahp", made)
     refused(BadValue, "suffix is not known", read_pattern, tmp_path / "a.txt")
+    refused(BadValue, "binary form of .hjif is neither .*-o a.hjif", read_pattern, "a.hmpg")
     assert not list(tmp_path.iterdir())
 
 
@@ -703,6 +741,9 @@ def test_convert_both_ways(tmp_path, monkeypatch):
     said = ran("convert a.json b.hjif --seconds 2.1").stdout
     assert "1 transients" in said and "in dB re 1 N" in said
     ran("convert a.wav c.ahap --f-hi 400")
+    sound = ahap(tmp_path, happens(**PARAMETERS, _for=0.1), {"Event": SOUND})
+    told = ran(["convert", str(sound), "s.haptic", "--skip-sound"]).stderr
+    assert "note:" in told and "Pattern[1].Event is sound (AudioCustom) and was skipped" in told
     found = json.loads(ran("convert b.hjif d.haptic --json").stdout)
     assert found["path"] == "d.haptic" and found["taps"] == 1
     ran("convert tone e.haptic --seconds 0.4")
@@ -718,6 +759,7 @@ def test_convert_both_ways(tmp_path, monkeypatch):
         (["squeeze", "a.ahap", "--motion", "minimum_jerk()"], "AHAP holds one channel"),
         (["nothing.ahap", "a.wav"], "error: cannot read nothing.ahap"),
         (["a.wav", "a.json"], "cannot read a.wav"),
+        (["a.hmpg", "a.wav"], "the binary form of .hjif is neither read nor"),
         ([FILES / "pop.ahap", "a.mp3"], ".hjif for a pattern, .caf, .flac, .rf64, .w64, .wav for"),
         (["tone", "a.json", "--set", "freq=100"], "--set: no scene is rendered from"),
         (["tone", "a.json", "--seconds", "2"], "--seconds: no scene is rendered from"),
