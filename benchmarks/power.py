@@ -34,10 +34,11 @@ from timing import machine
 import stimlib
 from stimlib import Input, Scene, blocks as b
 from stimlib.analysis import spectra
-from stimlib.blocks.filters import Differentiator, Track
-from stimlib.blocks.fractional import Springpot
+from stimlib.blocks.fir_filters import Differentiator
 from stimlib.blocks.impedance import FirstOrder, Velocity
 from stimlib.blocks.noise import Pinking, PinkNoise
+from stimlib.blocks.springpots import Springpot
+from stimlib.blocks.tracking import Track
 from stimlib.blocks.viscoelastic import MaxwellArms
 from stimlib.checks.power import KINDS, Shows
 from stimlib.motion.generators import constant_speed, minimum_jerk, sinusoid

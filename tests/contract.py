@@ -20,7 +20,7 @@ import numpy as np
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
-from stimlib.blocks.contact import (
+from stimlib.blocks.actuator import (
     ForceLimit,
     ResponseLimit,
     Tally,
@@ -29,11 +29,12 @@ from stimlib.blocks.contact import (
     slew_limit,
     static_limit,
 )
-from stimlib.blocks.filters import First, track, track_velocity
-from stimlib.blocks.fractional import PathLength
+from stimlib.blocks.bumps import bump
 from stimlib.blocks.noise import PinkNoise, White
+from stimlib.blocks.onset import First
 from stimlib.blocks.oscillators import carrier
-from stimlib.blocks.surfaces import bump
+from stimlib.blocks.springpots import PathLength
+from stimlib.blocks.tracking import track, track_velocity
 from stimlib.blocks.viscoelastic import (
     compliance_generalized_kelvin_voigt,
     compliance_kelvin_voigt,

@@ -9,7 +9,7 @@ import numpy as np
 
 import stimlib
 from stimlib import Block, Input, Param, Scene, blocks as b, constant
-from stimlib.blocks.filters import track
+from stimlib.blocks.tracking import track
 from stimlib.blocks.viscoelastic import maxwell
 from stimlib.motion.generators import (
     constant_speed,

@@ -14,20 +14,14 @@ import numpy as np
 
 import stimlib
 from stimlib import Input, Scene, blocks as b, constant
-from stimlib.blocks.contact import Button, Detents, StaticLimit, StickSlip, Wall
-from stimlib.blocks.events import Integrate
-from stimlib.blocks.filters import (
-    CascadeState,
-    Delay,
-    Differentiator,
-    Taps,
-    Track,
-    TrackVelocity,
-    track,
-    track_velocity,
-)
-from stimlib.blocks.fractional import ShortMemory, Springpot, SpringpotLive
+from stimlib.blocks.actuator import StaticLimit
+from stimlib.blocks.bumps import LinearBump, SineBump
+from stimlib.blocks.contact import Button, Detents, Wall
+from stimlib.blocks.filters import CascadeState, Delay
+from stimlib.blocks.fir_filters import Differentiator, Taps
+from stimlib.blocks.friction import StickSlip
 from stimlib.blocks.impedance import FirstOrder, Gate, GateState, Velocity, VelocityState, pole_gain
+from stimlib.blocks.integrals import Integrate
 from stimlib.blocks.noise import (
     ONE,
     Modes,
@@ -44,9 +38,11 @@ from stimlib.blocks.noise import (
 from stimlib.blocks.oscillators import Carrier
 from stimlib.blocks.resonance import Resonator, section
 from stimlib.blocks.sources import Ring
-from stimlib.blocks.surfaces import Grating, LinearBump, SineBump, SpatialNoise
+from stimlib.blocks.springpots import ShortMemory, Springpot, SpringpotLive
+from stimlib.blocks.surfaces import Grating, SpatialNoise
 from stimlib.blocks.tables import Lut
 from stimlib.blocks.texture import Texture
+from stimlib.blocks.tracking import Track, TrackVelocity, track, track_velocity
 from stimlib.blocks.viscoelastic import (
     KelvinChain,
     MaxwellArms,

@@ -5,67 +5,30 @@ from ..core.loops import loop
 from ..core.pointwise import clip, cos, exp, log, maximum, minimum, nonzero, sin, sqrt, tanh, where
 from ..core.subsystems import enabled, segment
 from ..design.texture import load_texture, save_texture
-from .contact import (
-    button,
-    detents,
-    force_limit,
-    friction,
-    motor_current,
-    skin_drive,
-    slew_limit,
-    squeeze_film,
-    static_limit,
-    stick_slip,
-    wall,
-)
-from .events import (
-    at,
-    burst,
-    count,
-    crossing,
-    elapsed,
-    envelope,
-    every,
-    falling,
-    integrate,
-    once_within,
-    rising,
-    sample_and_hold,
-    timeline,
-)
-from .filters import (
-    bandpass,
-    bandstop,
-    delay,
-    differentiator,
-    envelope_follower,
-    fir,
-    highpass,
-    lowpass,
-    moving_average,
-    sos,
-    track,
-    track_velocity,
-)
+from .actuator import force_limit, motor_current, skin_drive, slew_limit, static_limit
+from .avatars import delay_avatar, vibration
+from .bumps import bump
+from .clock import at, elapsed, every, timeline
+from .contact import button, detents, squeeze_film, wall
+from .cursors import cursor
+from .envelopes import burst, envelope
+from .equalization import equalize
+from .events import count, crossing, falling, once_within, rising, sample_and_hold
+from .filters import bandpass, bandstop, delay, envelope_follower, highpass, lowpass, sos
+from .fir_filters import differentiator, fir, moving_average
 from .fractional import equal_force, springpot, springpot_stiffness
+from .friction import friction, stick_slip
 from .impedance import first_order, hysteresis, kelvin_voigt, loading, spring, velocity
+from .integrals import integrate
 from .noise import coloured_noise, pink_noise, pinking, white_noise
 from .oscillators import carrier, oscillator, pulse_train
 from .resonance import amplifier, mode, mode_shape, notch, pole_swap, resonator, svf
-from .soft import (
-    cursor,
-    deformation,
-    delay_avatar,
-    indentation,
-    press,
-    stiffness_map,
-    triangle,
-    vibration,
-)
+from .soft import deformation, indentation, press, stiffness_map, triangle
 from .sources import band_noise, chirp, grain, playback, ring
-from .surfaces import bump, equalize, grating, spatial_noise
+from .surfaces import grating, spatial_noise
 from .tables import lut, lut2, panning
 from .texture import texture
+from .tracking import track, track_velocity
 from .viscoelastic import (
     compliance,
     compliance_generalized_kelvin_voigt,

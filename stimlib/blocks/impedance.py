@@ -9,14 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, as_block, constant, unitless
+from ..core.graph import NONE, ONE, Block, Const, as_block, constant, in_unit, unitless
 from ..core.maths import TINY, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
 from ..design import responses
 from ..errors import Above0, BadValue, public
-from .filters import RATE, begun, fir
-from .fractional import Springpot
+from .fir_filters import RATE, fir
+from .onset import begun
+from .springpots import Springpot
 
 
 # Velocity and impedances ------------------------------------------------------------
@@ -270,6 +271,13 @@ def with_unit(v, text: str) -> Block:
     """
     b = as_block(v)
     return constant(b.value, text) if isinstance(b, Const) and b.dim == un.ONE else b
+
+
+def signal_in(who: str, name: str, v: Block | float, text: str) -> Block:
+    """Return a quantity as a signal; raise UnitError if it has another unit."""
+    b = as_block(v)
+    in_unit(f"{who}: {name}", b, b.dim, text)
+    return b
 
 
 @public

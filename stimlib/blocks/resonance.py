@@ -20,9 +20,10 @@ from ..core.response import backward
 from ..design import responses
 from ..design.filters import Quadratic, sections
 from ..errors import Above0, BadValue, one_of, public
-from .filters import Cascade, CascadeParams, CascadeState, begun, cascade
+from .filters import Cascade, CascadeParams, CascadeState, cascade
 from .impedance import with_unit
 from .movement import regular, sinpi
+from .onset import begun
 
 # Resonances of one section ----------------------------------------------------------
 # Resonances of one section: fixed ones, and one whose frequency and quality are

@@ -18,7 +18,8 @@ from ..design import responses
 from ..design.filters import HALF, resampled
 from ..errors import Above0, BadValue, one_of, public, shortened
 from ..system.limits import limits
-from .events import Time, as_event, as_signal, happens
+from .clock import Time
+from .events import as_event, as_signal, happens
 from .filters import Cascade, Filter
 from .impedance import with_unit
 from .movement import regular, sinpi

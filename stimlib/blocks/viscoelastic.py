@@ -21,21 +21,20 @@ from ..core.units import unit
 from ..design import fractional as soe, responses
 from ..design.padding import padded
 from ..errors import Above0, BadValue, From0, UnitError, one_of, public
-from .events import Integrate
-from .filters import ONSETS, begun, check_onset
-from .fractional import (
+from .fractional import Alpha, coefficient
+from .impedance import sampled, spring, with_unit
+from .integrals import Integrate
+from .onset import ONSETS, begun, check_onset
+from .springpots import (
     DIFFERENCES,
     WORK,
-    Alpha,
     Springpot,
     begin,
     check_fields,
-    coefficient,
     force_unit,
     origin,
     transfer,
 )
-from .impedance import sampled, spring, with_unit
 
 # Relaxation: displacement in, force out ---------------------------------------------
 # Springs and dampers in series: Maxwell arms (relaxation) and, force in and

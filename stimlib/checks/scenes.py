@@ -279,7 +279,7 @@ def motor_limits(e: Evidence) -> list[Check]:
 
     They are computed again from the samples.
     """
-    from ..blocks.contact import ForceLimit, StaticLimit
+    from ..blocks.actuator import ForceLimit, StaticLimit
 
     tops = dict.fromkeys(e.scene.outputs, 0.0)
     means, states = tops.copy(), {name: np.zeros(1) for name in tops}

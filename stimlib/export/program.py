@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..blocks.contact import Tally
+from ..blocks.actuator import Tally
 from ..core import maths, steps
 from ..core.clocks import PARAMS, ROOT, Instance
 from ..core.graph import Block, at_rest, kind, pack

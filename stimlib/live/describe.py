@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..blocks.soft import Cursor, CursorFrames
+from ..blocks.cursors import Cursor, CursorFrames
 from ..blocks.tables import CubicGrid
 from ..core.graph import reach
 from ..core.program import rate

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks.filters import track
+from ..blocks.tracking import track
 from ..core.graph import Block, Input
 from ..core.scene import Scene
 from ..devices.sources import NONE, none_of, positions_of

@@ -16,8 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ..blocks.contact import ForceLimit, ResponseLimit, Tally, slew_limit, static_limit
-from ..blocks.filters import delay, fir
+from ..blocks.actuator import ForceLimit, ResponseLimit, Tally, slew_limit, static_limit
+from ..blocks.filters import delay
+from ..blocks.fir_filters import fir
 from ..core.graph import Block, Const, Mul
 from ..core.guard import Guard
 from ..core.parameter import Param

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..blocks.bumps import bump
 from ..blocks.oscillators import carrier
-from ..blocks.surfaces import bump
 from ..core.graph import Input, constant
 from ..core.parameter import Param
 from ..core.pointwise import nonzero

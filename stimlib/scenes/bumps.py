@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..blocks.bumps import bump
+from ..blocks.equalization import equalize, points, within
 from ..blocks.oscillators import carrier
-from ..blocks.surfaces import bump, equalize, points, within
 from ..core.graph import Input, constant
 from ..core.parameter import Param
 from ..core.pointwise import nonzero

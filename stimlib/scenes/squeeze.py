@@ -23,7 +23,7 @@ from ..blocks import (
     static_limit,
     velocity,
 )
-from ..blocks.contact import PLACEHOLDER_GAMMA
+from ..blocks.actuator import PLACEHOLDER_GAMMA
 from ..core.graph import Block, Input
 from ..core.parameter import Param
 from ..core.scene import Scene

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..blocks.events import at, burst, every
+from ..blocks.clock import at, every
+from ..blocks.envelopes import burst
 from ..blocks.oscillators import carrier
 from ..core.graph import Block
 from ..core.parameter import Param

@@ -10,9 +10,10 @@ import warnings
 
 import numpy as np
 
+from ..blocks.bumps import bump
+from ..blocks.equalization import equalize
 from ..blocks.oscillators import carrier
 from ..blocks.resonance import amplifier, pole_swap
-from ..blocks.surfaces import bump, equalize
 from ..core.graph import Input, constant
 from ..core.parameter import Param
 from ..core.pointwise import nonzero

@@ -29,16 +29,15 @@ from stimlib.blocks import (
     stick_slip,
     wall,
 )
-from stimlib.blocks.contact import (
+from stimlib.blocks.actuator import (
     PLACEHOLDER_GAMMA,
     ResponseLimit,
-    Stribeck,
-    StribeckPower,
     force_limit,
     motor_current,
     skin_drive,
     static_limit,
 )
+from stimlib.blocks.friction import Stribeck, StribeckPower
 
 X, NORMAL, FORCE, LIVE = Input("x", "m"), Input("normal", "N"), Input("force", "N"), Input("v", "m")
 ON, DP, STIFFNESS = Input("contact"), Input("dp", "N/s"), Input("k", "N/m")

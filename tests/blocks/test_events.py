@@ -1,15 +1,15 @@
 """Events and what they make, against what they are said to be."""
 
-import math
 import tracemalloc
 
 import numpy as np
 import pytest
-from laws import lawful, played, refuses, run
+from laws import lawful, played, refuses
 
 import stimlib
 from stimlib import Input, Param, Scene, UnitError, blocks as b
-from stimlib.blocks.events import Every, is_event
+from stimlib.blocks.clock import Every
+from stimlib.blocks.events import is_event
 from stimlib.design.filters import resampled
 
 X, E = Input("x"), Input("e")
@@ -20,13 +20,11 @@ def impulse(n, *at):
 
 
 NAN = np.nan
-RISE, FALL = np.arange(1, 51) / 10, np.arange(1, 101) / 100
 U = [0.0, 0.25, 1.25, 1.0, 0.75, 3.75, 3.75, 3.5, 2.75, 2.75]
 SPLIT = [0, 0, 0.25, 0.75, -1.0, 3 * (1 - 1.25 / 3), 1.25, 0, -1 + 2 / 3, -2 / 3]
 AT_ANY_SPEED = [0.5, 0.5, 1.0, 1.0, 0.999, 0.94, 7.2, -3.3, -3.3, -3.3, 0.0, 5.0, 1e9]
 GATE = np.repeat([0.0, 1.0, 0.0, 1.0], [10, 190, 30, 70])
 RESTS = np.repeat([0.0, 0.01, 0.01, NAN, 0.01, -0.0, 0.03, 0.03], 64)
-TOP = -2 * np.expm1(-5)
 HAND = {  # block, rows of its inputs or a number of samples, samples worked out by hand
     "each line once each way": (
         b.crossing(X, 1.0, hysteresis=0.1),
@@ -75,12 +73,6 @@ HAND = {  # block, rows of its inputs or a number of samples, samples worked out
     "nothing comes as soon": (b.once_within(E, 1e-9), [np.ones(5)], np.ones(5)),
     "a burst at a time": (b.burst(0.01, 0.005), 20, np.repeat([0.0, 1.0, 0.0], [10, 5, 5])),
     "a gate that closes in a tile": (b.envelope(E, 0, 0, 1.0, 0), [GATE], GATE),
-    "a level rises and falls": (
-        b.envelope_follower(X, 0.01, 0.1),
-        [np.repeat([-2.0, 0.0], [50, 100])],
-        np.r_[-2 * np.expm1(-RISE), TOP * np.exp(-FALL)],
-    ),
-    "a level of half a sample": (b.envelope_follower(X, 0.0005), [[2.0]], [-2 * np.expm1(-2)]),
 }
 
 
@@ -114,12 +106,8 @@ LAWFUL = [  # tiles have 64 samples
     (b.grain(X, SHAPE, rate=1000), HEIGHTS),
     (b.grain(X, SHAPE, rate=1000), np.zeros(400)),
     (b.burst(X, 0.16, 0.04), 2.0 * impulse(400, 3, 50)),
-    (b.moving_average(X, 0.0026), NOISE),
-    (b.moving_average(X, 0.07), NOISE),
-    (b.moving_average(X, 0.0024), NOISE),
     (b.integrate(X, 5.0), NOISE),
     (b.integrate(X, 1500.0), NOISE),
-    (b.envelope_follower(X, 0.0, 0.01), NOISE),
     *((X * b.timeline(BENT, kind), np.ones(400)) for kind in ("linear", "step", "cosine")),
 ]
 
@@ -231,7 +219,6 @@ def test_a_deep_product_is_looked_through_once():
         (lambda: b.timeline([(k, k) for k in range(4)]), "points.* limits.table_knots"),
         (lambda: b.grain(E, [1] * 3, 100).design(1000), "grain.* limits.state_bytes"),
         (lambda: b.playback([1] * 3, 100).design(1000), "playback.* limits.state_bytes"),
-        (lambda: b.moving_average(X, 0.02).design(1000), "moving_average.* limits.state_bytes"),
         (
             lambda: b.playback([1] * 3, 100, at=Input("t", "s")).design(1000),
             "its table.* limits.state_bytes",
@@ -251,19 +238,6 @@ def test_an_integral_is_exact_for_straight_lines_and_after_hours():
         y = proc.process(np.full((1, 1_000_000), 0.1))[0]
         proc.state = proc.state  # goes on where it was
     assert abs(y[-1] - (2e6 - 0.5) * 1e-4) < 1e-13 * y[-1]
-
-
-@pytest.mark.parametrize("n", [5, 63, 64, 100])
-@pytest.mark.parametrize("target", ["python", "llvm"])
-def test_a_sample_that_is_not_finite_leaves_an_average_after_its_length(n, target):
-    """Rounded up to eight samples where taps are filled up with zeros: 0 times inf."""
-    x, taps = np.ones((1, 300)), np.full(n, 1 / n)
-    x[0, 10] = np.nan
-    for made, first in ((b.moving_average(X, n / 1000), 64), (b.fir(X, taps), math.inf)):
-        length = n if n >= first else 8 * math.ceil(n / 8)
-        proc = stimlib.compile(Scene({"y": made > -1.0}), 1000, target)  # NaN is not above
-        y = run(proc, x, (37,))[0]
-        assert np.flatnonzero(y == 0.0).tolist() == list(range(10, 10 + length))
 
 
 REFUSED = [

@@ -2,6 +2,7 @@
 steady start, delays, differentiators and the tracker.
 """
 
+import math
 import re
 
 import mpmath as mp
@@ -12,7 +13,8 @@ from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnitError, blocks as b, constant
-from stimlib.blocks.filters import Filter, track, track_velocity
+from stimlib.blocks.filters import Filter
+from stimlib.blocks.tracking import track, track_velocity
 from stimlib.checks import linear
 from stimlib.design import responses
 from stimlib.design.filters import GAINS, KINDS, ORDERS
@@ -197,6 +199,54 @@ def test_taps_and_trackers_are_their_laws():
     """Of any number of taps; a jump invents no movement."""
     for block, x in LAWFUL:
         lawful(block, FS, x=x)
+
+
+AVERAGED = [
+    *(b.moving_average(X, seconds) for seconds in (0.0024, 0.0026, 0.07)),
+    b.envelope_follower(X, 0.0, 0.01),
+]
+
+
+def test_averages_and_levels_are_their_laws():
+    for block in AVERAGED:
+        lawful(block, 1000, x=MOVING[:200])
+
+
+def test_the_samples_of_an_average_are_limited(monkeypatch):
+    monkeypatch.setattr(stimlib.limits, "state_bytes", 100)
+    refuses(lambda: b.moving_average(X, 0.02).design(1000), "moving_average.* limits.state_bytes")
+
+
+@pytest.mark.parametrize("n", [5, 63, 64, 100])
+@pytest.mark.parametrize("target", ["python", "llvm"])
+def test_a_sample_that_is_not_finite_leaves_an_average_after_its_length(n, target):
+    """Rounded up to eight samples where taps are filled up with zeros: 0 times inf."""
+    x, taps = np.ones((1, 300)), np.full(n, 1 / n)
+    x[0, 10] = np.nan
+    for made, first in ((b.moving_average(X, n / 1000), 64), (b.fir(X, taps), math.inf)):
+        length = n if n >= first else 8 * math.ceil(n / 8)
+        proc = stimlib.compile(Scene({"y": made > -1.0}), 1000, target)  # NaN is not above
+        y = run(proc, x, (37,))[0]
+        assert np.flatnonzero(y == 0.0).tolist() == list(range(10, 10 + length))
+
+
+RISE, FALL = np.arange(1, 51) / 10, np.arange(1, 101) / 100
+LEVELS = {  # block, rows of its input, samples worked out by hand
+    "rises and falls": (
+        b.envelope_follower(X, 0.01, 0.1),
+        np.repeat([-2.0, 0.0], [50, 100]),
+        np.r_[-2 * np.expm1(-RISE), -2 * np.expm1(-5) * np.exp(-FALL)],
+    ),
+    "half a sample": (b.envelope_follower(X, 0.0005), [2.0], [-2 * np.expm1(-2)]),
+}
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_a_level_is_that_worked_out_by_hand(name):
+    block, x, wanted = LEVELS[name]
+    for target in ("llvm", "python"):
+        y = played(block, x, target=target)
+        np.testing.assert_allclose(y, wanted, rtol=1e-12, atol=1e-14)
 
 
 LATE = [  # samples

@@ -18,7 +18,7 @@ from scipy.special import rgamma
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import equal_force, springpot, springpot_stiffness
-from stimlib.blocks.fractional import SpringpotLive, reweigh
+from stimlib.blocks.springpots import SpringpotLive, reweigh
 from stimlib.checks.laws import springpot_sum
 from stimlib.design import fractional as soe
 from stimlib.errors import BadValue, SceneError, UnitError

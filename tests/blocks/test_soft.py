@@ -13,7 +13,7 @@ from scipy.interpolate import RectBivariateSpline
 
 import stimlib
 from stimlib import BadValue, Input, Scene, UnitError, blocks as b, constant
-from stimlib.blocks.soft import next_speed, ratio
+from stimlib.blocks.cursors import next_speed, ratio
 
 X, Y, ZERO = Input("x", "m"), Input("y", "m"), constant(0.0, "m")
 NEWTONS = Input("f", "N")

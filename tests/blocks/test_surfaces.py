@@ -9,7 +9,9 @@ from laws import alias, assert_same, bits, lawful, played, refuses
 import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import grating, spatial_noise
-from stimlib.blocks.surfaces import WAVEFORMS, bump, equalize, lattice
+from stimlib.blocks.bumps import WAVEFORMS, bump
+from stimlib.blocks.equalization import equalize
+from stimlib.blocks.surfaces import lattice
 from stimlib.design.noise import octaves
 from stimlib.errors import BadValue, UnitError
 

@@ -13,7 +13,7 @@ import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant, scenes as s
 from stimlib.analysis import spectra
 from stimlib.blocks import springpot, springpot_series, white_noise
-from stimlib.blocks.fractional import Springpot
+from stimlib.blocks.springpots import Springpot
 from stimlib.core.graph import reach
 from stimlib.files import audio as file
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid

@@ -11,7 +11,7 @@ from refusals import refused
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnitError, UnknownName, constant
 from stimlib.blocks import delay, white_noise
-from stimlib.blocks.contact import ResponseLimit, Tally
+from stimlib.blocks.actuator import ResponseLimit, Tally
 from stimlib.core.guard import Guard
 from stimlib.run.safety import GAIN, Inverse, Safety, Watch, protect, to_device
 from stimlib.scenes import squeeze

@@ -12,7 +12,8 @@ from refusals import refused
 
 import stimlib
 from stimlib import BadValue
-from stimlib.blocks.soft import Cursor, CursorFrames, DelayAvatar, FrameAvatar, Vibration
+from stimlib.blocks.avatars import DelayAvatar, FrameAvatar, Vibration
+from stimlib.blocks.cursors import Cursor, CursorFrames
 from stimlib.checks.families import soft as law
 from stimlib.scenes import soft_surface
 from stimlib.soft import nodules

@@ -15,8 +15,8 @@ from trials import pair
 
 import stimlib
 from stimlib import Scene, blocks as b
-from stimlib.blocks.contact import PLACEHOLDER_GAMMA
-from stimlib.blocks.filters import Differentiator
+from stimlib.blocks.actuator import PLACEHOLDER_GAMMA
+from stimlib.blocks.fir_filters import Differentiator
 from stimlib.blocks.impedance import Loading
 from stimlib.blocks.noise import PinkNoise
 from stimlib.checks import laws

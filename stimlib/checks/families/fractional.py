@@ -27,7 +27,7 @@ def _path_length(b, fs, x, y):
 @law("Accuracy", since=0)
 def _accuracy(b, fs, x, y):
     # what they are worth, tests/blocks/test_fractional.py says
-    from ...blocks.fractional import bounds_of_orders
+    from ...blocks.springpots import bounds_of_orders
 
     knots, bounds = bounds_of_orders(b.tol, b.horizon * fs)
     return near(np.interp(x[0], knots, (1.02 + 2 * b.tol) * bounds))

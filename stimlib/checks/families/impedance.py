@@ -59,7 +59,7 @@ def _squeeze(a: Asked) -> list[Check]:
     alone; their blocks have laws of their own.
     """
     from ...blocks import differentiator, pink_noise
-    from ...blocks.contact import PLACEHOLDER_GAMMA
+    from ...blocks.actuator import PLACEHOLDER_GAMMA
 
     n = range(1, a.given["fingers"] + 1)
     outputs = [f"force{i}" for i in n] + [

@@ -20,14 +20,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ...blocks import fractional, fractional as pot, noise
-from ...blocks.contact import ResponseLimit
-from ...blocks.filters import Cascade, Delay, Fir, First
+from ...blocks import noise, springpots as pot
+from ...blocks.actuator import ResponseLimit
+from ...blocks.avatars import DelayAvatar
+from ...blocks.cursors import Cursor
+from ...blocks.filters import Cascade, Delay
+from ...blocks.fir_filters import Fir
 from ...blocks.impedance import Gate
 from ...blocks.movement import sinpi
 from ...blocks.noise import FilteredNoise, Modes
+from ...blocks.onset import First
 from ...blocks.oscillators import QUARTER, WORD, Carrier, fold, rectified
-from ...blocks.soft import Cursor, DelayAvatar
 from ...blocks.sources import Grain, Ring
 from ...blocks.surfaces import SpatialNoise
 from ...blocks.texture import Texture
@@ -523,7 +526,7 @@ def springpot_live(block, numbers, state, signals, run):
 
 
 def weights(numbers: pot.LiveParams, alpha: Any) -> HistoryWeights:
-    """Compute the weights of ``fractional.reweigh`` for all modes at once."""
+    """Compute the weights of ``springpots.reweigh`` for all modes at once."""
     nodes, power, polynomials = (
         int(numbers.nodes),
         traced.bind(pot.power),
@@ -626,7 +629,7 @@ def downsampled(block, numbers, state, signals, run):
     index = jnp.arange(run.n)
     since = index - moved.start
     # a history that grows is thinned: so many samples lie between its points
-    stride = jnp.maximum((since + fractional.POINTS - 1) // fractional.POINTS, 1)
+    stride = jnp.maximum((since + pot.POINTS - 1) // pot.POINTS, 1)
 
     def body(total, item):
         number, weight = item
@@ -765,7 +768,7 @@ LOWERINGS |= {
     Series: series,
     pot.Springpot: springpot,
     pot.SpringpotLive: springpot_live,
-    fractional.Downsampled: downsampled,
-    fractional.ShortMemory: short_memory,
+    pot.Downsampled: downsampled,
+    pot.ShortMemory: short_memory,
     Texture: textureforms.texture,
 }

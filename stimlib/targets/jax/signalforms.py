@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ...blocks.soft import ratio
+from ...blocks.cursors import ratio
 from ...blocks.sources import turn, turned
 from ...blocks.tables import spline, spline_slope
 from . import traced

@@ -1,0 +1,510 @@
+"""From a wanted force to what a motor is given: the skin's damper, limits, current."""
+
+from __future__ import annotations
+
+import math
+from collections import namedtuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..core.graph import NONE, ONE, Block, Const, Map, as_block, same_unit
+from ..core.maths import TINY, fma, where
+from ..errors import Above0, BadValue, Count, public
+from .impedance import signal_in, with_unit
+from .tables import lut
+
+
+class Geometry(NamedTuple):
+    """Geometry factor of a motor over position."""
+
+    x: tuple[float, ...]  # m, rising
+    gamma: tuple[float, ...]  # without unit, above 0
+
+
+PLACEHOLDER_GAMMA = Geometry((0.0, 0.01, 0.02, 0.03, 0.04), (0.85, 0.96, 1.0, 0.96, 0.85))
+"""NOT measured: the paper prints no numbers for Gamma(x).  A symmetric guess over the
+0.04 m of travel, so that scenes run before a device has been calibrated; replace it by
+a measurement."""
+
+
+def _quantity(who: str, name: str, v: Block | float, text: str) -> Block:
+    """Return a quantity as a signal with the given unit.
+
+    A plain number, which must be above 0, gets the unit; a signal must have it already.
+    """
+    b = as_block(v)
+    if isinstance(b, Const):
+        if not (math.isfinite(b.value) and b.value > 0):
+            raise BadValue(f"{who}: {name} = {b.value:g} must be a finite number above 0")
+    return signal_in(who, name, with_unit(b, text), text)
+
+
+@public
+def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
+    """Compute the motor force that applies a given force to the skin.
+
+    dF = -(m/B) dp/dt.
+
+    Above 100 Hz the finger pad acts as a damper, p = -B dx/dt, and the device as an
+    inertia much larger than the pad's, F = m d2x/dt2.
+
+    Parameters
+    ----------
+    dp : Block
+        dp/dt in N/s, such as a ``differentiator`` of pink noise in N.
+    m : float or Block
+        Moving mass of the device in kg; live when it is a ``Param``.
+    B : float or Block
+        Damping of the skin in N s/m; live when it is a ``Param``.
+
+    Returns
+    -------
+    Block
+        In N.
+
+    Raises
+    ------
+    UnitError
+        A signal in another unit.
+    BadValue
+        A number m or B not above 0.
+
+    References
+    ----------
+    The UGrip paper, section 1.1, eq. (1).
+
+    Examples
+    --------
+    >>> import stimlib
+    >>> from stimlib.blocks import constant, differentiator, pink_noise
+    >>> from stimlib.blocks import skin_drive
+    >>> p = constant(0.01, "N") * pink_noise(psd_1hz=1.0, seed=1, f_low=10.0)
+    >>> str(skin_drive(differentiator(p, passband=1000.0), m=0.2, B=1.5).dim)
+    'N'
+    """
+    ratio = _quantity("skin_drive", "m", m, "kg") / _quantity("skin_drive", "B", B, "N*s/m")
+    return -ratio * signal_in("skin_drive", "dp", dp, "N/s")
+
+
+@dataclass(frozen=True, eq=False)
+class ForceLimit(Map):
+    """A force clipped to -peak .. peak.
+
+    NaN and infinity pass, so that the guard of the output detects them.
+    """
+
+    x: Block
+    peak: Block
+
+    def units(self, *u):
+        return same_unit("compare", self.x, self.peak, *u)
+
+    def steepest(self, fs, z, H, value):
+        return H[0] if H[1] is None else None
+
+    @staticmethod
+    def step(p, s, x, peak):
+        y = where(x > peak, peak, where(x < -peak, -peak, x))
+        return where(x - x == 0.0, y, x), s
+
+
+@public
+def force_limit(force: Block, peak: Block | float = 100.0) -> Block:
+    """Clip a force to the motor's peak force in both directions.
+
+    Parameters
+    ----------
+    force : Block
+        In N.
+    peak : float or Block
+        In N; live when it is a ``Param``.
+
+    Returns
+    -------
+    Block
+        In N.
+
+    Raises
+    ------
+    UnitError
+        A signal in another unit.
+    BadValue
+        A number not above 0.
+
+    Notes
+    -----
+    Infinity is not made into the peak force: it passes, and the output's guard stops it
+    as a fault.
+
+    References
+    ----------
+    The UGrip paper, section 2.1: "more than 37 N of static or 100 N of peak force".
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import force_limit
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"F": force_limit(stimlib.Input("force", "N"))}), fs=1000
+    ... )
+    >>> proc.process(np.array([[90.0, 120.0, -300.0]]))
+    array([[  90.,  100., -100.]])
+    """
+    return ForceLimit(
+        signal_in("force_limit", "force", force, "N"), _quantity("force_limit", "peak", peak, "N")
+    )
+
+
+KNEE = 0.81  # of the mean square: 0.9 of the limit
+
+
+# Parameters of `StaticLimit` at a sample rate.
+#   most  limit^2
+#   span  most - knee
+StaticParams = namedtuple("StaticParams", "a most knee span cap")
+
+# State of `StaticLimit` between samples.
+#   m  mean square of the output
+StaticState = namedtuple("StaticState", "m")
+
+
+@dataclass(frozen=True, eq=False)
+class StaticLimit(Block):
+    """A limit on the mean square of a force, applied as a slow gain G.
+
+    y = G(m) x;  m += a (y^2 - m),  a = 1 - exp(-1/(tau fs)).
+
+    G(m) = 1 up to m = K, then falls linearly to 0 at m = L^2; K = 0.81 L^2. |x| is
+    clipped at sqrt(K + (L^2 - K)/a).
+    """
+
+    x: Block
+    limit: Above0
+    tau: Above0
+
+    def design(self, fs):
+        a = -math.expm1(-1 / (self.tau * fs))
+        most = self.limit * self.limit
+        knee = KNEE * most
+        return StaticParams(
+            a, most, knee, most - knee, math.sqrt(knee + (most - knee) / a)
+        ), StaticState(0.0)
+
+    @staticmethod
+    def step(p, s, x):
+        gain = where(s.m > p.knee, (p.most - s.m) / p.span, 1.0)
+        held = where(x > p.cap, p.cap, where(x < -p.cap, -p.cap, x))
+        y = gain * where(x - x == 0.0, held, x)
+        return y, StaticState(fma(p.a, fma(y, y, TINY) - s.m, s.m))
+
+
+@public
+def static_limit(force: Block, limit: float = 37.0, tau: float = 10.0) -> Block:
+    """Limit the mean square of a force to what a motor can sustain.
+
+    The limit is a slowly changing gain.
+
+    With L = limit, K = (0.9 L)^2 and the running mean m of the output's square,
+
+    y[n] = G x[n],  G = min(1, (L^2 - m[n-1])/(L^2 - K)),
+    m[n] = m[n-1] + a (y[n]^2 - m[n-1]),  a = 1 - exp(-1/(tau fs)).
+
+    Parameters
+    ----------
+    force : Block
+        In N.
+    limit : float
+        Static force L in N.
+    tau : float
+        Time constant of the mean in s.
+
+    Returns
+    -------
+    Block
+        In N.
+
+    Raises
+    ------
+    UnitError
+        A signal in another unit.
+    BadValue
+        limit or tau not above 0.
+
+    Notes
+    -----
+    - Bound: m <= L^2 at every sample, for any input (to rounding).  Write t for G where
+      it is below 1, m = L^2 - (L^2 - K) t. Then m + a (t^2 x^2 - m) <= L^2 is t^2 a x^2
+      <= (L^2 - K) t + a m, which holds for every t in 0 .. 1 as long as a x^2 <= L^2 -
+      K + a K.  Larger |x| are clipped there: 4.6 kN at 8 kHz and 1.6 kN at 1 kHz for
+      the default numbers, so that behind ``force_limit`` this never happens.
+    - Transparent: as long as the mean square of the input stays at or below K, it
+      passes bit for bit.
+    - No click: G is a function of m, which is continuous: |dG/dt| <= max(x^2, L^2)/(tau
+      (L^2 - K)), 3.8 per second for 100 N.
+    - A constant force x settles at G x with (G x)^2 + (L^2 - K) G = L^2: 90 N at 35.6
+      N, 36 N at 33.6 N.  It takes about tau K/x^2 until it begins to fall: 1.5 s for 90
+      N.
+    - After reset the motor is cold, m = 0.
+
+    References
+    ----------
+    The UGrip paper, section 2.1: "more than 37 N of static or 100 N of peak force".
+    The rule is our own.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import static_limit
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"F": static_limit(stimlib.Input("force", "N"))}), fs=1000
+    ... )
+    >>> y = proc.process(np.full((1, 60_000), 90.0))[0]  # a firm grip for a minute
+    >>> y[[0, 1000, -1]].round(1)
+    array([90. , 90. , 35.6])
+    """
+    return StaticLimit(signal_in("static_limit", "force", force, "N"), limit, tau)
+
+
+# Parameters of `SlewLimit` at a sample rate.
+#   step  most that y moves in one sample
+SlewParams = namedtuple("SlewParams", "step")
+
+# State of `SlewLimit` between samples.
+SlewState = namedtuple("SlewState", "y")
+
+
+@dataclass(frozen=True, eq=False)
+class SlewLimit(Block):
+    """A signal that follows x by at most rate/fs per sample.
+
+    NaN and infinity pass, so that the guard of the output detects them.
+    """
+
+    x: Block
+    rate: Above0
+
+    def design(self, fs):
+        return SlewParams(self.rate / fs), SlewState(0.0)
+
+    @staticmethod
+    def step(p, s, x):
+        high, low = s.y + p.step, s.y - p.step
+        y = where(x > high, high, where(x < low, low, x))
+        finite = x - x == 0.0
+        return where(finite, y, x), SlewState(where(finite, y, s.y))
+
+
+@public
+def slew_limit(x: Block, rate: float) -> Block:
+    """Limit the rate of change of a signal.
+
+    Use it, for example, for the fastest change of force that a transmission tolerates.
+
+    y[n] = min(max(x[n], y[n-1] - rate/fs), y[n-1] + rate/fs), y[-1] = 0.
+
+    Parameters
+    ----------
+    x : Block
+    rate : float
+        In the unit of x per second, above 0.
+
+    Returns
+    -------
+    Block
+        In the unit of x; x itself, bit for bit, where it moves no faster.
+
+    Raises
+    ------
+    BadValue
+        rate not above 0.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import slew_limit
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"F": slew_limit(stimlib.Input("force", "N"), rate=1000.0)}),
+    ...     fs=1000,
+    ... )
+    >>> proc.process(np.array([[0.5, 3.0, 3.0, 2.9, 0.0]]))
+    array([[0.5, 1.5, 2.5, 2.9, 1.9]])
+    """
+    return SlewLimit(as_block(x), rate)
+
+
+# Parameters of `ResponseLimit` at a sample rate: a row for each phase.
+#   k     what one sample adds to each bounded number
+#   per   1/k
+#   keep  0 after the last number of each kind
+ResponseParams = namedtuple("ResponseParams", "k per keep phases")
+
+# State of `ResponseLimit` between samples.
+#   ahead  what the samples so far will still make, in parts of its bounds
+#   at     phase
+ResponseState = namedtuple("ResponseState", "ahead at")
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseLimit(Block):
+    """A signal limited so that the response of what follows stays within bounds.
+
+    The output is the largest part of x after which the response would stay within its
+    bounds if only zeros followed. Zero is therefore always possible, and the bounds
+    hold whatever x does (a reference governor).
+
+    ``response`` is the response to one sample of 1.0, ``most`` the bound of its
+    magnitude, and ``slew`` that of its change per second. Every ``every``-th sample of
+    the response is bounded, which is enough if its frequencies are low.
+    """
+
+    x: Block
+    response: np.ndarray
+    most: Above0
+    slew: Above0 | None
+    every: Count
+
+    begins_early = False  # its phase counts from sample 0
+
+    def design(self, fs):
+        padded = np.append(self.response, np.zeros(self.every + -self.response.size % self.every))
+        rows = padded.reshape(-1, self.every)[:, ::-1].T  # the last phase is bounded itself
+        with np.errstate(all="ignore"):
+            kinds = [rows / self.most]
+            if self.slew is not None:
+                kinds.append(np.diff(rows, prepend=0.0) * (fs / self.every / self.slew))
+        k, keep = np.hstack(kinds).ravel(), np.ones((len(kinds), rows.shape[1]))
+        if not np.isfinite(k).all():
+            raise BadValue("ResponseLimit: most or slew is too small for the response; raise it")
+        keep[:, -1] = 0.0
+        per = 1.0 / np.where(np.abs(k) < 1e-300, 1e-300, k)
+        state = ResponseState(np.zeros(keep.size + 1), 0.0)
+        return ResponseParams(k, per, keep.ravel(), float(self.every)), state
+
+    @staticmethod
+    def step(p, s, x):
+        n, at = p.keep.size, where(s.at > 0.0, where(s.at < p.phases, s.at, 0.0), 0.0)
+        after, low, high = where(at + 1.0 < p.phases, at + 1.0, 0.0), -1e300, 1e300
+        row, moved = n * np.int64(at), n * np.int64(where(after > 0.0, 0.0, 1.0))
+        for i in range(n):
+            a, b = (1.0 - s.ahead[i]) * p.per[row + i], (-1.0 - s.ahead[i]) * p.per[row + i]
+            least, most = where(a < b, a, b), where(a < b, b, a)
+            low, high = where(least > low, least, low), where(most < high, most, high)
+        low, high = where(low < 0.0, low, 0.0), where(high > 0.0, high, 0.0)
+        y = where(x > high, high, where(x < low, low, x))
+        kept = where(x - x == 0.0, y, 0.0)
+        for i in range(n):
+            s.ahead[i] = s.ahead[i] + p.k[row + i] * kept
+        for i in range(moved):
+            s.ahead[i] = p.keep[i] * s.ahead[i + 1]
+        return where(x - x == 0.0, y, x), ResponseState(s.ahead, after)
+
+
+# Parameters of `Tally` at a sample rate.
+TallyParams = namedtuple("TallyParams", "error")
+
+# State of `Tally` between samples.
+#   most  largest change
+#   peak  largest value before
+TallyState = namedtuple("TallyState", "n most peak")
+
+
+@dataclass(frozen=True, eq=False)
+class Tally(Block):
+    """The signal x, with a count of the samples that a stage has changed.
+
+    ``before`` is the signal ahead of that stage, ``after`` the one behind it. The state
+    counts the changes above ``error`` times the largest ``before``, and keeps the
+    largest.
+    """
+
+    x: Block
+    before: Block
+    after: Block
+    stage: str
+    output: str
+    error: float = 0.0
+
+    def units(self, *u):
+        return same_unit("compare", self.x, self.before, *u[:2])
+
+    def design(self, fs):
+        return TallyParams(self.error), TallyState(NONE, 0.0, 0.0)
+
+    @staticmethod
+    def step(p, s, x, before, after):
+        peak, size = where(abs(before) > s.peak, abs(before), s.peak), abs(after - before)
+        count = where(size > p.error * peak, ONE, NONE)
+        return x, TallyState(s.n + count, where(size > s.most, size, s.most), peak)
+
+
+@public
+def motor_current(
+    force: Block,
+    x: Block,
+    motor_constant: Block | float,
+    geometry: tuple[ArrayLike, ArrayLike] = PLACEHOLDER_GAMMA,
+    kind: Literal["pchip", "linear"] = "pchip",  # which stay between neighbouring values
+) -> Block:
+    """Compute the voice-coil current for a force: I = F/(n B Gamma(x)).
+
+    Parameters
+    ----------
+    force : Block
+        F in N.
+    x : Block
+        Position in m.
+    motor_constant : float or Block
+        n B in N/A, the force per current where Gamma = 1; live when it is a ``Param``.
+    geometry : (positions, values), two array_like of shape (m,)
+        Gamma, the proportion of the magnet's flux that passes through the coil, without
+        unit, over rising positions in m; held beyond the first and last.  The default
+        ``PLACEHOLDER_GAMMA`` is **not measured**: the paper prints no numbers.
+    kind : {"pchip", "linear"}
+        Between the positions; both stay between neighbouring values, so Gamma stays
+        above 0.
+
+    Returns
+    -------
+    Block
+        In A.
+
+    Raises
+    ------
+    UnitError
+        A signal in another unit.
+    BadValue
+        Gamma or a number motor_constant not above 0; positions that do not rise;
+        another kind.
+
+    References
+    ----------
+    The UGrip paper, section 2.1: F(x) = n B I Gamma(x).
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import motor_current
+    >>> force, x = stimlib.Input("force", "N"), stimlib.Input("x", "m")
+    >>> current = motor_current(
+    ...     force,
+    ...     x,
+    ...     motor_constant=10.0,
+    ...     geometry=([0.0, 0.04], [0.5, 1.0]),
+    ...     kind="linear",
+    ... )
+    >>> proc = stimlib.compile(stimlib.Scene({"I": current}), fs=8000)
+    >>> proc.process(np.array([[10.0, 10.0], [0.0, 0.04]]))
+    array([[2., 1.]])
+    """
+    gamma = np.asarray(geometry[1], float)
+    if not (gamma > 0).all():
+        at = int(np.argmin(gamma > 0))
+        raise BadValue(
+            f"motor_current: Gamma[{at}] = {gamma.flat[at]:g} must be above 0, as all of Gamma"
+        )
+    constant_ = _quantity("motor_current", "motor_constant", motor_constant, "N/A")
+    factor = lut(signal_in("motor_current", "x", x, "m"), geometry[0], gamma, kind=kind)
+    return signal_in("motor_current", "force", force, "N") / (constant_ * factor)

@@ -1,0 +1,108 @@
+"""Running sums, means and levels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..core.graph import Block
+from ..core.units import unit
+from ..design import responses
+from ..errors import BadValue, public
+from .events import as_signal
+from .impedance import Lag, LagParams, LagState, sampled
+from .onset import begun
+
+
+@dataclass(frozen=True, eq=False)
+class Integrate(Lag):
+    """Integral over time, y' = x - leak y, exact for piecewise linear inputs.
+
+    With a leak it is a first-order lag divided by the leak (see ``FirstOrder``).
+
+    Without one it is the trapezoidal rule; for inputs held between samples, y[n] =
+    y[n-1] + x[n]/fs.
+    """
+
+    x: Block
+    leak: float
+    held: bool = False
+    begins_early = False
+
+    def check(self):
+        if not self.leak >= 0 or (self.leak and self.held):
+            raise BadValue(
+                f"integrate: leak = {self.leak:g} 1/s must be 0 or above, and 0 when samples"
+                " are summed"
+            )
+
+    def units(self, *u):
+        return u[0] * unit("s")
+
+    def design(self, fs):
+        e, _, h = sampled(self.leak / fs)
+        now, before = (
+            (h / self.leak, (e - h) / self.leak)
+            if self.leak
+            else (1 / fs, 0.0)
+            if self.held
+            else (0.5 / fs, 0.5 / fs)
+        )
+        return LagParams(e, now, before), LagState(0.0, 0.0, 0.0)
+
+    def laws(self, fs):
+        return (responses.running_sum() if self.held else responses.integral(self.leak),)
+
+
+@public
+def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block:
+    """Integrate a signal over time from sample 0 on.
+
+    The integral is exact for signals that are linear between samples.
+
+    The sum is kept in two words, so it is as exact after hours as at the start.
+
+    Parameters
+    ----------
+    x : Block
+    leak : float
+        In 1/s: the integral forgets as exp(-leak t), and a constant ends at x/leak.
+    onset : {"step", "steady"}
+        Whether x was 0 before sample 0, also where no input reaches it, or has always
+        been as it is there. Without a leak there is no steady start: the integral of a
+        constant never ends.
+
+    Returns
+    -------
+    Block
+        In the unit of x times seconds.
+
+    Raises
+    ------
+    BadValue
+        A leak below 0; a steady start without a leak; an event, which ``count`` adds
+        up.
+
+    References
+    ----------
+    Oppenheim and Schafer, "Discrete-Time Signal Processing" (2010), section 7.2; ramp
+    invariance in place of impulse invariance.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import integrate
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"x": integrate(stimlib.Input("v", "m/s"))}), fs=4
+    ... )
+    >>> proc.process(np.array([[0.0, 1.0, 2.0, 3.0, 4.0]])), proc.units["x"]
+    (array([[0.   , 0.125, 0.5  , 1.125, 2.   ]]), 'm')
+    """
+    x = as_signal("integrate", x, "add them up with count(..)")
+    return begun(
+        "integrate",
+        x,
+        onset,
+        lambda u: Integrate(u, leak),
+        lambda y: 1 / leak if leak else math.inf,
+    )
