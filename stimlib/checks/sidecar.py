@@ -16,7 +16,7 @@ import scipy
 from ..core import definitions
 from ..errors import shown
 from ..files.formats import BITS, dither_of
-from ..files.sidecar import describe
+from ..files.sidecar import describe, read_of
 from ..files.sound_file import COMMENTED, comment_of
 from ..version import __version__
 from .evidence import Check, Evidence
@@ -40,7 +40,7 @@ HELD = {
     "sha256",
     "file_sha256",
 }
-TOLD = {"stimlib", "versions"}
+TOLD = {"stimlib", "versions", "motion_read"}
 
 NOISE = 0.01  # of what changes within FAST: 40 dB below
 DEEP = 1e-5  # of the whole signal: 100 dB below
@@ -100,6 +100,12 @@ def _tell(e: Evidence, told: dict[str, Any]) -> None:
         e.skipped.append(
             f"for the reader only: written by stimlib {shown(told.get('stimlib'))}, this is"
             f" {__version__}"
+        )
+    read, now = (t.get("motion_read") for t in (told, read_of(e.motion)))
+    if read != now:
+        e.skipped.append(
+            f"lines and cells of the motion: the sidecar says {shown(read)}, it was verified"
+            f" with {shown(now)}"
         )
     for name, source in e.motion.items():
         function = callable(source)

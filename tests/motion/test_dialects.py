@@ -348,6 +348,7 @@ def test_a_sidecar_has_what_was_skipped(tmp_path, monkeypatch):
         audio.write("a.wav", proc, motion, 0.02, progress=False)
         read = audio.read("a.wav")[1].get("motion_read")
         assert read == ({"x": notes} if notes else None)
+        assert stimlib.verify(scene, motion, "a.wav").passed
         proc.reset()
 
 
