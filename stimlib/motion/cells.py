@@ -98,6 +98,10 @@ class Cells:
                 remedy = "correct or remove the row"
                 if STAMP.fullmatch(text) and not timed_here:
                     remedy = "give times of day as the time, without a factor, in all rows"
+                elif not re.search(r"\d", text):
+                    remedy += (
+                        f", or say sentinels=({shown},) and missing= if it is a missing number"
+                    )
                 raise self._table.error(f"{shown} is not {kind}", remedy, batch.rows[i], column)
             values[k] = value
         return values

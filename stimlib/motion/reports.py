@@ -160,9 +160,10 @@ def _find(table: TableFile, column: str, what: str) -> str:
         raise table.error(problem, "rename all but one", None, column)
     if same or column.lstrip("#% ") in names:
         return [*same, column.lstrip("#% ")][0]
+    one = next(filter(None, names), "")
     remedy = (
-        f'use one of those, with its factor to s, such as time="{names[0]}*1e-3" for ms'
-        if what == "time" and names
+        f'use one of those, with its factor to s, such as time="{_written(one)}*1e-3" for ms'
+        if what == "time" and one
         else "use one of those"
     )
     if are_numbers(names):
@@ -170,6 +171,11 @@ def _find(table: TableFile, column: str, what: str) -> str:
     raise table.error(
         f"{what} needs column {column}, and there is none; the columns are: {_list(names)}", remedy
     )
+
+
+def _written(column: str) -> str:
+    """Return a column as a conversion has it, in quotes if its name is not a word."""
+    return column if column.isidentifier() else f"'{column}'"
 
 
 def _contact_column(table: TableFile, contact: str | bool | None) -> str | None:
@@ -435,9 +441,7 @@ def check_period(table: TableFile, s: Reports, period: float, time: str) -> None
         ((u, f) for u, f in (("ms", "1e-3"), ("us", "1e-6")) if period * float(f) <= SLOWEST),
         ("ns", "1e-9"),
     )
-    text = f"'{time}'" if time in table.names else f"({time})"
-    if time in table.names and time.isidentifier():
-        text = time
+    text = _written(time) if time in table.names else f"({time})"
     problem = f"{period:.6g} s from report to report, which is slow for a hand"
     remedy = (
         f'time in {unit}? write time="{text}*{factor}"; if it is in s, give'

@@ -613,6 +613,7 @@ BAD = [  # a text
     ("t_s,x\n0,1\n0,1\n", "row 2: one report"),
     ("t_s,y\n0,1\n1,2\n", "column x, .*the columns are: t_s, y"),
     ("t,x\n0,1\n1,2\n", "time needs column t_s"),
+    (",Time (s),x\n1,0,1\n2,1,2\n", r"""such as time="'Time \(s\)'\*1e-3" """),
     ("t_s|x\n0|1\n", "row 2: one report"),
     ("t_s;x\n0;1\n1;1.234,5\n", "row 3, column x: '1.234,5'"),
     ("t_s\tx\n0\t1\n", "row 2: one report"),
