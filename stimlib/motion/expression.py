@@ -26,6 +26,7 @@ FUNCTIONS: dict[str, np.ufunc] = {
     "min": np.minimum,
     "max": np.maximum,
 }
+SEVERAL = {"hypot", "min", "max"}  # take two columns or more
 OPERATORS: dict[type, np.ufunc] = {
     ast.Add: np.add,
     ast.Sub: np.subtract,
@@ -160,6 +161,8 @@ def _parsed(node: ast.expr) -> Expression:
             return _binary(node.op, _parsed(node.left), _parsed(node.right))
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
             function, parts = FUNCTIONS[name], tuple(map(_parsed, args))
+            while name in SEVERAL and len(parts) > 2:
+                parts = (Combined(function, parts[:2]), *parts[2:])
             if len(parts) == function.nin:
                 return Combined(function, parts)
     raise ValueError

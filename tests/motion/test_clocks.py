@@ -289,6 +289,11 @@ def test_what_a_missing_number_is_not(tmp_path):
     ("text", "wanted"),
     [
         ("hypot(a, b)", np.hypot),
+        ("hypot(a, b - a, 3)", lambda a, b: np.sqrt(a**2 + (b - a) ** 2 + 9)),
+        (
+            "min(a, b, 2) + max(1, a, b, 3)",
+            lambda a, b: np.minimum(a, b.clip(max=2)) + np.maximum(b, a.clip(3)),
+        ),
         ("b - a", lambda a, b: b - a),
         ("(b - a)*1e-3 + 2", lambda a, b: (b - a) * 1e-3 + 2),
         ("-(a*b)/4", lambda a, b: -(a * b) / 4),
