@@ -277,6 +277,7 @@ ALL = f"{LISTED}, ready"
         (f"render own.py:soft {LIFT} x=pos_mm*1e-3", 'give it an Input("contact")'),
         # several motions
         ("render squeeze --out a.wav --motion no.csv", "no.csv: cannot be read (No such file"),
+        ("render squeeze --out a.wav --motion no.trc --map x=X1", "no.trc: cannot be read (No"),
         ("render pen.py:scene --out a.wav --motion pen.csv", "name the column of x, press"),
         (PEN_TO, "nothing is recorded for press"),
         (PEN_TO.replace("pen.csv", "x=pen.csv"), "no motion for press"),

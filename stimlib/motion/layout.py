@@ -9,7 +9,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, pairwise, zip_longest
 
 from ..errors import RecordingError
 from ..system.limits import limits
@@ -239,6 +239,9 @@ def _layout(lines: list[str], separator: str, hint: bool, known: Known) -> Layou
     if above := [r for r in found if r[1] < row]:
         notes.append(f"{len(above)} lines above the names skipped")
     numbers_above = [r[1] for r in above if len(r[0]) == len(names) and are_numbers(r[0])]
+    if chosen not in [*found, *comments]:
+        notes.append(f"empty names in row {row} taken from the row above")
+        numbers_above = []
     if chosen in comments:
         notes.append(f"names taken from the comment in row {row}")
     if others := [c for c in comments if c[1] <= end and c is not chosen]:
@@ -282,7 +285,12 @@ def _named(
     # a comment within the rows is not one of the names
     rows = {count: row for fields, row, _ in reversed(found) if (count := len(fields)) > 1}
     comments = [r for r in comments if r[1] < rows.get(len(r[0]), 0)]
-    best = max([*found, *comments], key=lambda r: known([f.strip() for f in r[0]]))
+    # names may be in two lines: time in the upper, and coordinates in the lower
+    pairs = [
+        ([low.strip() or high for high, low in zip_longest(upper, lower, fillvalue="")], row, end)
+        for (upper, _, _), (lower, row, end) in pairwise(found)
+    ]
+    best = max([*found, *comments, *pairs], key=lambda r: known([f.strip() for f in r[0]]))
     if len(best[0]) > 1 and known([f.strip() for f in best[0]]):
         return best
     count = Counter(len(r[0]) for r in found).most_common(1)[0][0]

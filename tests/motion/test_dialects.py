@@ -338,6 +338,20 @@ def test_times_of_day_that_are_refused(tmp_path, times, how, says):
     refused(RecordingError, says, recording, path, {"x": "x"}, **how)
 
 
+@pytest.mark.parametrize("ends", [("", "", ""), ("\t\t", "", ""), ("\t\t", "\t", "\t")])
+def test_names_in_two_lines(tmp_path, ends):
+    """A .trc of OpenSim: with two markers, its line of numbers is as long as a row."""
+    head = "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n"
+    head += "120.00\t120.00\t3\t2\tmm\t120.00\t1\t3\nFrame#\tTime\tTip\t\t\tThumb" + ends[0]
+    head += "\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2" + ends[1] + "\n\n"
+    rows = ["1\t0\t5\t6\t7\t1\t2\t3", "2\t.01\t6\t6\t7\t\t\t", "3\t.02\t7\t6\t7\t3\t2\t3"]
+    (tmp_path / "a.trc").write_text(head + "".join(row + ends[2] + "\n" for row in rows))
+    how = {"time": "Time", "missing": "interpolate", "max_speed": None}
+    found = recording(tmp_path / "a.trc", {"x": "hypot(X1 - X2, Y1 - Y2, Z1 - Z2)"}, **how)
+    assert found.motion["x"](0.01) == pytest.approx(48**0.5)
+    assert "empty names in row 5 taken from the row above" in found.info["read"]
+
+
 def test_a_sidecar_has_what_was_skipped(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "log.tsv").write_text(TABS)
