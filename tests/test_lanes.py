@@ -375,3 +375,50 @@ def test_filters_abreast_have_the_same_bits(order, count, forms):
     assert_same(run(ours, x, cut_at(300, 13)), wanted.process(x))
     assert_same(ours.state, wanted.state)
     assert len(set(filter(None, ours._engine.segments))) == forms + 1  # with the guard
+
+
+ABREAST = """
+class Gain(NamedTuple):
+    k: float
+
+class Rows(NamedTuple):
+    y: np.ndarray
+
+def stage(p, s, x):
+    y = p.k * x + s.y
+    return y, Rows(0.5 * y)
+
+@dataclass(frozen=True, eq=False)
+class Some(Block):
+    a: Block
+    size: int
+
+    def design(self, fs):
+        return Gain(0.5), Rows(np.full(self.size, 0.25))
+
+    @staticmethod
+    def abreast(p):
+        return 2
+
+    @staticmethod
+    def tile(p, s, a, y):
+        {}
+        return s
+"""
+
+
+def test_tiles_of_an_author_abreast_have_the_same_bits(written):
+    """Only those with as many stages, which their states alone may say."""
+    some = written(ABREAST.format("series(stage, p, s, a, y)")).Some
+    scene = Scene({f"y{i}": some(Input("ab"[i % 2]), i % 3 + 1) for i in range(6)})
+    ours, wanted = pair(scene, 1000)
+    x = motion(100)
+    assert_same(run(ours, x, cut_at(100, 13)), wanted.process(x))
+    assert_same(ours.state, wanted.state)
+
+
+def test_a_tile_that_cannot_go_abreast_is_named(written):
+    some = written(ABREAST.format("series(stage, Gain(p.k), s, a, y)")).Some
+    scene = Scene({name: some(Input(name), 3) for name in "ab"})
+    why = r"written_\w+.py:\d+: Some.tile: .*p.k.*nothing but call series and each"
+    refused(SceneError, why, stimlib.compile, scene, 1000)

@@ -665,7 +665,7 @@ class _Kind(NamedTuple):
     cls: type[Block]
     clock: int
     autonomous: bool
-    sizes: tuple[int, ...]  # of the arrays of a tile
+    sizes: tuple[int, ...]  # of a tile's numbers and state
     least: int  # so many tiles in lanes are faster than one after the other
 
 
@@ -687,7 +687,7 @@ def _recursion(program: Program, design: list[tuple[Any, Any]], index: int) -> _
         return None
     inputs = len(instance.args) - cls.resettable
     form = cls.tile or cls.step, type(numbers), kinds(numbers), type(state), kinds(state), inputs
-    sizes = tuple(np.size(field) for field in numbers) if cls.tile else ()
+    sizes = tuple(np.size(field) for field in (*numbers, *state)) if cls.tile else ()
     return _Kind(form, cls, instance.clock, instance.autonomous, sizes, least)
 
 

@@ -186,7 +186,10 @@ def segment(form: Form) -> Code:
     except SceneError as e:  # of lanes
         raise SceneError(f"{line_of(f)}{what}: {e}") from None
     except walk.Unknown as e:
-        raise SceneError(f"{e.where or line_of(f)}{what}: it does not compile: {e}") from e
+        why = f"{what}: it does not compile: {e}"
+        if form.beside and form.cls.tile:
+            why += "; of a class with abreast(p), a tile may do nothing but call series and each"
+        raise SceneError(f"{e.where or line_of(f)}{why}") from e
 
 
 def plan(
