@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from threadpoolctl import threadpool_limits
 
+from .cache_folder import lock
 
-def one_thread() -> threadpool_limits:
-    """Return a context in which BLAS and LAPACK use one thread.
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Let BLAS and LAPACK use one thread; other threads that ask for it wait.
 
     How many threads share a sum decides the order of its terms, and so its last bits:
     a differentiator at 44.1 kHz, or the modes of a plate, would differ between a
@@ -20,4 +26,7 @@ def one_thread() -> threadpool_limits:
     ...     np.linalg.solve([[2.0]], [1.0])
     array([0.5])
     """
-    return threadpool_limits(1, "blas")
+    # the limit is one number of the process: who left first would end it for both, and
+    # who left last would leave it behind
+    with lock, threadpool_limits(1, "blas"):
+        yield
