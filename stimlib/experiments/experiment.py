@@ -234,7 +234,8 @@ class Experiment:
         protect the participant's hand.
     motion : any
         The motion of the inputs, as for a sink: functions of time for a simulated hand,
-        ``Live()`` or ``Signals`` for a real one.
+        from sample 0 of a trial and not of each interval, ``Live()`` or ``Signals`` for
+        a real one.
     hand : callable, optional
         For ``Live()``: ``hand(sink)`` pushes positions (``Sink.push``) until
         ``sink.finished``.
