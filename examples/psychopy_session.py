@@ -44,7 +44,8 @@ harder = Experiment(
     fs=1000.0,
     safety=20.0,
     bounds={"k": (100.0, 500.0)},
-    motion={"x": minimum_jerk(depth=0.02)},  # of a hand of yours: Live(), or Signals of the device
+    # a squeeze in each interval; of a hand of yours: Live(), or Signals of the device
+    motion={"x": minimum_jerk(depth=0.02, rest=0.7)},
     timing=Timing(interval=1.2, gap=0.3),
     instructions="Squeeze both springs.",
 )

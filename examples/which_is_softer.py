@@ -94,8 +94,8 @@ softer = Experiment(
     fs=8000.0,
     safety=Safety(full_scale=50.0, peak=40.0),
     bounds={"k": BOUNDS},
-    # for a hand of yours: Live(), or Signals of the device
-    motion={"x1": minimum_jerk(depth=0.005)},
+    # a squeeze in each interval; for a hand of yours: Live(), or Signals of the device
+    motion={"x1": minimum_jerk(depth=0.005, rest=0.7)},
     timing=Timing(interval=1.0, gap=0.5),
     instructions="Squeeze both objects. Then say which one was softer.",
     observer=felt,
