@@ -12,7 +12,7 @@ from refusals import refused
 
 import stimlib
 from stimlib import Block, Input, Scene, compile
-from stimlib.blocks import delay, springpot
+from stimlib.blocks import delay, lut, springpot
 from stimlib.core import maths
 from stimlib.errors import SceneError
 from stimlib.export import export_c
@@ -203,3 +203,16 @@ def test_what_c_has_no_form_for_is_refused_with_its_line(body, says, tmp_path):
     f, line = runpy.run_path(str(path))["f"], 4 + body.count("\n")
     error = refused(SceneError, f"own.py:{line}: f: {says}", Unit().function, f, ["f8", "f8*"])
     assert "so it cannot be exported" in str(error)
+
+
+@needs_gcc
+@pytest.mark.parametrize("jitter", [0.0, 0.4, 0.8])
+def test_a_table_finds_the_piece_at_its_knots(jitter, tmp_path):
+    rng = np.random.default_rng(3)
+    knots = 0.3 * np.arange(40) - 5.0
+    knots[1:-1] = np.sort(knots[1:-1] + 0.3 * jitter * rng.uniform(-1, 1, 38))
+    x = np.concatenate([knots, *np.nextafter(knots, [[-9], [99]]), [-6.0, 8.0]])
+    # lines with a jump of the slope at each knot; a wrong piece has other last bits
+    scene = Scene({"y": lut(Input("x"), knots, rng.standard_normal(40))})
+    made = export_c(scene, 1000, tmp_path, {"x": x}, "table", x.size / 1000)
+    assert same(tmp_path, "table", made.samples, GCC)

@@ -345,6 +345,28 @@ def test_blocks_abreast_have_the_same_bits(f, count, forms):
     assert len(set(filter(None, ours._engine.segments))) == forms + 1  # with the guard
 
 
+def test_blocks_of_which_one_hears_another_are_not_abreast():
+    """Directly, through others, and beside some that do not; nor two of which one
+    begins before sample 0.
+    """
+
+    @dataclass(frozen=True, eq=False)
+    class Some(Block):
+        a: Block
+        step = staticmethod(straight)
+
+        def design(self, fs):
+            return Gains(0.5, np.uint64(2)), Memory(0.0, 0.25, 1.0)
+
+    fed = [Some(white_noise(1)), Some(Input("a")), Some(Input("b"))]
+    for i in range(8):
+        fed.append(Some(fed[-1 - i % 3] if i % 2 else 0.5 * fed[-2] - fed[-1]))
+    ours, wanted = pair(Scene({f"y{i}": one for i, one in enumerate(fed)}), 1000)
+    x = motion(100)
+    assert_same(run(ours, x, cut_at(100, 13)), wanted.process(x))
+    assert_same(ours.state, wanted.state)
+
+
 @pytest.mark.parametrize("seed", range(10))
 def test_operations_in_a_row_have_the_same_bits(seed):
     """With signals that others read, in a gate and outside."""
@@ -372,8 +394,11 @@ def test_filters_abreast_have_the_same_bits(order, count, forms):
     scene = Scene({f"y{i}": lowpass(Input("ab"[i % 2]), 50.0 + i, order) for i in range(count)})
     ours, wanted = pair(scene, 1000)
     x = motion(300)
-    assert_same(run(ours, x, cut_at(300, 13)), wanted.process(x))
-    assert_same(ours.state, wanted.state)
+    expected = wanted.process(x)
+    for size in (13, 64):
+        ours.reset()
+        assert_same(run(ours, x, cut_at(300, size)), expected)
+        assert_same(ours.state, wanted.state)
     assert len(set(filter(None, ours._engine.segments))) == forms + 1  # with the guard
 
 

@@ -48,6 +48,7 @@ def kinds(block, **more):
         (0.0 * x, ["Input", "Const", "Mul", "Guard"]),
         (blocks.where(1.0, x, NOISE), ["Input", "Guard"]),
         (blocks.where(0.0, 0.5, x * 1.0), ["Input", "Guard"]),
+        (blocks.where(1.0, x, Input("z")), ["Input", "Guard"]),
         (
             blocks.where(-1.0, x, WHITE * 2.0),
             ["Const", "Input", "White", "Const", "Mul", "Where", "Guard"],

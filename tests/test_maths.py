@@ -225,7 +225,7 @@ def compiled_search(knots, x, per, y):
 
 
 @pytest.mark.parametrize("size", [2, 3, 8, 9, 64, 65, 257])
-@pytest.mark.parametrize("jitter", [0, 0.45, 2])
+@pytest.mark.parametrize("jitter", [0, 0.45, 0.8, 2])
 def test_search(size, jitter):
     rng = np.random.default_rng(size)
     knots = np.cumsum(np.append(0, np.full(size - 1, 0.3))) - 1
@@ -238,6 +238,11 @@ def test_search(size, jitter):
     np.testing.assert_array_equal(y, [maths.search(knots, v, per) for v in x])
     inside = (x >= knots[0]) & (x < knots[-1])
     np.testing.assert_array_equal(y[inside], np.searchsorted(knots, x[inside], "right") - 1)
+
+
+def test_a_product_finds_pieces_in_the_float32_of_an_export_too():
+    assert evenness(0.3 * np.arange(65)) > 0.0
+    assert evenness(1e7 + 0.3 * np.arange(65)) == 0.0  # several knots are one float32
 
 
 def copied(a, b):

@@ -147,7 +147,8 @@ def test_outputs_alone_have_the_same_samples(target):
     scene = Scene({"a": x * noise, "b": blocks.lowpass(noise, 50.0, 2), "c": z + noise})
     motion = np.linspace(0.0, 1.0, 70)[None] * [[1.0], [2.0]]
     whole, part = (
-        stimlib.compile(scene, 1000, target, seed=3, outputs=names) for names in (None, ["c", "b"])
+        stimlib.compile(scene, 1000, target, seed=3, outputs=names)
+        for names in (None, iter(["c", "b"]))
     )
     assert part.inputs == ("z",) and part.outputs == ("b", "c")
     if target == "jax":
