@@ -20,7 +20,7 @@ from stimlib.core.graph import Block, Map, signals
 from stimlib.core.maths import as_float, flush, fma, settle, where
 from stimlib.errors import SceneError
 from stimlib.targets.llvm import lanes
-from stimlib.targets.llvm.rows import OPERATIONS
+from stimlib.targets.llvm.rows import OPERATIONS, SEGMENT
 
 GAIN = 2.0
 TRIPLED, IN_PLACE = "return x * p.k * 3.0", "(y,), y"
@@ -386,6 +386,15 @@ def test_operations_in_a_row_have_the_same_bits(seed):
         p.set("k", 1.25, ramp=0.02)
     x = x[: len(ours.inputs)]
     assert_same(run(ours, x, cut_at(150, 13)), wanted.process(x))
+
+
+@pytest.mark.parametrize("count, own", [(3, 0), (4, 1), (512, 1), (513, 0)])
+def test_a_row_of_operations_shares_a_segment_unless_it_is_very_long(count, own):
+    y = Input("x")
+    for i in range(count):
+        y = y * (1.0 + 1.0 / (i + 2))
+    segments = stimlib.compile(Scene({"y": y}), 1000)._engine.table[:, 0]
+    assert np.sum(segments >= SEGMENT) == own + 1  # with the guard
 
 
 @pytest.mark.parametrize("order, count, forms", [(2, 11, 3), (4, 7, 2), (8, 8, 1), (8, 7, 1)])

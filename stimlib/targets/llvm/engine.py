@@ -612,9 +612,10 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
     return order
 
 
-LONG = 4
-"""So many operations in a row share a segment: each saves 0.1 ns a sample, and a new
-form of such a row takes 20 to 50 ms to compile, once a machine.
+LONG, MOST = 4, 512
+"""So many operations in a row, at least and at most, share a segment: each saves 0.1 ns
+a sample. A new form of such a row takes 20 to 50 ms to compile, once a machine; one of
+4000 took 5 s.
 """
 
 
@@ -629,7 +630,7 @@ def _rows(
     joined: list[tuple[int, ...]] = []
     for _, run in itertools.groupby(order, partial(_run_of, program.instances, still)):
         groups = list(run)
-        if len(groups) >= LONG and _operation(program.instances[groups[0][0]]):
+        if LONG <= len(groups) <= MOST and _operation(program.instances[groups[0][0]]):
             groups = [tuple(index for (index,) in groups)]
         joined += groups
     return joined
