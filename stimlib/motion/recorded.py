@@ -223,6 +223,7 @@ class Recording:
             raise UnknownName(
                 f"{self.info['file']}: {', '.join(wrong)}; the inputs are:"
                 f" {', '.join(names) or 'none'}"
+                + (f"; leave {', '.join(surplus)} out of the columns" if surplus else "")
             )
         if "contact" not in served.values():
             self._check_unbroken(contact)

@@ -543,7 +543,8 @@ def _refuse_jumps(
     problem = f"{name} moves at {speed:.4g} m/s, faster than a hand (max_speed is {most[k]:g} m/s)"
     problem += f", in this report and {count - 1} others"
     remedy = (
-        f"check the unit in the mapping of {name}; set max_speed if it is right, or is not metres"
+        f"check the unit in the mapping of {name}; set max_speed if it is right, or max_speed=None"
+        " if it is not in metres"
     )
     raise table.error(problem, remedy, s.rows[i + 1])
 

@@ -492,6 +492,8 @@ def test_one_mapping_serves_all_fingers():
     assert r.motion_for(["x1", "contact"])["contact"] is r.contact
     for inputs, missing in ((["y"], "y"), (["x", "x1"], "x1"), (["xa"], "xa"), (["1"], "1")):
         refused(UnknownName, f"nothing is recorded for {missing}", r.motion_for, inputs)
+    two = recording({"t_s": [0.0, 0.01], "a": [0, 0]}, {"x": "a", "y": "a"})
+    refused(UnknownName, "no input y; .*: x; leave y out of the columns", two.motion_for, ["x"])
     refused(UnknownName, "no input x; the inputs are: none", r.motion_for, [])
 
 
