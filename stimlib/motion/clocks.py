@@ -41,7 +41,7 @@ def step_back(t: Array, i: int, clock: Expression) -> tuple[str, str]:
     scale = clock.scale if isinstance(clock, Linear) else 1.0
     sizes = {n * unit for n in COUNTS for unit in (scale, *UNITS)} | {DAY}
     for size in sorted(sizes):
-        if np.ptp(t) <= size and 0 < steps[i] + size <= NEAR * period:
+        if np.ptp(t) <= size and 0 < steps[i] + size <= min(NEAR * period, size / 2):
             problem = f", as a clock does that begins again after {size:.10g} s"
             return problem, f"say wrap={size / scale:.12g}"
     # rows of a clock that was set back lie twice as close there if they are sorted

@@ -32,6 +32,11 @@ def error_of(r, t=T, x=X):
 # -- wraps
 
 
+def test_a_row_that_comes_too_late_in_a_short_recording_is_no_wrap():
+    short = {"t_s": [0.0, 0.02, 0.01, 0.03], "x": [0.0, 0.2, 0.1, 0.3]}
+    refused(RecordingError, "put the rows into the order of time", recording, short, {"x": "x"})
+
+
 @pytest.mark.parametrize(
     ("size", "unit"),
     [(2**32, 1e-6), (2**16, 1e-6), (2**32, 1e-3), (2**16, 1e-3), (65.536, 1), (2**24, 1e-6)],
