@@ -275,7 +275,7 @@ def _read_text(file: str, digest: str, data: bytes, known: Known) -> TableFile:
     if found.separator == " ":
         data, start = _squeezed(data[start:]), 0
     decimal = decimal_sign(data, start, found.separator)
-    if decimal == "," and found.separator != ";":
+    if decimal == ",":
         notes.append("decimal commas")
     form = _Form(file, found.names, found.separator, decimal, found.signs, found.surplus)
     skipped: dict[str, tuple[int, int]] = {}

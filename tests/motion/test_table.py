@@ -87,6 +87,7 @@ def test_decimal_commas_of_a_spreadsheet(path):
     )
     r = recording(path, {"x": "'x (mm)'*1e-3"}, max_speed=None)
     assert r.motion["x"]([0.0, 0.01, 0.02]).tolist() == [0.0015, -0.00025, 0.003]
+    assert r.info["read"] == ["decimal commas"]
     where = {"x (mm)": "1,50"}  # the row that has this number
     refused(RecordingError, "one report", recording, path, {"x": "'x (mm)'"}, where=where)
 
