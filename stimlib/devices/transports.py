@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict
+from importlib import import_module
 from typing import Any, Literal
 
 from ..core.program import number
@@ -319,9 +320,8 @@ def serial_markers(
 
 def control(port: int, request: int, data: bytes = b"") -> None:
     """Give a request to the driver of a parallel port."""
-    from fcntl import ioctl
-
-    ioctl(port, request, data)
+    fcntl = import_module("fcntl")  # which Windows lacks, as it does the port
+    fcntl.ioctl(port, request, data)
 
 
 @public
