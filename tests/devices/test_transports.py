@@ -260,7 +260,7 @@ def test_a_byte_returns_to_zero_on_a_parallel_port(monkeypatch):
         assert taken(here, 28) == bytes([0] + [7, 0, 8, 0] * 6 + [7, 0, 0])
     assert known.asked == [(0x708B, b""), (0x40047090, bytes(4)), (0x708C, b"")]
     at, _ = np.array(known.lines[1:-1]).T
-    assert np.diff(at).min() >= 0.01
+    assert 0.01 <= np.diff(at).min() < 0.02  # the shortest of fifty, whatever the load
 
 
 def test_a_byte_waits_for_the_time_of_its_sample():
