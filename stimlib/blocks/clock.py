@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..core.graph import Block, unitless
-from ..core.maths import floor, fma, search, where
+from ..core.graph import NONE, ONE, Block, unitless
+from ..core.maths import as_float, floor, fma, search, where
 from ..core.program import lead
 from ..core.units import unit
 from ..errors import Above0, BadValue, one_of, public
@@ -17,6 +17,7 @@ from ..system.limits import limits
 from .events import Event
 from .movement import sinpi
 
+U = np.uint64
 LONG = 2.0**60
 """A sample that no run reaches."""
 
@@ -41,6 +42,12 @@ class Time(Block):
     @staticmethod
     def step(p, s):
         return s.n / p.fs, TimeState(s.n + 1.0)
+
+    @staticmethod
+    def tile(p, s, y):  # each sample by itself: a sum along them waits for the one before
+        for i in range(y.size):
+            y[i] = (s.n + as_float(U(i))) / p.fs
+        return TimeState(s.n + as_float(U(y.size)))
 
 
 @public
@@ -156,6 +163,26 @@ class At(Event):
         n = floor(t * p.fs + 0.5)
         i = search(p.samples, n, 0.0)
         return where(p.samples[i] == n, p.heights[i], 0.0), s
+
+    @staticmethod
+    def tile(p, s, t, y):
+        first = floor(t[0] * p.fs + 0.5)
+        i = search(p.samples, first, 0.0)
+        early = first < p.samples[0]
+        low = where(early, -LONG, p.samples[i])
+        high = where(early, p.samples[0], p.samples[i + 1])
+        between = NONE
+        for k in range(y.size):
+            n = floor(t[k] * p.fs + 0.5)
+            between = between + where(n > low, where(n < high, ONE, NONE), NONE)
+        if between == U(y.size):  # as nearly always
+            y[:] = 0.0
+            return s
+        for k in range(y.size):
+            n = floor(t[k] * p.fs + 0.5)
+            i = search(p.samples, n, 0.0)
+            y[k] = where(p.samples[i] == n, p.heights[i], 0.0)
+        return s
 
 
 @public
