@@ -16,6 +16,7 @@ from test_outputs import Halves
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.blocks import loop
+from stimlib.blocks.impedance import FirstOrder
 from stimlib.core.graph import Block, reach
 from stimlib.core.loop_code import Cycle
 from stimlib.core.loops import Last, Loop, Tap
@@ -403,3 +404,14 @@ def test_deep_and_many_loops():
     cycles = [q.block for q in program.instances if isinstance(q.block, Cycle)]
     assert sorted(len(q.ends) for q in cycles) == [1] * 300 + [300]
     assert sum(isinstance(b, Last) for b in reach([y])) == 300
+
+
+def test_a_class_may_move_without_making_another_program(monkeypatch):
+    def known():
+        """The number by which a state knows its program."""
+        y = b.loop(lambda last: Input("x") - b.first_order(last, 0.01))
+        return Scene({"y": y}).program.hash
+
+    before = known()
+    monkeypatch.setattr(FirstOrder, "__module__", "stimlib.blocks.elsewhere")
+    assert known() == before

@@ -187,12 +187,15 @@ class Cycle(Block, abstract=True):
         """The composed class."""
         return self.made
 
-    def structure(self, numbers: Callable[[Block], Any]) -> tuple[Any, ...]:
+    def structure(
+        self, numbers: Callable[[Block], Any], known: Callable[[type], Any]
+    ) -> tuple[Any, ...]:
         """Return a tuple that identifies the cycle.
 
-        ``numbers`` returns the design numbers of a block.
+        ``numbers`` returns the design numbers of a block, and ``known`` what its class
+        is known by.
         """
-        parts = [(type(member), numbers(member)) for member in self.members]
+        parts = [(known(type(member)), numbers(member)) for member in self.members]
         return (
             *parts,
             self.wiring,

@@ -146,10 +146,10 @@ class _Graph:
         return new, closed(self.nodes, self.bodies, roots, new.number)
 
 
-def _numbers(block: Block) -> tuple[Any, ...]:
-    """Return the design numbers of a block."""
+def _numbers(block: Block, known: Callable[[type], Any] = lambda cls: cls) -> tuple[Any, ...]:
+    """Return the design numbers of a block; known(cls) is a class of a cycle."""
     if isinstance(block, Cycle):
-        return block.structure(_numbers)
+        return block.structure(_numbers, known)
     return tuple(
         _key(getattr(block, field.name))
         for field in dc.fields(block)  # type: ignore[arg-type]
@@ -240,7 +240,7 @@ def lower(outputs: dict[str, Block]) -> Program:
         [
             (
                 type_name(type(instance.block)),
-                _numbers(instance.block),
+                _numbers(instance.block, type_name),  # a class may move to another module
                 instance.kind,
                 instance.clock,
                 instance.args,
