@@ -550,6 +550,27 @@ TABLE = [
         (normal,),
     ),
     Entry(
+        "resting_white",
+        "White",
+        lambda x: b.white_noise(7) * (x > 0.0) - 0.5 * (b.white_noise(8) * b.nonzero(x)),
+        (ties,),
+        edges=True,
+    ),
+    Entry(
+        "resting_carrier",
+        "Carrier",
+        lambda x: (b.carrier(300.0) + 0.1 * b.carrier(97.0)) * (x > 0.0) + b.carrier(97.0),
+        (ties,),
+        edges=True,
+    ),
+    Entry(
+        "resting_sides",
+        "Where",
+        lambda x: b.where(x, 0.1 - b.carrier(200.0), 2.0 * b.white_noise(9)),
+        (ties,),
+        edges=True,
+    ),
+    Entry(
         "texture",
         "Texture",
         lambda v, f: b.texture(
@@ -1681,6 +1702,9 @@ DEAF = {
             "hysteresis",
             "elapsed_gated",
             "dent",
+            "resting_white",
+            "resting_carrier",
+            "resting_sides",
         ],
         "x",
     ),

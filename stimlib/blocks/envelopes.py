@@ -51,6 +51,7 @@ class Burst(Block):
     event: Block
     duration: Above0
     ramp: float
+    rests = True
 
     def check(self):
         if not 0 <= self.ramp <= self.duration / 2:
@@ -174,6 +175,7 @@ class Envelope(Block):
     decay: From0
     sustain: From0
     release: From0
+    rests = True
 
     units = unitless
 

@@ -419,6 +419,7 @@ GateState = namedtuple("GateState", "g")
 class Gate(Block, abstract=True):
     """A gate: 1 from where x rises above ``on`` until it falls to ``off``, else 0."""
 
+    rests = True
     units = unitless
 
     @staticmethod

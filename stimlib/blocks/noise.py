@@ -158,16 +158,15 @@ def normals(key: np.uint64, n: int) -> np.ndarray:
 WhiteState = namedtuple("WhiteState", "key n")
 
 
-@dataclass(frozen=True, eq=False)
-class White(Block):
+class Deviates(Block, abstract=True):
     """Gaussian white noise: independent samples y[n] ~ N(0, 1).
 
     Deviates 2m and 2m+1 are the two Box-Muller deviates of Philox block m.
     """
 
     seed: int
-    stream: int = 0
-    shared: bool = False
+    stream: int
+    shared: bool
 
     def check(self):
         for name, top in (("seed", 2**64), ("stream", 2**32)):
@@ -183,22 +182,63 @@ class White(Block):
         return self.seed, self.stream
 
     def design(self, fs):
-        return (), WhiteState(U(0), U(2**64 - lead(fs)))
+        return (), WhiteState(U(0), U(2**64 - lead(fs) if self.autonomous else 0))
 
     def start(self, p, s, seed):
         return s._replace(key=noise_key(seed, self.seed, self.stream, 0))
 
     work = scratch(68)
 
+
+def drawn(s, y, w):
+    """Fill a tile with deviates, and return the state after it."""
+    odd = np.int64(s.n & ONE)
+    if odd == 0 and y.size & 3 == 0:
+        pairs(deviates, s.key, s.n >> ONE, y)
+    else:
+        pairs(deviates, s.key, s.n >> ONE, w[: y.size + odd])
+        copy(w[odd : odd + y.size], y)
+    return WhiteState(s.key, s.n + U(y.size))
+
+
+@dataclass(frozen=True, eq=False)
+class White(Deviates):
+    """White noise that runs at every sample."""
+
+    seed: int
+    stream: int = 0
+    shared: bool = False
+
+    def resting(self, contact):
+        return RestingWhite(contact, self.seed, self.stream, self.shared)
+
     @staticmethod
     def tile(p, s, y, w):
-        odd = np.int64(s.n & ONE)
-        if odd == 0 and y.size & 3 == 0:
-            pairs(deviates, s.key, s.n >> ONE, y)
-        else:
-            pairs(deviates, s.key, s.n >> ONE, w[: y.size + odd])
-            copy(w[odd : odd + y.size], y)
-        return WhiteState(s.key, s.n + U(y.size))
+        return drawn(s, y, w)
+
+
+@dataclass(frozen=True, eq=False)
+class RestingWhite(Deviates, in_files=False):
+    """White noise that is 0 where a signal is not above 0."""
+
+    contact: Block
+    seed: int
+    stream: int
+    shared: bool
+
+    @staticmethod
+    def tile(p, s, contact, y, w):
+        sounds = NONE
+        for i in range(y.size):
+            sounds = sounds + where(contact[i] > 0.0, ONE, NONE)
+        if sounds == NONE:
+            y[:] = 0.0
+            return WhiteState(s.key, s.n + U(y.size))
+        s = drawn(s, y, w)
+        if sounds < U(y.size):
+            for i in range(y.size):
+                y[i] = where(contact[i] > 0.0, y[i], 0.0)
+        return s
 
 
 @public

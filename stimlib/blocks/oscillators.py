@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import namedtuple
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -117,6 +117,12 @@ class Carrier(Block):
         in_unit(self.rated, self.freq, u[0], "Hz")
         return un.ONE
 
+    def resting(self, contact):
+        # a frequency that is NaN must be heard, as it is of a product with 0
+        steady = isinstance(self.freq, Const | Param)
+        always = isinstance(self.contact, Const) and self.contact.value > 0.0
+        return replace(self, contact=contact) if steady and always else None
+
     def design(self, fs):
         wait = lead(fs) if self.autonomous else 0
         p = CarrierParams(
@@ -144,11 +150,12 @@ class Carrier(Block):
             touching = touching + where(contact[i] > 0.0, ONE, NONE)
         if equal == U(y.size) and wait == NONE:  # as nearly always
             inc = increment(p, f[0])
-            q = as_float(inc) * WORD
-            r, bad = 1.0 / sinpi(q), f[0] - f[0]
             if touching == NONE:
                 y[:] = 0.0
-            elif p.mode == 0.0:
+                return CarrierState(phase + U(y.size) * inc, wait)
+            q = as_float(inc) * WORD
+            r, bad = 1.0 / sinpi(q), f[0] - f[0]
+            if p.mode == 0.0:
                 for i in range(y.size):
                     y[i] = where(contact[i] > 0.0, sinpi(fold(phase + U(i) * inc)), 0.0)
             elif p.mode == 1.0:

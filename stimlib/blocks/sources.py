@@ -149,6 +149,7 @@ class Playback(Block):
     rate: Above0
     loop: bool
     unit: str
+    rests = True
 
     def check(self):
         if self.samples.ndim != 1 or not self.samples.size:

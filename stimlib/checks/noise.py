@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis import spectra
-from ..blocks.noise import White
+from ..blocks.noise import RestingWhite, White
 from ..core.graph import Block, Input, reach, signals
 from ..core.loops import Loop
 from ..core.parameter import Param
@@ -110,6 +110,8 @@ def _sources(e: Evidence) -> dict[str, tuple[Any, int, Any]]:
             e.proc.program.instances[i].block,
             e.proc.program.seeds[e.proc.program.instances[i].clock],
         )
+        if isinstance(b, RestingWhite):
+            b = White(b.seed, b.stream, b.shared)
         if not isinstance(b, White):
             e.skipped.append(f"{name}: {b!r} has a generator of its own")
             continue

@@ -72,6 +72,7 @@ class Block(Refusals):
     resettable: ClassVar[bool] = False
     outputs: ClassVar[tuple[str, ...]] = ()  # names, where there are several
     begins_early: ClassVar[bool] = True  # before sample 0, where its signals do
+    rests: ClassVar[bool] = False  # it is exactly 0 for stretches at a time
     # a signal that is a frequency below fs/2: the function and the name, "ring: freq"
     rated: ClassVar[Any] = ""
     # instead of a design number
@@ -87,7 +88,7 @@ class Block(Refusals):
     # transfer(p, z) -> H of an LTI block of one signal and output, |z| = 1
     transfer: ClassVar[Callable[..., Any] | None] = None
 
-    def __init_subclass__(cls, abstract: bool = False, **kw):
+    def __init_subclass__(cls, abstract: bool = False, in_files: bool = True, **kw):
         super().__init_subclass__(**kw)
         for base in cls.__mro__[1:]:
             if issubclass(base, Block) and not base.abstract:
@@ -107,7 +108,7 @@ class Block(Refusals):
         cls.__repr__ = Block.__repr__  # type: ignore[method-assign]
         if "." in type_name(cls):
             cls.source = source_of(cls)  # now: the file may change while its classes live on
-        if not abstract:
+        if in_files and not abstract:
             registry[type_name(cls)] = cls
 
     def __init__(self, *given: Any, **named: Any):
@@ -226,6 +227,13 @@ class Block(Refusals):
         It is 0 for blocks without finite memory.
         """
         return 0
+
+    def resting(self, contact: Block) -> Block | None:
+        """Return this block with 0 in its place where a last signal is not above 0.
+
+        Its state must go on as if it ran.  Return None if it cannot rest.
+        """
+        return None
 
     @property
     def noise_key(self) -> tuple[int, int] | None:
@@ -624,9 +632,8 @@ class Sub(Pair):
         return a - b, s
 
 
-@dc.dataclass(frozen=True, eq=False)
-class Mul(Pair):
-    """The product a b of two signals."""
+class Product(Pair, abstract=True):
+    """A product a b of two signals."""
 
     sign = "\u00d7"
 
@@ -637,6 +644,11 @@ class Mul(Pair):
         if value[1] is not None:
             return H[0] * value[1]
         return None if value[0] is None else H[1] * value[0]
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Mul(Product):
+    """The product a b of two signals."""
 
     @staticmethod
     def step(p, s, a, b):
@@ -689,6 +701,8 @@ class Abs(Map):
 
 class Compare(Pair, abstract=True):
     """A comparison of two signals of the same unit: 1 where it holds, else 0."""
+
+    rests = True
 
     def units(self, *u):
         same_unit("compare", self.a, self.b, *u)

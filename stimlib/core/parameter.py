@@ -35,6 +35,7 @@ class Param(Named):
 
     value: float
     unit: str = ""
+    rests = True
 
     def units(self, *u):
         return unit(self.unit)

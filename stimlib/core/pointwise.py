@@ -131,6 +131,7 @@ class Nonzero(Map):
     """
 
     x: Block
+    rests = True
 
     units = unitless
 

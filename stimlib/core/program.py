@@ -24,6 +24,7 @@ from .loop_code import Cycle, closed
 from .loops import Last, Loop, Tap
 from .parameter import Param
 from .pointwise import Where
+from .silence import silenced
 from .subsystems import Segment, Subsystem
 
 
@@ -145,6 +146,13 @@ class _Graph:
         new.removed = self.removed
         return new, closed(self.nodes, self.bodies, roots, new.number)
 
+    def silenced(self, roots: list[int]) -> tuple[_Graph, list[int]]:
+        """Return the graph and its roots with sources that rest when unheard."""
+        new = _Graph()
+        new.removed = self.removed
+        changed = silenced(self.nodes, roots, new.number)
+        return (self, roots) if changed is None else (new, changed)
+
 
 def _numbers(block: Block, known: Callable[[type], Any] = lambda cls: cls) -> tuple[Any, ...]:
     """Return the design numbers of a block; known(cls) is a class of a cycle."""
@@ -197,6 +205,7 @@ def lower(outputs: dict[str, Block]) -> Program:
     roots = [number[id(guard)] for guard in guards]
     if graph.bodies or any(isinstance(block, Last) for block in objects):
         graph, roots = graph.closed(roots)
+    graph, roots = graph.silenced(roots)
     # counted before any is made: a few gates inside each other would fill the memory
     copies = count(graph.nodes, roots)
     limits.check(

@@ -15,6 +15,8 @@ from .maths import where
 class Subsystem(Block, abstract=True):
     """A block on a clock of its own: its second signal says when its first runs."""
 
+    rests = True
+
 
 @dc.dataclass(frozen=True, eq=False)
 class Enabled(Subsystem):

@@ -37,7 +37,7 @@ from ...blocks.texture import Texture
 from ...blocks.viscoelastic import KelvinChain, MaxwellArms, Series
 from ...core.graph import AtLeast, Block, Greater
 from ...core.guard import Guard
-from ...core.program import lead
+from ...core.silence import Sounding
 from . import placeforms, signalforms, textureforms, traced
 from .recurrence import SHORT
 
@@ -324,11 +324,18 @@ def short_turn(second: Any) -> tuple[Any, Any]:
 SHORT_FORMS = (short_radius, noise.radius), (short_turn, noise.turn)
 
 
+def heard(block, contact):
+    """Return the contact of a source; it is 1 where a product alone makes the silence.
+
+    Where A is 0, the derivative of A x with respect to A is x.
+    """
+    return 1.0 if isinstance(block.contact, Sounding) else contact
+
+
 def white(block, numbers, state, signals, run):
     """Run the block ``White``."""
-    return deviates(
-        stream_key(run.key, block.seed, block.stream, 0), -lead(run.fs), run.n, run.dtype
-    )
+    first = int(np.int64(state.n))  # below 0 before sample 0
+    return deviates(stream_key(run.key, block.seed, block.stream, 0), first, run.n, run.dtype)
 
 
 # Gates --------------------------------------------------------------------------------
@@ -682,7 +689,7 @@ def carrier(block, numbers, state, signals, run):
 
     The derivative is that of the sum of the frequencies.
     """
-    frequency, contact = signals
+    frequency, contact = signals[0], heard(block, signals[1])
     count = jnp.maximum(jnp.arange(run.n) - int(state.wait), 0)  # samples that have moved the phase
     # held between 0 and fs/2, and 0 for NaN
     held = jnp.where(frequency > 0, jnp.where(frequency < numbers.top, frequency, numbers.top), 0.0)
@@ -742,6 +749,9 @@ def response_limit(block, numbers, state, signals, run):
 
 LOWERINGS: dict[type[Block], Callable] = {
     noise.White: white,
+    noise.RestingWhite: lambda block, numbers, state, signals, run: jnp.where(
+        heard(block, signals[0]) > 0, white(block, numbers, state, signals, run), 0.0
+    ),
     FilteredNoise: pink,
     Modes: modes,
     Fir: fir,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from stimlib.core import pointwise
+from stimlib.core import pointwise, silence
 from stimlib.core.graph import (
     Abs,
     Add,
@@ -43,6 +43,9 @@ OPERATIONS: tuple[type[Block], ...] = (
     pointwise.Minimum,
     pointwise.Sqrt,
     pointwise.Nonzero,
+    silence.Sounding,
+    silence.Otherwise,
+    silence.RestingMul,
 )
 """Blocks that are one operation: the runtime does these itself, without a call."""
 

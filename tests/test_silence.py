@@ -1,0 +1,138 @@
+"""Sources rest where nobody hears them, and no sample tells."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from laws import STRESS, assert_same, pair, rows, run
+
+import stimlib
+from stimlib import Input, Param, Scene, blocks as b, constant
+from stimlib.core import silence
+
+FS = 1000.0
+X, A = Input("x"), Param("A", 0.0)
+BURST = b.burst(b.at([0.02, 0.2]), 0.05, 0.01)
+
+
+def kinds(block):
+    """The classes of a scene's program that have to do with rest."""
+    made = Scene({"y": block}).program.instances
+    names = [type(one.block).__name__ for one in made]
+    return sorted(
+        f"{name}({type(one.block.contact).__name__})"
+        if name in ("RestingWhite", "Carrier")
+        else name
+        for name, one in zip(names, made, strict=True)
+        if name in ("RestingWhite", "Carrier", "White", "Mul", "RestingMul")
+    )
+
+
+TONE, NOISE = b.carrier(50.0), b.white_noise(1)
+
+
+@pytest.mark.parametrize(
+    ("block", "made"),
+    [
+        (TONE * BURST, ["Carrier(Sounding)", "RestingMul"]),
+        (BURST * NOISE, ["RestingMul", "RestingWhite(Sounding)"]),
+        (NOISE * A, ["RestingMul", "RestingWhite(Sounding)"]),
+        (
+            (TONE - 0.5 * NOISE + 1.0) * BURST,
+            ["Carrier(Sounding)", "Mul", "RestingMul", "RestingWhite(Sounding)"],
+        ),
+        (b.where(X, TONE, -NOISE), ["Carrier(Input)", "RestingWhite(Otherwise)"]),
+        (b.where(-TONE, X, X + 1.0), ["Carrier(Const)"]),  # what chooses is heard always
+        (TONE * BURST + TONE, ["Carrier(Const)", "RestingMul"]),
+        (TONE * BURST + TONE * (X > 0.0), ["Carrier(Const)", "RestingMul", "RestingMul"]),
+        (abs(TONE) * BURST, ["Carrier(Const)", "Mul"]),
+        (TONE * X, ["Carrier(Const)", "Mul"]),
+        (b.carrier(50.0, contact=X) * BURST, ["Carrier(Input)", "Mul"]),
+        (b.carrier(constant(50.0, "Hz") * X) * BURST, ["Carrier(Const)", "Mul", "Mul"]),
+        (b.pink_noise(1.0, seed=2) * BURST, ["Mul", "White"]),
+        (b.loop(lambda last: (0.5 * last + NOISE) * A), ["White"]),
+        (b.enabled(NOISE * A, by=X), ["RestingMul", "RestingWhite(Sounding)"]),
+    ],
+)
+def test_what_rests(block, made):
+    assert kinds(block) == sorted(made)
+
+
+@pytest.mark.parametrize("block", [A * TONE * BURST, BURST * (TONE * A), A * (BURST * TONE)])
+def test_a_burst_says_it_rather_than_a_parameter(block):
+    (tone,) = (one.block for one in Scene({"y": block}).program.instances if one.block.rated)
+    assert isinstance(tone.contact.x, b.envelopes.Burst)
+
+
+@st.composite
+def composed(draw, depth=4):
+    """Sources, what lets them through, and sums and choices of both."""
+    sources = [
+        b.carrier(
+            draw(st.sampled_from([31.0, 125.0, 499.0])), draw(st.sampled_from([None, "half"]))
+        ),
+        b.white_noise(draw(st.integers(0, 3)), shared=True),
+        b.oscillator(77.0, "triangle"),
+    ]
+    gates = [A, BURST, X > 0.0, b.nonzero(X), Param("B", 0.5), b.enabled(sources[1], by=X), X]
+    pool = [*sources, sources[0] * draw(st.sampled_from(gates))]
+    for _ in range(draw(st.integers(2, 9))):
+        one, other = draw(st.sampled_from(pool[-5:])), draw(st.sampled_from(pool))
+        gate = draw(st.sampled_from([*gates, *pool[-2:]]))
+        makers = [
+            lambda one=one, gate=gate: one * gate,
+            lambda one=one, gate=gate: gate * one,
+            lambda one=one, other=other: one - other,
+            lambda one=one, other=other: 0.5 * one + other,
+            lambda one=one: -one,
+            lambda one=one, other=other, gate=gate: b.where(gate, one, other),
+            lambda one=one: b.first_order(one, 0.01),
+            lambda one=one: b.tanh(one),
+            lambda one=one, other=other: one / (1.5 + b.tanh(other)),
+            lambda one=one, other=other: one / other,
+        ]
+        pool.append(draw(st.sampled_from(makers))())
+    return pool[-1], draw(st.sampled_from(pool))
+
+
+@settings(max_examples=900 if STRESS else 40, deadline=None)
+@given(composed(), st.integers(0, 99), st.sampled_from([1, 7, 64, 100]))
+def test_no_bit_tells_who_rested(blocks, seed, size):
+    """Beside what is heard throughout, and without rest; nor the sign of a zero."""
+    rng = np.random.default_rng(seed)
+    motion = np.where(rng.random((1, 300)) < 0.5, rng.standard_normal((1, 300)), 0.0)
+    motion[0, 100:200] = rng.choice([0.0, -0.0, 1.0, np.nan], p=[0.4, 0.3, 0.25, 0.05])
+    cuts = range(0, 300, size)
+
+    def samples(outputs):
+        scene = Scene(outputs)
+        fast, slow = pair(scene, FS, seed)
+        y = run(fast, rows(fast, motion, ["x"]), cuts)
+        assert_same(run(slow, rows(slow, motion, ["x"]), (128,)), y, "llvm and python")
+        return y[0]
+
+    y = samples({"y": blocks[0]})
+    beside = {f"z{k}": one for k, one in enumerate(stimlib.core.graph.reach(blocks))}
+    assert_same(samples({"y": blocks[0], **beside}), y, "with all that it is made of beside it")
+    with pytest.MonkeyPatch.context() as patched:
+        whole = silence._contacts
+
+        def throughout(nodes, roots):
+            contacts, products = whole(nodes, roots)
+            return dict.fromkeys(contacts), products
+
+        patched.setattr(silence, "_contacts", throughout)
+        assert_same(samples({"y": blocks[0]}), y, "without rest")
+
+
+def test_a_source_at_rest_goes_on():
+    """After a rest that begins and ends within tiles it is where it would be."""
+    n = np.arange(400)
+    x = ((n > 70) & (n < 90)) | (n > 333)
+    for source in (TONE, NOISE):
+        gated, alone = (
+            stimlib.compile(Scene({"y": y}), FS).process(
+                x[None, :] * 1.0 if k else np.empty((0, 400))
+            )
+            for k, y in enumerate((source * 1.0, source * (X > 0.0)))
+        )
+        assert_same(alone[0], np.where(x, gated[0], 0.0), f"{source}")
