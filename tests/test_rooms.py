@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[1]
 STIMLIB = ROOT / "stimlib"
 ROOMS = (
     "errors version above system core design blocks targets motion run plate soft scenes export"
-    " files devices fitting analysis checks sweep experiments demo live cli"
+    " files devices fitting analysis virtual checks sweep experiments demo live cli"
 )
 ORDER = [*ROOMS.split(), "__main__"]
 # what is around the package: each imports only from its own and those to its left

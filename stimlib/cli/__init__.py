@@ -15,6 +15,7 @@ from . import (  # noqa: I001  each adds its commands, in the order of --help
     experiments,
     verify,
     scenes,
+    trying,
     schemas,
 )
 from .app import app
@@ -32,4 +33,5 @@ __all__ = [
     "schemas",
     "scenes",
     "sweeps",
+    "trying",
 ]

@@ -1,0 +1,63 @@
+"""The command ``try``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..errors import BadValue, shown
+from . import options as opt
+from .app import command, print_json
+from .scene import SceneText, number, params_of, run_files, scene_of
+
+
+@command("try")
+def try_(
+    scene: SceneText,
+    device: Annotated[
+        Path, typer.Option(help='A device as JSON, such as {"mass": 0.1, "damping": 0.5}.')
+    ],
+    hand: Annotated[
+        str,
+        typer.Option(help="Mass, damping and stiffness of the hand, in kg, N s/m and N/m."),
+    ] = "0.02,1,100",
+    aim: Annotated[
+        float | None, typer.Option(help="Where the hand wants to be, in m; by default at --start.")
+    ] = None,
+    push: Annotated[float, typer.Option(help="A force of the hand in N.")] = 0.0,
+    start: Annotated[float, typer.Option(help="Where it begins, in m, at rest.")] = 0.0,
+    axis: Annotated[
+        str | None,
+        typer.Option(help="Output and input of the device, such as [bold]force1=x1[/]."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Length in s.")] = 3.0,
+    fs: opt.Rate = 1000.0,
+    set_: opt.Params = [],
+    seed: opt.Seed = 0,
+    import_: opt.Import = [],
+    json_: opt.Json = False,
+):
+    """Try a force scene on a virtual device in a virtual hand.
+
+    [bold]stimlib try wall --device device.json --start -0.01 --aim 0.02[/]
+    """
+    run_files(import_)
+    from ..virtual import Hand, read_device, try_on
+
+    made = scene_of(scene)
+    numbers = [number(text, "--hand") for text in hand.split(",")]
+    if len(numbers) != 3:
+        raise BadValue(f"--hand {hand}: give mass,damping,stiffness, such as 0.02,1,100")
+    trial = try_on(
+        made, read_device(device), Hand(*numbers), fs=fs, seconds=seconds, start=start,
+        aim=aim, push=push, params=params_of(set_, made), seed=seed,
+        axis=None if axis is None else axis.partition("=")[::2],
+    )  # fmt: skip
+    if json_:
+        amplitude, rate = trial.cycle
+        facts = {"settles": trial.settles, "amplitude": amplitude, "frequency": rate}
+        print_json(facts | {"contacts": trial.contacts, "given": trial.given})
+    else:
+        print(shown(trial))

@@ -1,0 +1,267 @@
+"""Devices and hands as mechanical models, and their exact motion between samples."""
+
+from __future__ import annotations
+
+import dataclasses as dc
+import json
+from collections import namedtuple
+from pathlib import Path
+
+import numpy as np
+
+from ..core.graph import Block, scratch
+from ..core.maths import floor, where
+from ..errors import Above0, BadValue, From0, public
+
+SUBSTEPS = 8
+"""Parts of a sample period in each of which Coulomb friction is one number."""
+
+
+@public
+@dc.dataclass(frozen=True)
+class Device:
+    """A force-feedback device of one axis.
+
+    Its motor moves mass, damper and Coulomb friction; an encoder measures the position,
+    and the force is rounded, limited and late.
+
+    Parameters
+    ----------
+    mass : float, kg
+    damping : float, N s/m
+    coulomb : float, N
+        Largest force of dry friction.
+    encoder, dac : float, m and N
+        Steps of the measured position and of the force; 0: none.
+    limit : float, N
+        Largest force; 0: none.
+    delay : float, s
+        From the time of a sample until its force begins.
+    lag : float, s
+        Time constant of the amplifier; 0: none.
+    compliance : float, m/N
+        Of the transmission between motor and handle; 0: it is rigid.
+    handle : float, kg
+        Mass behind the transmission, with the hand.
+
+    Raises
+    ------
+    BadValue
+        A mass not above 0, other numbers below 0; a transmission without handle.
+
+    Examples
+    --------
+    >>> from stimlib.virtual import Device
+    >>> Device(mass=0.1, damping=0.5, encoder=10e-6, delay=0.001)
+    Device(mass=0.1, damping=0.5, encoder=1e-05, delay=0.001)
+    """
+
+    mass: Above0
+    damping: From0
+    coulomb: From0 = 0.0
+    encoder: From0 = 0.0
+    dac: From0 = 0.0
+    limit: From0 = 0.0
+    delay: From0 = 0.0
+    lag: From0 = 0.0
+    compliance: From0 = 0.0
+    handle: From0 = 0.0
+
+    def __post_init__(self):
+        if (self.compliance > 0) != (self.handle > 0):
+            raise BadValue("Device: compliance and handle belong together: give both, or neither")
+
+    def __repr__(self):
+        given = [f for f in dc.fields(self) if getattr(self, f.name) != f.default]
+        return f"Device({', '.join(f'{f.name}={getattr(self, f.name)!r}' for f in given)})"
+
+
+@public
+@dc.dataclass(frozen=True)
+class Hand:
+    """A hand as a mass on a spring and a damper, whose other end it moves on purpose.
+
+    Parameters
+    ----------
+    mass : float, kg
+    damping : float, N s/m
+    stiffness : float, N/m
+
+    Examples
+    --------
+    >>> from stimlib.virtual import Hand
+    >>> Hand(mass=0.05, damping=2.0, stiffness=300.0)
+    Hand(mass=0.05, damping=2.0, stiffness=300.0)
+    """
+
+    mass: From0 = 0.0
+    damping: From0 = 0.0
+    stiffness: From0 = 0.0
+
+
+@public
+def read_device(path: str | Path) -> Device:
+    """Read a device from a JSON file with the names of `Device`.
+
+    Raises
+    ------
+    BadValue
+        No such file, no JSON, other names, or numbers that make no device.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from stimlib.virtual import read_device
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "device.json")
+    ...     _ = path.write_text('{"mass": 0.1, "damping": 0.5}')
+    ...     read_device(path)
+    Device(mass=0.1, damping=0.5)
+    """
+    try:
+        given = json.loads(Path(path).read_text("utf-8"))
+    except (OSError, ValueError) as e:
+        raise BadValue(f"{path}: no device: {e}; write names of Device as JSON") from None
+    known = [f.name for f in dc.fields(Device)]
+    if not isinstance(given, dict) or given.keys() - known or not {"mass", "damping"} <= {*given}:
+        raise BadValue(
+            f"{path}: no device: write mass and damping, and what else it has of"
+            f" {', '.join(known[2:])}, as JSON"
+        )
+    return Device(**given)
+
+
+# How they move ------------------------------------------------------------------------
+# Parameters of `Mechanism`.  The state q is: position and velocity of the motor, then
+# of the handle, if any, then the force of the amplifier, if it has a lag. Of each of
+# the two parts of a sample period, before and after the force changes:
+#   a              matrix of a substep, row by row
+#   f, c, h, g     what a force command, friction, a force at the hand and its rise add
+#   grow           s, length of a substep
+# and of the whole
+#   stiffness, damping   of the hand
+MechanismParams = namedtuple(
+    "MechanismParams", "a f c h g grow stiffness damping coulomb encoder dac limit lagged fs"
+)
+
+# State of `Mechanism` between samples.
+#   q     see above
+#   last  the force command of the sample before
+#   aim   where the hand wanted to be
+MechanismState = namedtuple("MechanismState", "q last aim")
+
+
+@dc.dataclass(frozen=True, eq=False)
+class Mechanism(Block, in_files=False):
+    """A device in a hand along a sample period, in which the force command is held.
+
+    Its outputs are for the end of the period.  ``done`` is the work of the hand
+    against the force.
+    """
+
+    force: Block  # that the hand has to overcome, as scenes give it
+    aim: Block  # of the hand, at the end of the period
+    push: Block  # one more force of the hand
+    mass: float
+    drag: float
+    coulomb: float
+    encoder: float
+    dac: float
+    limit: float
+    rest: float  # s, of the delay: of whole samples the scene has a block
+    lag: float
+    compliance: float
+    handle: float
+    held: float
+    damping: float
+    stiffness: float
+    begin: float  # m, of the device and of the hand's aim
+    outputs = ("measured", "position", "velocity", "done")
+    begins_early = False
+
+    def units(self, *u):
+        return u[1], u[1], u[1], u[1]
+
+    def design(self, fs):
+        parts = [
+            self._substep(part / fs / SUBSTEPS) for part in (self.rest * fs, 1 - self.rest * fs)
+        ]
+        a, f, c, h, g, grow = (np.concatenate(rows) for rows in zip(*parts, strict=True))
+        p = MechanismParams(
+            a, f, c, h, g, grow, self.stiffness, self.damping, self.coulomb, self.encoder, self.dac,
+            self.limit, float(self.lag > 0), fs,
+        )  # fmt: skip
+        q = np.zeros(f.size // 2)
+        q[: 2 + 2 * (self.compliance > 0) : 2] = self.begin
+        return p, MechanismState(q, 0.0, self.begin)
+
+    def _substep(self, t):
+        """Return the exact solution of the linear part over a time t."""
+        from scipy.linalg import expm
+
+        two, lagged = self.compliance > 0, self.lag > 0
+        end = 2 * two  # position of what the hand holds
+        n = 2 + end + lagged
+        m = np.zeros((n + 4, n + 4))
+        masses = [self.mass, self.handle] if two else [self.mass]
+        masses[-1] += self.held
+        for k in range(len(masses)):
+            m[2 * k, 2 * k + 1] = 1.0
+        m[1, 1] -= self.drag / masses[0]
+        m[end + 1, end] -= self.stiffness / masses[-1]
+        m[end + 1, end + 1] -= self.damping / masses[-1]
+        for k in range(2) if two else ():
+            m[2 * k + 1, 2 * k] -= 1 / self.compliance / masses[k]
+            m[2 * k + 1, 2 - 2 * k] += 1 / self.compliance / masses[k]
+        if lagged:
+            m[n - 1, n - 1], m[n - 1, n], m[1, n - 1] = -1 / self.lag, 1 / self.lag, -1 / masses[0]
+        else:
+            m[1, n] = -1 / masses[0]
+        m[1, n + 1], m[end + 1, n + 2], m[n + 2, n + 3] = 1 / masses[0], 1 / masses[-1], 1.0
+        e = expm(m * t)[:n]
+        return e[:, :n].ravel(), *e[:, n:].T, np.array([t])
+
+    work = scratch(8)
+
+    @staticmethod
+    def tile(p, s, force, aim, push, measured, position, velocity, done, w):
+        q, n, last, old = s.q, s.q.size, s.last, s.aim
+        for i in range(force.size):
+            slope = (aim[i] - old) * p.fs
+            steady = push[i] + p.damping * slope
+            command = force[i]
+            if p.dac > 0.0:
+                command = floor(command / p.dac + 0.5) * p.dac
+            command = where(
+                command < p.limit, where(command > -p.limit, command, -p.limit), p.limit
+            )
+            at, total = old, 0.0
+            for part in range(2):
+                f = where(part == 0, last, command)
+                for _ in range(SUBSTEPS):
+                    held = steady + p.stiffness * at
+                    for j in range(n):
+                        k = n * part + j
+                        moved = p.f[k] * f + p.h[k] * held + p.g[k] * p.stiffness * slope
+                        for m in range(n):
+                            moved = moved + p.a[n * k + m] * q[m]
+                        w[j] = moved
+                    # friction takes from the velocity what it can, and no more than all
+                    gain = p.c[n * part + 1]
+                    stop = where(gain > 0.0, -w[1] / where(gain > 0.0, gain, 1.0), 0.0)
+                    stop = where(
+                        stop < p.coulomb, where(stop > -p.coulomb, stop, -p.coulomb), p.coulomb
+                    )
+                    acting = where(p.lagged > 0.0, q[n - 1], f)
+                    before = q[0]
+                    for j in range(n):
+                        q[j] = w[j] + p.c[n * part + j] * stop
+                    acting = 0.5 * (acting + where(p.lagged > 0.0, q[n - 1], f))
+                    total = total + acting * (q[0] - before)
+                    at = at + slope * p.grow[part]
+            last, old = command, aim[i]
+            position[i], velocity[i], done[i] = q[0], q[1], total
+            measured[i] = q[0]
+            if p.encoder > 0.0:
+                measured[i] = floor(q[0] / p.encoder + 0.5) * p.encoder
+        return MechanismState(q, last, old)

@@ -1,0 +1,193 @@
+"""Virtual devices: against exact solutions, and the limits that theory gives."""
+
+import dataclasses as dc
+import json
+
+import numpy as np
+import pytest
+from commands import ran, refuses
+from refusals import refused
+from scipy.integrate import solve_ivp
+
+import stimlib
+from stimlib import BadValue, Input, Param, Scene, UnknownName, constant
+from stimlib.analysis import needed_damping
+from stimlib.blocks import fir, friction, spring, wall
+from stimlib.virtual import Device, Hand, margin, read_device, swept_damping, try_on
+
+X = Input("x", "m")
+NOTHING = Scene({"force": 0.0 * spring(X, 1.0)})
+FULL = Device(0.1, 0.3, lag=0.002, delay=0.0017, compliance=1e-4, handle=0.03)
+HAND = Hand(0.05, 0.4, 200.0)
+
+
+def springy(k, b=0.0, fs=1000.0):
+    """A spring, and a difference as damper."""
+    difference = constant(b * fs, "N/m") * fir(X, [1.0, -1.0])
+    return Scene({"force": spring(X, k) + difference})
+
+
+def kick(t):
+    return (t < 0.01) * 1.0
+
+
+def test_a_mass_on_a_spring_moves_as_its_exact_solution():
+    trial = try_on(NOTHING, Device(0.1, 0.1), Hand(0.05, 0.2, 400.0), push=3.0, seconds=1.0)
+    t, m, b, k = trial.t + 1e-3, 0.15, 0.3, 400.0
+    w = np.sqrt(k / m - (b / 2 / m) ** 2)
+    swing = np.exp(-b / 2 / m * t) * (np.cos(w * t) + b / 2 / m / w * np.sin(w * t))
+    assert np.abs(trial.position - 3.0 / k * (1.0 - swing)).max() < 1e-12 * 3.0 / k
+    slope = np.gradient(trial.position, t)
+    np.testing.assert_allclose(trial.velocity[1:-1], slope[1:-1], atol=2e-3)
+
+
+def test_all_that_is_linear_moves_as_a_differential_equation():
+    """Amplifier, transmission, delay between samples, an aim that moves straight."""
+    fs, d, h = 1000.0, FULL, HAND
+    aim = 0.01 * np.sin(2 * np.pi * 3.0 * np.arange(101) / fs)
+    trial = try_on(springy(500.0), d, h, aim=aim, push=0.2, seconds=0.1)
+
+    def change(t, s):
+        x, v, y, u, f = s
+        k = int(np.floor((t - d.delay) * fs + 1e-9))
+        command = trial.force[k] if k >= 0 else 0.0
+        cell = min(int(t * fs), 99)
+        r = aim[cell] + (aim[cell + 1] - aim[cell]) * (t * fs - cell)
+        rate = (aim[cell + 1] - aim[cell]) * fs
+        bend = (x - y) / d.compliance
+        at_hand = 0.2 + h.stiffness * (r - y) + h.damping * (rate - u)
+        return [
+            v,
+            (-f - d.damping * v - bend) / d.mass,
+            u,
+            (bend + at_hand) / (d.handle + h.mass),
+            (command - f) / d.lag,
+        ]
+
+    made = solve_ivp(change, (0, 0.1), np.zeros(5), rtol=1e-10, atol=1e-13, max_step=1e-4)
+    want = np.interp(trial.t + 1 / fs, made.t, made.y[0])
+    assert np.abs(trial.position - want).max() < 1e-5 * np.abs(want).max()
+    # a plain Riemann sum over the same solution
+    t = np.linspace(0, 0.1, 100_001)
+    x, f = (np.interp(t, made.t, made.y[row]) for row in (0, 4))
+    assert trial.work[-1] == pytest.approx(np.trapezoid(f, x), rel=0.02)
+
+
+def test_friction_stops_a_mass_where_it_should():
+    """From v at C/m: after v^2 m/2C, and it sticks below C."""
+    trial = try_on(NOTHING, Device(0.1, 0.0, coulomb=0.5), push=lambda t: (t < 0.1) * 1.5)
+    assert trial.position[-1] == pytest.approx(0.05 + 1.0**2 * 0.1 / 2 / 0.5, rel=2e-3)
+    assert trial.settles and trial.velocity[-1] == 0.0
+    held = try_on(NOTHING, Device(0.1, 0.0, coulomb=0.5), push=0.499)
+    assert np.abs(held.position).max() < 1e-15
+
+
+def test_what_is_measured_and_commanded():
+    d = Device(0.1, 5.0, encoder=1e-4, dac=0.03, limit=0.2)
+    trial = try_on(springy(100.0), d, push=1.0, seconds=0.5, start=1.26e-4)
+    assert trial.force[0] == pytest.approx(100.0 * 1e-4)  # of the encoder, from the start on
+    np.testing.assert_array_equal(trial.measured, np.floor(trial.position / 1e-4 + 0.5) * 1e-4)
+    # 0.8 N and drag: as with this limit of the force alone
+    assert np.diff(trial.position)[-1] * 1000.0 == pytest.approx(0.8 / 5.0, rel=1e-3)
+    fine = try_on(springy(100.0), Device(0.1, 5.0, dac=0.03), Hand(0.0, 1.0, 50.0), aim=0.01)
+    rest = 50.0 * (0.01 - fine.position[-1])
+    assert rest / 0.03 == pytest.approx(round(rest / 0.03), abs=1e-6)
+
+
+def test_work_is_that_of_the_held_force():
+    trial = try_on(springy(300.0), Device(0.1, 1.0), push=kick, seconds=0.4)
+    moved = np.diff(trial.position, prepend=0.0)
+    np.testing.assert_allclose(trial.work, np.cumsum(trial.force * moved), atol=1e-15)
+    assert trial.given == -trial.work.min() > 0
+
+
+@pytest.mark.parametrize(
+    ("make", "low", "high", "limit"),
+    [
+        # Colgate and Schenkel: b = K T/2
+        (lambda k: try_on(springy(k), Device(0.03, 0.5), push=kick, seconds=3), 400, 3000, 1000.0),
+        (
+            lambda fs: try_on(springy(500.0), Device(0.06, 0.5), fs=fs, push=kick, seconds=5),
+            200,
+            2000,
+            500.0,
+        ),
+        # Gil and others: b = K (T/2 + delay)
+        (
+            lambda d: try_on(springy(200.0), Device(0.2, 0.5, delay=d), push=kick, seconds=8),
+            5e-4,
+            5e-3,
+            0.002,
+        ),
+        # Diolaiti and others: C = K step/2, where the hand presses between two steps
+        (
+            lambda k: try_on(
+                springy(k), Device(0.1, 5.0, coulomb=0.1, encoder=2e-4), push=7e-4 * k, seconds=4
+            ),
+            300,
+            3000,
+            1000.0,
+        ),
+    ],
+    ids=["stiffness", "rate", "delay", "encoder"],
+)
+def test_margins_are_those_of_theory(make, low, high, limit):
+    assert margin(make, low, high) == pytest.approx(limit, rel=0.02)
+
+
+@pytest.mark.parametrize(("k", "b"), [(1000.0, 0.0), (1000.0, 0.3), (0.0, 1.0)])
+@pytest.mark.parametrize("delay", [0.0, 0.0007, 0.003])
+def test_a_sweep_finds_the_damping_of_colgate_and_schenkel(k, b, delay):
+    proc = stimlib.compile(springy(k, b), 1000.0, "python")
+    needed = needed_damping(lambda f: proc.response("force", "x", f), 1000.0, delay)
+    f, damping = swept_damping(springy(k, b), delay=delay)
+    assert damping.max() == pytest.approx(needed, rel=1e-3)
+    assert (f[0], f[-1], f.size) == (2.5, 497.5, 199)
+    if not delay:
+        assert needed == pytest.approx(k / 2000 + b, rel=1e-3)
+
+
+def test_a_sweep_of_what_is_not_linear():
+    """Friction takes energy; a wall needs what a spring needs while it is touched."""
+    dry = Scene({"force": friction(X, Input("press", "N"), mu=0.6)})
+    assert swept_damping(dry, axis=("force", "x"))[1].max() <= 1e-12
+    half = Scene({"force": wall(X, 1000.0)})
+    inside = swept_damping(half, center=0.005)[1].max()
+    assert inside == pytest.approx(1.0, rel=1e-3)  # its force is a mean, half a sample late
+    assert 0 < swept_damping(half)[1].max() < inside
+
+
+def test_axis_motion_and_parameters():
+    other, k = Input("y", "m"), Param("k", 100.0, "N/m")
+    scene = Scene({"force": k * (X + other), "side": k * other})
+    refused(BadValue, "give axis=", try_on, scene, FULL)
+    refused(UnknownName, "axis", try_on, scene, FULL, axis=("force", "z"))
+    refused(UnknownName, "motion", try_on, scene, FULL, axis=("force", "x"), motion={"z": 1.0})
+    how = {"axis": ("force", "x"), "motion": {"y": lambda t: 0.01 + t}, "params": {"k": 7.0}}
+    trial = try_on(scene, FULL, seconds=0.1, start=0.002, **how)
+    assert trial.force[0] == pytest.approx(7.0 * 0.012)
+    assert trial.force[50] == pytest.approx(7.0 * (0.06 + trial.measured[49]))
+    refused(BadValue, "one number for each sample", try_on, scene, FULL, push=np.ones(3), **how)
+
+
+def test_margins_and_devices_that_are_none(tmp_path):
+    alive = try_on(springy(10.0), Device(0.1, 1.0), push=kick)
+    refused(BadValue, "choose ends that differ", margin, lambda _: alive, 1.0, 2.0)
+    refused(BadValue, "give both, or neither", Device, 0.1, 0.1, compliance=1e-3)
+    refused(BadValue, "mass", Device, 0.0, 0.1)
+    path = tmp_path / "d.json"
+    for text in ("", "[1]", '{"mass": 1}', '{"mass": 1, "damping": 0, "colour": 2}'):
+        path.write_text(text)
+        assert str(path) in str(refused(BadValue, "as JSON", read_device, path))
+    path.write_text(json.dumps(dc.asdict(FULL)))
+    assert read_device(path) == FULL
+
+
+def test_the_command_says_whether_it_comes_to_rest(tmp_path):
+    path = tmp_path / "d.json"
+    path.write_text(json.dumps({"mass": 0.08, "damping": 0.4, "delay": 0.003}))
+    how = ["try", "wall", "--device", path, "--start", "-0.01", "--aim", "0.02"]
+    assert "does not come to rest" in ran(how).stdout
+    facts = json.loads(ran([*how, "--hand", "0.1,6,500", "--json"]).stdout)
+    assert facts["settles"] and facts["given"] > 0
+    refuses([*how, "--hand", "1,2"], "such as 0.02,1,100")
