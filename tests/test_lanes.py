@@ -456,3 +456,15 @@ def test_a_tile_that_cannot_go_abreast_is_named(written):
     scene = Scene({name: some(Input(name), 3) for name in "ab"})
     why = r"written_\w+.py:\d+: Some.tile: .*p.k.*nothing but call series and each"
     refused(SceneError, why, stimlib.compile, scene, 1000)
+
+
+@pytest.mark.parametrize("returned", ["None", "'2'", "p"])
+@pytest.mark.parametrize(
+    ("what", "of", "y"), [("abreast", "blocks", "y"), ("work", "words", "y, w")]
+)
+def test_what_is_no_number_of_blocks_or_words_is_named(written, what, of, y, returned):
+    text = ABREAST.format("series(stage, p, s, a, y)").replace("return 2", f"return {returned}")
+    some = written(text.replace("abreast", what).replace("s, a, y):", f"s, a, {y}):")).Some
+    scene = Scene({name: some(Input(name), 3) for name in "ab"})
+    why = rf"written_\w+.py:\d+: Some.{what}: it must return a number of {of}, such as 4, and ret"
+    refused(SceneError, why, stimlib.compile, scene, 1000)

@@ -23,6 +23,7 @@ import types
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from itertools import chain, product
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -652,7 +653,8 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
     It uses copies of what its ``design`` returned.
 
     SceneError, with file and line, if the code raises an error, does not return a
-    number, or returns a state of other types than that of design.
+    number, or returns a state of other types than that of design; also if ``work`` or
+    ``abreast`` returns no number.
 
     Examples
     --------
@@ -669,6 +671,13 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
             v.flags.writeable = False  # compiled code would keep what a step writes there
     words = _with_words(p), _with_words(s)
     x = [np.float64(0.0)] * (len(signals(cls)) - cls.resettable)
+    for what, of, numbers in (("work", "words", Integral), ("abreast", "blocks", Real)):
+        count = (f := getattr(cls, what)) and f(p)
+        if f and not isinstance(count, numbers):
+            raise SceneError(
+                f"{line_of(f)}{cls.__name__}.{what}: it must return a number of {of}, such as 4,"
+                f" and returned {count!r:.80}"
+            )
     work = (np.zeros(block.work(p)),) if block.work else ()
     with np.errstate(all="ignore"):
         if cls.step is not None and cls.tile is not None:  # compiled code reads beyond an array
