@@ -16,7 +16,7 @@ from scipy import stats
 from typer.testing import CliRunner
 
 import stimlib
-from stimlib import Input, Scene, blocks as b
+from stimlib import Input, Scene, blocks as b, constant
 from stimlib.analysis import spectra
 from stimlib.checks import power
 from stimlib.checks.evidence import Check, gather
@@ -77,10 +77,12 @@ def test_two_noises_are_compared_in_the_band_that_both_have(lowest, band):
     """
     gate = b.velocity(Input("x", "m"), 20) > 0
     pink = b.enabled(b.pink_noise(1e-3, seed=1, f_low=lowest), by=gate)
-    slow = b.enabled(b.velocity(b.white_noise(seed=1, stream=1), 200), by=gate)
+    later = b.velocity(Input("x", "m"), 20) > constant(1e-3, "m/s")
+    slow = b.enabled(b.velocity(b.white_noise(seed=1, stream=1), 200), by=later)
     scene, motion = Scene({"a": pink, "b": slow}), {"x": minimum_jerk()}
     report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 4.0))
-    ((_, _, low, high, size),) = pairs(report.evidence)
+    ((one, other, low, high, size),) = pairs(report.evidence)
+    assert one.stream.size > other.stream.size  # they are compared as far as both go
     assert report.passed and (low, high) == (band or (lowest, 200.0))
     assert (
         np.isfinite(size)
