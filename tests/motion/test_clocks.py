@@ -39,7 +39,8 @@ def test_a_row_that_comes_too_late_in_a_short_recording_is_no_wrap():
 
 @pytest.mark.parametrize(
     ("size", "unit"),
-    [(2**32, 1e-6), (2**16, 1e-6), (2**32, 1e-3), (2**16, 1e-3), (65.536, 1), (2**24, 1e-6)],
+    [(2**32, 1e-6), (2**16, 1e-6), (2**32, 1e-3), (2**16, 1e-3), (65.536, 1)]
+    + [(2**24, 1e-6), (0.5, 1)],
 )
 def test_a_clock_that_wraps_is_recognised_and_unwrapped(size, unit):
     step = 0.004 / unit if unit > 1e-6 or size > 2**16 else 40
@@ -48,7 +49,7 @@ def test_a_clock_that_wraps_is_recognised_and_unwrapped(size, unit):
     counts = counts if unit == 1 else np.round(counts)
     wrapped = {"t": counts % size, "x": X}
     how = {"time": f"t*{unit}", "max_speed": None}
-    says = rf"say wrap={size:.12g}$" if size != 2**24 else "if the clock was set back"
+    says = rf"say wrap={size:.12g}$" if size > 1 and size != 2**24 else "if the clock was set back"
     refused(RecordingError, says, recording, wrapped, {"x": "x"}, **how)
     r = recording(wrapped, {"x": "x"}, wrap=size, **how)
     assert r.info["clock"] == {"wraps": int(counts[-1] // size)} and "wraps of the clock" in str(r)
@@ -79,6 +80,9 @@ def test_a_clock_that_was_set_back_is_told_from_rows_out_of_order():
     order[[100, 101, 300, 302]] = order[[101, 100, 302, 300]]
     says = "3 of 400 rows come too late; put the rows into the order of time"
     refused(RecordingError, says, recording, table(T[order], X[order]), {"x": "x"})
+    for more, says in ((0.025, "say wrap=65536"), (0.035, "if another recording begins here")):
+        late = np.append(T[:16], (T[16:] + more) % 65.536e-3) * 1e6  # of half a wrap at most
+        refused(RecordingError, says, recording, {"t_us": late, "x": X}, {"x": "x"}, **US)
     says = "if another recording begins here"
     for other in (T[:200], T[:200] - 64.0):  # or a wrap of milliseconds with 0.7 s lost
         refused(RecordingError, says, recording, table(np.append(T[:200], other)), {"x": "x"})
@@ -265,6 +269,18 @@ def test_a_row_without_a_time_or_contact(tmp_path):
         {"x": "x"},
         missing="hold",
     )
+
+
+def test_missing_numbers_in_every_row_and_in_equal_rows():
+    """Two inputs that are never there together; and what is merged as one report."""
+    even = np.arange(0, 400, 2)
+    given = table(T, lost(X, *even), y=lost(X, *even + 1))
+    columns = {"x": "x", "y": "y"}
+    says = "a number is missing in every row"
+    refused(RecordingError, says, recording, given, columns, missing="gap")
+    t = np.insert(T, 100, T[100])
+    given = table(t, lost(np.insert(X, 100, X[100]), 100, 101))
+    assert recording(given, {"x": "x"}, missing="hold").info["repeats"] == 1
 
 
 def test_what_a_missing_number_is_not(tmp_path):

@@ -88,6 +88,11 @@ TAKEN = {
     ),
     "lines above tabs": (META + TABS, {"skiprows": 4, "sep": "\t"}, "3 lines above"),
     "lines above spaces": (META + SPACES, {"skiprows": 4, "sep": r"\s+"}, "3 lines above"),
+    "a number sign in the first row": (
+        "\n".join(map(",".join, zip(["n", "#1", "2", "3", "4"], PLAIN.split("\n"), strict=False))),
+        {},
+        "",
+    ),
     "units": (
         PLAIN.replace("kind\n", "kind\ns,mm,-\n"),
         {"skiprows": [1]},
@@ -299,7 +304,7 @@ def test_any_dialect_has_its_numbers(
         (["0:00:59,99", "0:01:00,00", "0:01:00,02"], 59.99, "since midnight"),
         (["2026-05-01 23:59:59.99", "2026-05-02 00:00:00", "2026-05-02 00:00:00.02"], 86399.99,
             "first midnight"),
-        (["2026-05-01T23:59:59.99Z", "2026-05-02T01:00:00+01:00", "2026-05-01T22:00:00.02-0200"],
+        (["2026-05-01T23:59:59.99Z", "2026-05-02T05:30:00+05:30", "2026-05-01T22:00:00.02-0200"],
             86399.99, "first midnight, UTC"),
         (["2024-02-28T23:59:59.99", "2024-02-29T00:00:00.0", "2024-02-29T00:00:00.020000"],
             86399.99, "first midnight"),

@@ -85,7 +85,7 @@ def write(path, table):
             scipy.io.savemat(path, {**table, "fs": 100.0, "info": {"who": "P01"}, "kind": "press"})
         case ".xdf":
             pytest.importorskip("pyxdf")
-            path.write_bytes(xdf(xdf_of(table), header(2, "Marks", ["m"], "string")))
+            path.write_bytes(xdf(xdf_of(table, 2**24 + 1), header(2, "Marks", ["m"], "string")))
     return path
 
 
@@ -154,6 +154,7 @@ def test_matrices_rows_and_other_lengths_of_a_mat_file(tmp_path):
     for data, why in (
         (b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\2IM", "7.3 is HDF5; .*'-v7'"),
         (b"", "not a MATLAB file of version 5 to 7"),
+        (path.read_bytes()[:-9], r"cannot be read as .mat \(the file is cut off\); save vectors"),
         (b"t_s,x\n0,1\n", "not a MATLAB file"),
     ):
         path.write_bytes(data)

@@ -145,6 +145,10 @@ def test_where_selects_rows(csv, where):
     assert "np." not in repr(r)
 
 
+N = np.arange(40)
+OFF = {"t_s": N * 0.01 + (N > 30), "contact": np.where(N == 30, 0, 1)}  # 1 s in the air
+
+
 def gap(seconds, **more):
     c, late = steady(40) | more, np.arange(40) >= 20
     return c | {"t_s": (c["t_s"] + (seconds - 0.01) * late).round(9)}
@@ -687,6 +691,7 @@ BAD_MEMORY = [  # columns in memory, beside or instead of good ones, and how the
     ({}, {"contact": "contact"}, "contact needs column contact"),
     ({}, {"contact": True}, "contact needs column contact"),
     (gap(0.15), {}, r"row 20: a gap of 0.15 s .*on_change.* max_gap=0.16"),
+    (gap(0.15, **OFF), {}, "row 20: a gap .* or max_gap=0.16 to join it"),
     (gap(0.15) | {"t_s": 2 * gap(0.15)["t_s"]}, {}, "longer than 0.2 s"),  # 10 periods
     (jumping(100), {"columns": {"x": "x*1e3"}}, "row 1: x moves at 100 m/s, .* 398 others"),
     (jumping(9, 20, 30, n=250), {}, "row 9: .* and 2 others"),
