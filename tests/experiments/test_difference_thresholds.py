@@ -94,6 +94,7 @@ def test_recipes_find_the_jnd_of_simulated_people(made, observer, most):
     assert np.isfinite([one.jnd_high for one in found]).all()
     assert held >= (0.92 if STRESS else 0.8)
     assert {one.weber for one in found} == {one.jnd / 200 for one in found}
+    assert {one.pse for one in found} == {0.0 if made is staircase else 200.0}
 
 
 def test_several_people_and_conditions_are_a_table():

@@ -200,6 +200,12 @@ READ = {  # a table, how it is read; times, the positions and contact at them, a
         {0.19: (19, 0), 1.0: (19, 0), 5.2: (21, 1)},
         {"lifts": [(20, pytest.approx(5.19))]},
     ),
+    "a gap after a lift is none": (
+        gap(5.0, x=np.arange(40.0), contact=np.where(N == 19, 0, 1)),
+        {},
+        {0.19: (18, 0), 1.0: (18, 0), 5.19: (20, 1)},
+        {"lifts": [(19, pytest.approx(0.19))]},
+    ),
     "a jump within the silence of a still finger": (
         gap(2.0, x=np.arange(40) + 50.0 * (np.arange(40) >= 20)),
         {"reports": "on_change"},
