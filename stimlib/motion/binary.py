@@ -59,6 +59,8 @@ def read_mat(file: str, data: bytes, known: Known) -> Read:
                 continue
             limits.check("recording_columns", len(values), f"{file}: columns", RecordingError)
             names = [f"{name}_{k + 1}" if len(values) > 1 else name for k in range(len(values))]
+            if twice := sorted(columns.keys() & {*names}):
+                raise table_error(file, "two columns have this name", "rename one", None, twice[0])
             columns |= dict(zip(names, values, strict=True))
     if not columns:
         there = ", ".join(others)[:100] or "nothing"

@@ -7,7 +7,7 @@ text is executed.
 import ast
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import isfinite, pow
 
 import numpy as np
 
@@ -190,6 +190,8 @@ def _linear(op: ast.operator, a: Linear, b: Linear) -> Linear | None:
         return _times(a, b.offset)
     if isinstance(op, ast.Div) and b.column is None:
         return Linear(a.column, a.scale / b.offset, a.offset / b.offset)
+    if isinstance(op, ast.Pow) and a.column is b.column is None:
+        return Linear(None, 0.0, pow(a.offset, b.offset))
     return None
 
 

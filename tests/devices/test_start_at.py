@@ -64,6 +64,7 @@ def test_sample_0_leaves_at_the_given_time(drift, lost_at):
             sink.wait()
         report = sink.report()
         assert (report.rise, report.produced) == (160, 800)
+        assert sum(np.count_nonzero(y) for _, y in sink.frames) <= 160 + 800 + 160
         errors.append(sink.off(at))
         assert f"began {1e3 * report.start_error:.3f} ms after the given time" in str(report)
     # of several: a loop in Python on a busy machine is late for long now and then
@@ -119,6 +120,12 @@ def test_a_time_that_cannot_be_kept_is_refused_with_the_reason(seconds):
         sink.start(0.05, at=time.monotonic() + 0.5)  # it can still be started
         sink.wait()
     assert sink.report().produced == 400
+    sink = Known(STEADY, 1.0, realtime=False)
+    sink.latency = 0.013
+    with sink:  # 0.1 s, the fade-in, the latency and three blocks
+        sink.open(FS, block=800)
+        at = time.monotonic() + 0.42
+        refused(BadValue, "at least 0.433 s, and", sink.start, at=at)
     with NullSink(STEADY, 1.0, clocked=False) as sink:
         sink.open(FS)
         refused(SinkError, "null has no clock here", sink.start, at=time.monotonic() + 1.0)

@@ -146,6 +146,10 @@ def test_signals_are_read_back_as_recordings(signals, tmp_path):
             read_table,
             tmp_path / "a_motion.tsv",
         )
+    facts = {"SamplingFrequency": 4, "StartTime": -0.5, "Columns": ["x"]}
+    (tmp_path / "a_motion.json").write_text(json.dumps(facts))
+    batch = next(iter(read_table(tmp_path / "a_motion.tsv").batches()))
+    assert batch.texts("t_s")[:2] == ["-0.5", "-0.25"] and float(batch.texts("x")[0]) == wanted[0]
 
 
 def test_a_damaged_log_and_a_full_disk_are_told(data, tmp_path, monkeypatch):

@@ -149,6 +149,8 @@ def test_matrices_rows_and_other_lengths_of_a_mat_file(tmp_path):
     assert "variables skipped: z, cells, short_1 (length 199)" in str(found)
     why = "column short_1: 199 values, and t_s has 200; save one-dimensional"
     refused(RecordingError, why, recording, path, {"x": "xy_1", "y": "short_1"})
+    scipy.io.savemat(path, {"x": xy, "x_2": T})
+    refused(RecordingError, "column x_2: two columns have this name", read_table, path)
     scipy.io.savemat(path, {"s": {"x": 1.0}})
     refused(RecordingError, "no arrays of real numbers, but s; .*'-struct', 's'", read_table, path)
     for data, why in (

@@ -92,6 +92,7 @@ OTHER = {"Force (N)": [1, 2], "force_\u00b5N": [1, 2], "a-b": [1, 2]}
         ("force_\u00b5N*1e-6", 1e-6, 0),
         ("a-b", 1, 0),
         ("1/2*f", 0.5, 0),
+        ("f*10**-3 - 2**0.5", 1e-3, -(2**0.5)),
     ],
 )
 def test_linear_conversion(text, scale, offset):
@@ -101,7 +102,23 @@ def test_linear_conversion(text, scale, offset):
 
 @pytest.mark.parametrize(
     "text",
-    ["", "2", "2**f", "f**f", "2**2*f", "f/0", "f*0", "tan(f)", "f[0]", "f.real", "f,f", "f*"]
+    [
+        "",
+        "2",
+        "2**f",
+        "f**f",
+        "2**2",
+        "(-2)**0.5*f",
+        "f*9**9**9",
+        "0**-1*f",
+        "f/0",
+        "f*0",
+        "tan(f)",
+        "f[0]",
+        "f.real",
+        "f,f",
+        "f*",
+    ]
     + ["f if f else f", "lambda: f", "f*True", "f*1e999", "f*1j", "f f", "f; f", "f := 3"]
     + ["hypot(f)", "hypot(*f)", "sin(f, f)", "abs(x=f)", "f.sqrt(f)", "sqrt(2)", "hypot(f, f)(f)"]
     + ["f*1" + "0" * 400, "(" * 300 + "f" + ")" * 300, "-" * 900 + "f" * 200, "__import__('os')"]
