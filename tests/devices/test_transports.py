@@ -24,6 +24,7 @@ from stimlib.devices import (
     byte_markers,
     lsl_markers,
     osc_markers,
+    parallel_markers,
     receiver,
     sender,
     serial_markers,
@@ -158,6 +159,7 @@ def test_the_clock_is_fitted_below_late_calls(drift):
     assert at == pytest.approx(2.0, abs=1e-9) and uncertainty < 1e-9
     few = Clock(8000.0)
     few.add(0, 0)
+    few.add(0, -(10**6))  # of the same block
     assert few.time(8000) == (1.0, 2e-3)
 
 
@@ -261,6 +263,19 @@ def test_a_byte_returns_to_zero_on_a_parallel_port(monkeypatch):
     assert known.asked == [(0x708B, b""), (0x40047090, bytes(4)), (0x708C, b"")]
     at, _ = np.array(known.lines[1:-1]).T
     assert 0.01 <= np.diff(at).min() < 0.02  # the shortest of fifty, whatever the load
+
+
+def test_a_port_that_is_refused_is_closed_again(monkeypatch):
+    held = []
+
+    def busy(port, request, data=b""):
+        held.append(port)
+        raise OSError("it is claimed")
+
+    monkeypatch.setattr(transports, "control", busy)
+    says = f"{os.devnull} cannot be opened: it is claimed"
+    refused(SinkError, says, parallel_markers, os.devnull, {"onset": 1})
+    refused(OSError, "Bad file descriptor", os.fstat, held[0])
 
 
 def test_a_byte_waits_for_the_time_of_its_sample():

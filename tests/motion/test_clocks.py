@@ -83,6 +83,9 @@ def test_a_clock_that_was_set_back_is_told_from_rows_out_of_order():
     for more, says in ((0.025, "say wrap=65536"), (0.035, "if another recording begins here")):
         late = np.append(T[:16], (T[16:] + more) % 65.536e-3) * 1e6  # of half a wrap at most
         refused(RecordingError, says, recording, {"t_us": late, "x": X}, {"x": "x"}, **US)
+        if more < 0.03:
+            r = recording({"t_us": late, "x": X}, {"x": "x"}, wrap=65536, **US)
+            assert r.duration == pytest.approx(T[-1] + more)
     says = "if another recording begins here"
     for other in (T[:200], T[:200] - 64.0):  # or a wrap of milliseconds with 0.7 s lost
         refused(RecordingError, says, recording, table(np.append(T[:200], other)), {"x": "x"})

@@ -82,7 +82,8 @@ def write(path, table):
         case ".npz":
             np.savez(path, **table)
         case ".mat":
-            scipy.io.savemat(path, {**table, "fs": 100.0, "info": {"who": "P01"}, "kind": "press"})
+            others = {"fs": 100.0, "info": {"who": "P01"}, "kind": "press", "emg": np.zeros(5 * N)}
+            scipy.io.savemat(path, {**table, **others})
         case ".xdf":
             pytest.importorskip("pyxdf")
             path.write_bytes(xdf(xdf_of(table, 2**24 + 1), header(2, "Marks", ["m"], "string")))
@@ -181,6 +182,20 @@ def test_numbers_of_all_types_are_those_of_scipy(tmp_path, kind, packed):
         assert np.array_equal(got, wanted if shape[0] == 1 else wanted.T)
 
 
+def test_a_mat_file_of_the_other_byte_order(tmp_path):
+    def element(kind, data):
+        return struct.pack(">2I", kind, len(data)) + data + bytes(-len(data) % 8)
+
+    values = np.array([[1.5, 2.0, -3.0], [4.0, 5.0, 6.0]])
+    parts = (6, struct.pack(">2I", 6, 0)), (5, struct.pack(">2i", 3, 2)), (1, b"x")
+    data = b"".join(element(*part) for part in (*parts, (9, values.astype(">f8").tobytes())))
+    path = tmp_path / "m.mat"
+    path.write_bytes(b"MATLAB 5.0".ljust(124) + b"\1\0MI" + element(14, data))
+    (batch,) = read_table(path).batches()
+    assert np.array_equal(batch.numbers(["x_1", "x_2"]), values)
+    assert np.array_equal(scipy.io.loadmat(path)["x"], values.T)
+
+
 def test_a_small_mat_file_of_much_is_refused_without_unpacking(tmp_path, monkeypatch):
     path = tmp_path / "m.mat"
     scipy.io.savemat(path, {"x": np.zeros((1000, 1000))}, do_compression=True)
@@ -223,6 +238,43 @@ def test_streams_clock_offsets_and_jitter_of_an_xdf_file(tmp_path):
     assert again.info["reports"] == N
     path.write_bytes(xdf(header(1, "Pen", ["", ""]), samples(1, T, np.zeros((N, 2)))))
     assert read_table(path).names[:3] == ("t_s", "channel1", "channel2")
+
+
+@pytest.mark.parametrize(
+    ("form", "kind"),
+    [("double64", "f8"), ("float32", "f4"), ("int64", "i8")]
+    + [("int32", "i4"), ("int16", "i2"), ("int8", "i1")],
+)
+def test_numbers_of_all_types_of_an_xdf_file(tmp_path, form, kind):
+    pytest.importorskip("pyxdf")
+    values = (np.arange(2 * N).reshape(N, 2) % 100).astype(kind)
+    for stamp in (lambda t: struct.pack("<Bd", 8, t), lambda t: b"\0"):
+        rows = b"".join(stamp(t) + v.tobytes() for t, v in zip(T, values, strict=True))
+        part = chunk(3, struct.pack("<IBI", 1, 4, N) + rows)
+        (tmp_path / "a.xdf").write_bytes(xdf(header(1, "A", ["x", "y"], form, rate=100.0), part))
+        (batch,) = read_table(tmp_path / "a.xdf").batches()
+        assert np.array_equal(batch.numbers(["x", "y"]), values.T)
+
+
+def test_samples_that_pyxdf_leaves_out(tmp_path, monkeypatch):
+    """Those beyond the number in the footer are none; others would be missed."""
+    pyxdf = pytest.importorskip("pyxdf")
+    honest, path = pyxdf.load_xdf, tmp_path / "a.xdf"
+
+    def shorter(*given, **words):
+        streams, head = honest(*given, **words)
+        for s in streams:
+            s |= {key: s[key][:190] for key in ("time_stamps", "time_series")}
+        return streams, head
+
+    monkeypatch.setattr(pyxdf, "load_xdf", shorter)
+    for count in (190, 200):
+        footer = f"<info><sample_count>{count}</sample_count></info>".encode()
+        path.write_bytes(xdf(xdf_of(TABLE), chunk(6, struct.pack("<I", 1) + footer)))
+        if count == 190:
+            assert recording(path, {"x": "x"}).info["reports"] == 190
+        else:
+            refused(RecordingError, "pyxdf reads 190 of 200", recording, path, {"x": "x"})
 
 
 def test_without_pyxdf_the_error_says_how_to_install_it(tmp_path, monkeypatch):
