@@ -45,6 +45,7 @@ class Cells:
         found = (number(s) if isinstance(s, str) else float(s) for s in sentinels)
         self._numbers = [value for value in found if value is not None]
         self._day: int | None = None
+        self._timed: bool | None = None  # whether the clock has times of day, as its first row
         self._form: tuple[bool, ...] = ()  # of the times: with a date, with a zone
 
     def note(self) -> list[str]:
@@ -58,10 +59,11 @@ class Cells:
     def numbers(self, batch: Batch, columns: Sequence[str], which: Rows) -> Array:
         """Return the selected cells of a batch as numbers, (columns, selected)."""
         try:
-            if self._form:
+            if self._timed:
                 raise ValueError
             values = batch.numbers(columns)
             values = values if len(which) == values.shape[1] else values[:, which]
+            self._timed = False
         except ValueError:
             values = np.array([self._column(batch, name, which) for name in columns])
         for name, row in zip(columns, values, strict=True):
@@ -81,11 +83,11 @@ class Cells:
     def _column(self, batch: Batch, column: str, which: Rows) -> Array:
         texts = batch.texts(column)
         values = np.empty(len(which))
-        first = texts[which[0]].strip() if column == self._clock else ""
-        timed = bool(self._form) or bool(STAMP.fullmatch(first))
+        if column == self._clock and self._timed is None:
+            self._timed = bool(STAMP.fullmatch(texts[which[0]].strip()))
+        timed_here = bool(self._timed) and column == self._clock
         for k, i in enumerate(which):
             text = texts[i].strip()
-            timed_here = timed and column == self._clock
             value = self._seconds(text) if timed_here else self._table.number(text)
             if text in self._texts or (value is None and text.lower() in WORDS):
                 if self._missing == "refuse":

@@ -16,6 +16,7 @@ import stimlib
 from stimlib.errors import BadValue, RecordingError
 from stimlib.experiments.reader import csv_of
 from stimlib.files import audio
+from stimlib.motion import table as tables
 from stimlib.motion.recorded import recording
 from stimlib.motion.reports import known_in
 from stimlib.motion.table import read_table
@@ -88,6 +89,11 @@ TAKEN = {
     ),
     "lines above tabs": (META + TABS, {"skiprows": 4, "sep": "\t"}, "3 lines above"),
     "lines above spaces": (META + SPACES, {"skiprows": 4, "sep": r"\s+"}, "3 lines above"),
+    "a name and a number above": (
+        "Rate,100\n" + "".join(f"{line.rpartition(',')[0]}\n" for line in PLAIN.split()),
+        {"skiprows": 1},
+        "1 lines above",
+    ),
     "a number sign in the first row": (
         "\n".join(map(",".join, zip(["n", "#1", "2", "3", "4"], PLAIN.split("\n"), strict=False))),
         {},
@@ -195,6 +201,10 @@ REFUSED = {
     "a damaged gzip": (gzip.compress(PLAIN.encode())[:20] + b"????????", "gzip"),
     "UTF-16 without its mark": (PLAIN.encode("utf-16-le"), "not a text file"),
     "bytes of no encoding": (PLAIN.encode() + b"\x81\n", "row 6: neither UTF-8"),
+    "a mark of UTF-8 and other bytes": (
+        b"\xef\xbb\xbf" + MU.encode("cp1252"),
+        "not UTF-8 text, as its first bytes say",
+    ),
     "an open quote": (PLAIN.replace("a\n", '"a\n', 1), "not CSV"),
     "a zip": (b"PK\x03\x04\x14\0\0\0", "not a text file"),
 }
@@ -325,6 +335,7 @@ def test_times_of_day(tmp_path, times, start, says):
         (["12:30:00", "0.5"], {}, "row 3, column t_s: '0.5' is not a time as"),
         (["0.5", "12:30:00"], {}, "row 3, column t_s: .* give times of day as the time"),
         (["12:30:00", "2026-05-01 12:30:01"], {}, "row 3, column t_s"),
+        (["12:30:00Z", "12:30:01"], {}, "row 3, column t_s: '12:30:01' is not a time as"),
         (["2026-02-30 12:30:00"] * 2, {}, "row 2, column t_s: '2026-02-30"),
         (["2026-02-20 24:30:00"] * 2, {}, "row 2, column t_s"),
         (["01/05/2026 12:30:00"] * 2, {}, "row 2, column t_s"),
@@ -337,7 +348,8 @@ def test_times_of_day(tmp_path, times, start, says):
         ),
     ],
 )
-def test_times_of_day_that_are_refused(tmp_path, times, how, says):
+def test_times_of_day_that_are_refused(tmp_path, monkeypatch, times, how, says):
+    monkeypatch.setattr(tables, "PIECE", 16)  # each row is read by itself
     path = tmp_path / "log.csv"
     path.write_text("t_s,x\n" + "".join(f"{t},{i}\n" for i, t in enumerate(times)))
     refused(RecordingError, says, recording, path, {"x": "x"}, **how)

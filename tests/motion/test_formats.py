@@ -142,12 +142,13 @@ def test_matrices_rows_and_other_lengths_of_a_mat_file(tmp_path):
     path = tmp_path / "m.mat"
     xy = np.array([TABLE["x"], TABLE["y"]]).T
     kinds = {"t_s": T[None], "xy": xy, "n": np.arange(N, dtype=np.int16), "z": xy[:, :1] * 1j}
-    scipy.io.savemat(path, {**kinds, "short": xy[1:], "cells": np.array([1, "a"], object)})
+    others = {"cells": np.array([1, "a"], object), "holes": scipy.sparse.csc_array(xy)}
+    scipy.io.savemat(path, {**kinds, "short": xy[1:], **others})
     assert read_table(path).names == ("t_s", "xy_1", "xy_2", "n")
     found = recording(path, {"x": "hypot(xy_1, xy_2)", "n": "n*1e-6"})
     wanted = np.hypot(*xy.T)
     assert found.motion["x"](T - T[0]).tolist() == pytest.approx(wanted, abs=1e-15)
-    assert "variables skipped: z, cells, short_1 (length 199)" in str(found)
+    assert "variables skipped: z, cells, holes, short_1 (length 199)" in str(found)
     why = "column short_1: 199 values, and t_s has 200; save one-dimensional"
     refused(RecordingError, why, recording, path, {"x": "xy_1", "y": "short_1"})
     scipy.io.savemat(path, {"x": xy, "x_2": T})
@@ -198,7 +199,8 @@ def test_a_mat_file_of_the_other_byte_order(tmp_path):
 
 def test_a_small_mat_file_of_much_is_refused_without_unpacking(tmp_path, monkeypatch):
     path = tmp_path / "m.mat"
-    scipy.io.savemat(path, {"x": np.zeros((1000, 1000))}, do_compression=True)
+    most = {"x": np.zeros((75, 1000)), "y": np.zeros((75, 1000))}  # more in sum
+    scipy.io.savemat(path, most, do_compression=True)
     assert path.stat().st_size < 20_000
     monkeypatch.setattr(stimlib.limits, "recording_bytes", 1e6)
     refused(RecordingError, "unpacked bytes", read_table, path)
@@ -236,8 +238,9 @@ def test_streams_clock_offsets_and_jitter_of_an_xdf_file(tmp_path):
     packed.write_bytes(gzip.compress(path.read_bytes()))
     again = recording(packed, {"x": "'Pen.x'"})
     assert again.info["reports"] == N
-    path.write_bytes(xdf(header(1, "Pen", ["", ""]), samples(1, T, np.zeros((N, 2)))))
-    assert read_table(path).names[:3] == ("t_s", "channel1", "channel2")
+    for labels in (["", ""], ["t_s", "x"]):
+        path.write_bytes(xdf(header(1, "Pen", labels), samples(1, T, np.zeros((N, 2)))))
+        assert read_table(path).names[:3] == ("t_s", "channel1", "channel2")
 
 
 @pytest.mark.parametrize(

@@ -90,6 +90,9 @@ def test_decimal_commas_of_a_spreadsheet(path):
     assert r.info["read"] == ["decimal commas"]
     where = {"x (mm)": "1,50"}  # the row that has this number
     refused(RecordingError, "one report", recording, path, {"x": "'x (mm)'"}, where=where)
+    path.write_text("t_s\tx\n0,000\t0,125\n0,010\t0,250\n")  # no thousand begins with 0
+    found = recording(path, {"x": "x"}, max_speed=None).motion["x"]
+    assert found([0.0, 0.01]).tolist() == [0.125, 0.25]
 
 
 @pytest.mark.parametrize(
