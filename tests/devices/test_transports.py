@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from itertools import count
 
 import numpy as np
@@ -18,6 +19,7 @@ from refusals import refused
 
 from stimlib import BadValue, Input, MotionError, Scene, SinkError, UnknownName, constant
 from stimlib.blocks import burst, every
+from stimlib.cli.motions import streamed
 from stimlib.devices import (
     NullSink,
     Stream,
@@ -354,6 +356,21 @@ def test_play_follows_the_rows_of_a_tracker_within_limits_and_replays(tmp_path):
     assert "outside its limits" in said
     assert {0.01, 0.02} <= set(np.fromfile(log / "motion.f64")) <= {0.0, 0.01, 0.02}
     ran(["replay", log])
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "scale"),
+    [
+        ("1", 1, {}),
+        ("tip_x*1e-3", "tip_x", {"x": 1e-3}),
+        ("'Tip (mm)' * -2", "Tip (mm)", {"x": -2}),
+    ],
+)
+def test_a_number_of_a_row_is_one_by_its_place_or_label(text, column, scale):
+    options = partial(int, map_=[f"x={text}"])
+    made = streamed(udp_motion, SPRING, options, {"x": (-0.1, 0.1)}, "stop")
+    assert (made.columns, made.scale, made.silence) == ({"x": column}, scale, "stop")
+    assert made.limits == {"x": (-0.1, 0.1)}
 
 
 @pytest.mark.parametrize(

@@ -115,7 +115,7 @@ TAKEN = {
         "units in row 6",
     ),
     "blank lines": (PLAIN.replace("\n", "\n\n"), {}, "4 blank lines skipped, the first in row 2"),
-    "blank lines at the end": (PLAIN + "\n  \n\n", {}, ""),
+    "blank lines at the end": (PLAIN + "\n  \n\n", {}, "^$"),
     "blank lines above": ("\n\n" + PLAIN, {}, ""),
     "blank lines with tabs": (TABS.replace("0.02", "\n0.02"), {"sep": "\t"}, "first in row 4"),
     "rows end with a separator": (

@@ -235,6 +235,12 @@ READ = {  # a table, how it is read; times, the positions and contact at them, a
         {0.19: (19, 1), 2.19: (70, 1)},
         {"jumps": []},
     ),
+    "a text of half a character": (
+        {"t_s": [0, 0.01], "x": [1, 2], "note": ["\ud800", ""]},
+        {},
+        {0.0: (1, 1), 0.01: (2, 1)},
+        {},
+    ),
     "contact may be ignored": (
         LIFT,
         {"contact": False},
