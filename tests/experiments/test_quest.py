@@ -142,8 +142,9 @@ def test_it_ends_as_soon_as_all_are_known_precisely_and_not_before():
         refused(BadValue, f"all {n} trials are done", PRECISE.update, state, answer)
     assert len(set(lengths)) > 2 and 20 <= min(lengths) < 90
     assert trials_of(PRECISE) is None and trials_of(dc.replace(PRECISE, precision={})) == 90
-    least = dc.replace(PRECISE, precision={"mean": 9.0, "deviation": 9.0}, min_trials=7)
-    assert len(list(observed(least, 1, observer, stream(1, "observer")))) == 7
+    for given, n in (({}, 20), ({"min_trials": 7}, 7)):
+        least = dc.replace(PRECISE, precision={"mean": 9.0, "deviation": 9.0}, **given)
+        assert len(list(observed(least, 1, observer, stream(1, "observer")))) == n
 
 
 @pytest.mark.parametrize("left_at", [5, 21])
