@@ -355,6 +355,7 @@ def test_play_follows_the_rows_of_a_tracker_within_limits_and_replays(tmp_path):
     sends.join()
     assert "outside its limits" in said
     assert {0.01, 0.02} <= set(np.fromfile(log / "motion.f64")) <= {0.0, 0.01, 0.02}
+    assert read_log(log).seed == 0
     ran(["replay", log])
 
 

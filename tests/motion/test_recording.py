@@ -720,6 +720,7 @@ BAD_MEMORY = [  # columns in memory, beside or instead of good ones, and how the
     ({}, {"contact": "contact"}, "contact needs column contact"),
     ({}, {"contact": True}, "contact needs column contact"),
     (gap(0.15), {}, r"row 20: a gap of 0.15 s .*on_change.* max_gap=0.16"),
+    ({"t_s": 1.1e12 + np.arange(50)}, {}, r"row 0, column t_s: time 1.1e\+12 s; check the unit"),
     (gap(0.15, **OFF), {}, "row 20: a gap .* or max_gap=0.16 to join it"),
     (gap(0.15) | {"t_s": 2 * gap(0.15)["t_s"]}, {}, "longer than 0.2 s"),  # 10 periods
     (jumping(100), {"columns": {"x": "x*1e3"}}, "row 1: x moves at 100 m/s, .* 398 others"),
