@@ -340,7 +340,10 @@ def test_times_of_day(tmp_path, times, start, says):
         (["2026-02-20 24:30:00"] * 2, {}, "row 2, column t_s"),
         (["01/05/2026 12:30:00"] * 2, {}, "row 2, column t_s"),
         (["12:30:00 PM"] * 2, {}, "row 2, column t_s"),
-        (["12:30:00", "12:30:01"], {"time": "t_s*1e-3"}, "give times of day as the time, without"),
+        *(
+            (["12:30:00", "12:30:01"], {"time": time}, "give times of day as the time, without")
+            for time in ("t_s*1e-3", "t_s - 5")
+        ),
         (
             ["23:59:59.98", "23:59:59.99", "0:00:00.00"],
             {},
@@ -353,6 +356,12 @@ def test_times_of_day_that_are_refused(tmp_path, monkeypatch, times, how, says):
     path = tmp_path / "log.csv"
     path.write_text("t_s,x\n" + "".join(f"{t},{i}\n" for i, t in enumerate(times)))
     refused(RecordingError, says, recording, path, {"x": "x"}, **how)
+
+
+def test_names_that_are_no_expressions_are_found(tmp_path):
+    (tmp_path / "a.csv").write_text("Tracker 3.1,left\nTime (s),Force (N)\n0,1\n0.01,2\n")
+    found = recording(tmp_path / "a.csv", {"x": "Force (N)"}, time="Time (s)", max_speed=None)
+    assert found.motion["x"]([0.0, 0.01]).tolist() == [1.0, 2.0]
 
 
 @pytest.mark.parametrize("ends", [("", "", ""), ("\t\t", "", ""), ("\t\t", "\t", "\t")])

@@ -430,6 +430,7 @@ def test_equal_times_are_spread_or_one_report(csv, how, stamps, x, reports, lift
             (every(period), {"max_speed": None}, says)
             for period, says in ((0.9e-7, "no clock gives"), (0.51, "slow for a hand"))
         ),
+        (every(0.51), {"max_gap": 0.5}, "slow for a hand"),
         (NAMED, {"time": "'Time (s)'*2"}, r"time=\"\('Time \(s\)'\*2\)\*1e-3\""),
     ],
 )
