@@ -265,6 +265,13 @@ def test_a_byte_returns_to_zero_on_a_parallel_port(monkeypatch):
     assert known.asked == [(0x708B, b""), (0x40047090, bytes(4)), (0x708C, b"")]
     at, _ = np.array(known.lines[1:-1]).T
     assert 0.01 <= np.diff(at).min() < 0.02  # the shortest of fifty, whatever the load
+    with line() as (here, port):
+        usual = Port(monkeypatch, port)
+        with sender(f"parallel:{port}:onset=7") as send:  # for 5 ms
+            for k in range(9):
+                send(Marker("onset", 1.0, k, 0.0, 0.0))
+    assert 0.005 <= np.diff([at for at, _ in usual.lines[1:-1]]).min() < 0.01
+    assert transports.DATA == 0x40017086  # as <linux/ppdev.h> has it
 
 
 def test_a_port_that_is_refused_is_closed_again(monkeypatch):

@@ -91,7 +91,7 @@ def test_decimal_commas_of_a_spreadsheet(path):
     where = {"x (mm)": "1,50"}  # the row that has this number
     refused(RecordingError, "one report", recording, path, {"x": "'x (mm)'"}, where=where)
     # no thousand begins with 0, and none has a comma between semicolons
-    for text in ("t_s\tx\n0,000\t0,125\n0,010\t2,5\n", 't_s;x\n0,000;"1,125"\n0,010;2,500\n'):
+    for text in ("t_s\tx\n0,000\t0,125\n0,010\t0,500\n", 't_s;x\n0,000;"1,125"\n0,010;2,500\n'):
         path.write_text(text)
         found = recording(path, {"x": "x"}, max_speed=None).motion["x"]
         assert found([0.0, 0.01]) % 1.0 == pytest.approx([0.125, 0.5])
