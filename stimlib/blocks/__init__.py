@@ -19,7 +19,7 @@ from .fir_filters import differentiator, fir, moving_average
 from .fractional import equal_force, springpot, springpot_stiffness
 from .friction import friction, stick_slip
 from .impedance import first_order, hysteresis, kelvin_voigt, loading, spring, velocity
-from .integrals import integrate
+from .integrals import energy, integrate
 from .noise import coloured_noise, pink_noise, pinking, white_noise
 from .oscillators import carrier, oscillator, pulse_train
 from .resonance import amplifier, mode, mode_shape, notch, pole_swap, resonator, svf
@@ -69,6 +69,7 @@ __all__ = [
     "differentiator",
     "elapsed",
     "enabled",
+    "energy",
     "envelope",
     "envelope_follower",
     "equal_force",

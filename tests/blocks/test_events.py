@@ -267,3 +267,15 @@ REFUSED = [
 @pytest.mark.parametrize("given", REFUSED, ids=lambda given: given[1])
 def test_what_makes_no_sense_is_refused(given):
     refuses(*given)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.3])
+def test_energy_is_that_of_a_held_force(start):
+    """Of a force that no motion makes, too, which began before sample 0."""
+    x = Input("x", "m")
+    force = b.spring(x, 50.0) + stimlib.constant(2.0, "N") * b.white_noise(3)
+    scene = Scene({"f": force, "w": b.energy(force, x)})
+    way = start + 0.01 * np.random.default_rng(1).standard_normal((1, 500))
+    f, w = stimlib.compile(scene, 1000.0).process(way)
+    want = np.cumsum(np.r_[0.0, f[:-1]] * np.r_[0.0, np.diff(way[0])])
+    np.testing.assert_allclose(w, want, atol=1e-13)
