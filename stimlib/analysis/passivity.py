@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..core.graph import Input, named
 from ..core.response import backward, response
 from ..core.units import unit
 from ..errors import Above0, BadValue, From0, SceneError, public
@@ -125,7 +126,7 @@ def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], flo
     """
     found = {}
     for output, y in proc.scene.outputs.items():
-        for name, x in proc.scene.inputs.items():
+        for name, x in named([y], Input).items():
             if y.dim * x.dim != unit("J"):
                 continue
 

@@ -19,7 +19,7 @@ from .local import blocks_held
 from .noise import generator, noise
 from .report import Report
 from .scenes import scene_law
-from .verification import limits_kept, linear_blocks, same_samples, say_felt
+from .verification import limits_kept, linear_blocks, same_samples, say_energy, say_felt
 
 
 @public
@@ -76,6 +76,7 @@ def verify_log(
         checks += scene_law(law)
     checks += [*limits_kept(e), *blocks_held(e)]
     say_felt(e)
+    say_energy(e)
     e.skipped += log.notes
     rows = (*(event.data for event in log.events if event.kind == "rows"), log.report or {})
     last = {"silent": "", "rejected": {}} | {k: v for data in rows for k, v in data.items()}

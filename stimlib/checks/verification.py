@@ -15,9 +15,11 @@ from typing import Any, overload
 
 import numpy as np
 
+from ..analysis.passivity import damping_of
 from ..analysis.thresholds import CHANNELS, device_of, sensation_level
-from ..core.graph import Block, Const, Input, pack, signals, type_name
+from ..core.graph import Block, Const, Input, named, pack, signals, type_name
 from ..core.scene import Scene
+from ..core.units import unit
 from ..errors import BadValue, public, shown
 from ..files.audio import Stored
 from ..files.formats import stored
@@ -149,6 +151,7 @@ def verify(
     groups = linear_blocks, same_samples, generator, noise, scene_law, limits_kept, blocks_held
     checks = [*stated(e, params, seed), *(check for group in groups for check in group(e))]
     say_felt(e)
+    say_energy(e)
     return Report(checks, e)
 
 
@@ -399,3 +402,19 @@ def say_felt(e: Evidence) -> None:
             lost = sensation_level(shown_ - y, e.fs, **device).level
             text += f"; {e.sidecar['subtype']} changes it by {lost:.1f} dB SL"
         e.numbers.append(text)
+
+
+def say_energy(e: Evidence) -> None:
+    """Add a line to the report for each force over a position: the energy it gave."""
+    needed, motion = damping_of(e.proc), dict(zip(e.proc.inputs, e.x, strict=True))
+    for (output, force), y in zip(e.scene.outputs.items(), e.y, strict=True):
+        for name, over in named([force], Input).items():
+            if force.dim * over.dim != unit("J") or name not in motion:
+                continue
+            work = np.cumsum(y[:-1] * np.diff(motion[name]))  # the device holds each sample
+            given = 1e3 * max(0.0, -work.min(initial=0.0))
+            text = f"{output} over {name}: gave at most {given:.3g} mJ more than it had got"
+            if (output, name) in needed:
+                per = force.dim * unit("s") / over.dim
+                text += f"; passive in a device with {needed[output, name]:.3g} {per}, undelayed"
+            e.numbers.append(text)

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib import BadValue, Input, Scene
+from stimlib.analysis import passivity
 from stimlib.analysis.passivity import damping_of, needed_damping
 from stimlib.blocks import (
     button,
@@ -20,6 +21,7 @@ from stimlib.blocks import (
     force_limit,
     friction,
     kelvin_voigt,
+    spring,
     stick_slip,
     wall,
     white_noise,
@@ -144,3 +146,40 @@ def test_a_response_that_is_not_finite_is_refused():
 
     refused(BadValue, "not finite at 500 Hz", needed_damping, response, 1000.0)
     assert needed_damping(lambda f: np.full(f.shape, -K + 0j), 8000) == 0.0
+
+
+def test_a_report_has_the_energy_of_each_force_over_its_own_position():
+    """And the damping of a torque in its own unit; a force of no motion has none."""
+    x, y, angle = Input("x", "m"), Input("y", "m"), Input("angle")
+    scene = Scene(
+        {
+            "force": spring(x, 1000.0),
+            "torque": stimlib.constant(2.0, "N*m") * angle,
+            "level": 2.0 * y,
+            "tone": stimlib.constant(1.0, "N") * stimlib.blocks.oscillator(50.0),
+        }
+    )
+    still = np.full(1000, 0.1)
+    motion = {"x": stimlib.motion.minimum_jerk(), "y": still, "angle": still}
+    made = stimlib.render(scene, motion, fs=1000, seconds=1.0)
+    t = np.arange(1000) / 1000
+    place = motion["x"](t)
+    given = -1e3 * np.cumsum(made["force"][:-1] * np.diff(place)).min()
+    told = stimlib.verify(scene, motion, made).evidence.numbers
+    assert told == [
+        f"force over x: gave at most {given:.3g} mJ more than it had got;"
+        " passive in a device with 0.5 N·s/m, undelayed",
+        "torque over angle: gave at most 0 mJ more than it had got;"
+        " passive in a device with 0.001 kg·m²·s⁻¹, undelayed",
+    ]
+
+
+def test_the_damping_of_many_outputs_asks_each_for_its_own_inputs(monkeypatch):
+    """With 64 fingers all pairs of them took 6 s."""
+    asked = []
+    monkeypatch.setattr(
+        passivity, "response", lambda *given, **_: asked.append(given[4:6]) or np.ones(1)
+    )
+    scene = Scene({f"f{k}": spring(Input(f"x{k}", "m"), 10.0) for k in range(5)})
+    damping_of(stimlib.compile(scene, 1000.0, "python"))
+    assert asked == [(f"f{k}", f"x{k}") for k in range(5)]
