@@ -98,11 +98,11 @@ def test_a_motion_in_real_time_begins_with_its_newest():
     scene = Scene({"y": 1.0 * Input("x")})
     with begun_at(NullSink(scene, 1.0, motion=Live(), realtime=False), 0.5) as sink:
         for k in range(1, 5000):  # more than the ring holds, were it not emptied
-            sink.push([[k * 1e-4]])
+            sink.push(np.full((1, 40), k * 1e-4))
             time.sleep(1e-4 if k % 10 else 2e-3)
             if sink.pump.index:
                 break
-        assert sink.pump.held()[0] == pytest.approx(k * 1e-4, abs=0.05)
+        assert sink.pump.held()[0] == pytest.approx(k * 1e-4, abs=0.01)
         assert sink.report().skipped < 1000
 
 
