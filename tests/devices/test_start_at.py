@@ -12,6 +12,7 @@ from refusals import refused
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError
 from stimlib.devices import JackSink, Live, NullSink, PortAudioSink
+from stimlib.devices.markers import behind
 
 FS = 8000
 STEADY = Scene({"y": stimlib.constant(1.0)})
@@ -141,6 +142,18 @@ def test_any_clock_gives_the_time():
             sink.start(0.05, at=at, clock=clock)
             sink.wait()
             assert sink._at - time.monotonic() == pytest.approx(at - clock(), abs=2e-3)
+
+
+def test_a_clock_is_read_in_the_middle_of_its_shortest_call():
+    calls = []
+
+    def slow():
+        calls.append(time.sleep(0.01 + 0.1 * (not calls)))
+        now = time.monotonic()
+        time.sleep(0.01)
+        return now - 7.0
+
+    assert behind(slow) == pytest.approx(7.0, abs=5e-3)
 
 
 def begun_at(sink, ahead, seconds=None):
