@@ -87,6 +87,8 @@ def test_a_wave_begins_at_its_onset_with_its_phase(wave):
             wanted = np.r_[np.zeros(first), plain][:400]
             assert (played(late, np.zeros(400)) == wanted).all()
             lawful(late, 1000, x=np.zeros(400))
+    at_once = [Scene({"y": made(157.3)}) for made in (b.oscillator, b.carrier)]
+    assert at_once[0] == at_once[1]  # without an onset there is no segment
     y, t = played(b.oscillator(157.3, onset=0.05), 400), np.arange(400) / 1000 - 0.05
     np.testing.assert_allclose(y, (t >= 0) * np.sin(2 * np.pi * 157.3 * t), atol=1e-12)
 

@@ -422,3 +422,4 @@ def test_other_signs_of_tables_are_refused():
     for words in ({"separator": "::"}, {"separator": ""}, {"decimal": ";"}, {"decimal": ","}):
         refused(BadValue, "separate columns by , ; | or tab, and", csv_of, {"a": [1.5]}, **words)
     assert csv_of({"a": [1.5, "1.5", None, True, 2]}, ";", ",") == 'a\n1,5\n1.5\n""\nTrue\n2\n'
+    assert csv_of({"a": [np.float32(2.5), "b\rc\r\n"]}, ";", ",") == 'a\n2,5\n"b\nc\n"\n'
