@@ -1,5 +1,6 @@
 """Markers out and motion in, over loopback: real sockets, a pseudo terminal, LSL."""
 
+import importlib
 import json
 import math
 import os
@@ -379,6 +380,14 @@ def test_a_number_of_a_row_is_one_by_its_place_or_label(text, column, scale):
     made = streamed(udp_motion, SPRING, options, {"x": (-0.1, 0.1)}, "stop")
     assert (made.columns, made.scale, made.silence) == ({"x": column}, scale, "stop")
     assert made.limits == {"x": (-0.1, 0.1)}
+
+
+def test_play_does_in_silence_what_is_said(monkeypatch):
+    module, given = importlib.import_module("stimlib.cli.play"), []
+    monkeypatch.setattr(module, "streamed", lambda *a: given.append(a) or {"x": np.zeros(800)})
+    words = "play wall --full-scale 9 --fast --seconds 0.1 --stream udp:0 --map x=0"
+    ran(f"{words} --silence hold --limit x=-1:1")
+    assert given[0][3:] == ({"x": (-1.0, 1.0)}, "hold")
 
 
 @pytest.mark.parametrize(

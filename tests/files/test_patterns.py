@@ -196,13 +196,15 @@ def test_what_of_a_file_has_no_effect_is_noted(tmp_path):
     odd = happens(**PARAMETERS, _for=1.0)
     odd["Event"]["Loudness"], odd["Note"] = 1.0, None
     steps = curved(INTENSITY, (0.0, 1.0), (2.5, 0.5)), step("HapticSharpnessControl", 1.0009, 0)
-    path = ahap(tmp_path, odd, tap(0.5, 1.0), odd, *steps, {"Event": SOUND})
+    hum = SOUND | {"EventType": "AudioContinuous", "EventDuration": 9.0}
+    path = ahap(tmp_path, odd, tap(0.5, 1.0), odd, *steps, {"Event": SOUND}, {"Event": hum})
     made = read_pattern(path, skip_sound=True)
     no_field = "is no field of this format and was ignored"
     assert made.notes == [
         f"$.Pattern[..].Event.Loudness {no_field} (2 x)",
         f"$.Pattern[..].Note {no_field} (2 x)",
         "$.Pattern[5].Event is sound (AudioCustom) and was skipped",
+        "$.Pattern[6].Event is sound (AudioContinuous) and was skipped",
         "$.Pattern[3] goes on to 2.5 s, and the vibration ends at 1 s",
     ]
     del odd["Event"]["Loudness"], odd["Note"]
