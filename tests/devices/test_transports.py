@@ -398,6 +398,7 @@ def test_play_does_in_silence_what_is_said(monkeypatch):
         ("wall --stream udp:0 --map x=0 --map z=1", "no input z"),
         ("wall --stream udp:0 --map x=0 --limit x=3", "--limit x=3: write NAME=LOW:HIGH"),
         ("wall --stream udp:0 --motion sinusoid(1,1)", "leave out --motion"),
+        ("wall --stream udp:0 --map x=0 --where trial=1", "leave out --motion and --where"),
         ("tone --stream udp:0", "no input: leave it out"),
         ("a.wav --stream udp:0", "leave out --stream"),
         ("wall --silence hold", "are for --stream"),
