@@ -11,7 +11,7 @@ from .expression import Expression, Linear
 from .rows import Array, Rows
 from .table import TableFile
 
-COUNTS = 2.0**16, 2.0**32  # at which counters begin again
+COUNTS = 2.0**16, 2.0**24, 2.0**32  # at which counters begin again
 UNITS = 1e-6, 1e-3  # s, of such counts
 NEAR = 50  # median periods between the last report before a wrap and the first after it
 MOST_DRIFT = 0.01  # two clocks differ by less, or the unit of one is wrong
@@ -30,7 +30,13 @@ def unwrapped(
     if np.ptp(t) > size * (1 + 1e-12):
         problem = f"the counts span {np.ptp(t) / clock.scale:.12g}, more than wrap = {wrap:.12g}"
         raise table.error(problem, "correct wrap", rows[np.argmax(t)], clock.column)
-    again = np.diff(t) < -size / 2
+    steps = np.diff(t)
+    period = float(np.median(np.abs(steps))) if len(steps) else 0.0
+    for i in np.flatnonzero(steps >= size - min(NEAR * period, size / 8)):
+        problem = f"the clock goes on by {steps[i]:.9g} s, almost the {size:.9g} s of a wrap, as"
+        problem += " for a row from before the wrap that comes too late"
+        raise table.error(problem, "put the rows into the order of time", rows[i + 1], clock.column)
+    again = steps < -size / 2
     return t + size * np.append(0, np.cumsum(again)), int(again.sum())
 
 
@@ -84,6 +90,8 @@ def evened(table: TableFile, t: Array, rate: float, rows: Rows) -> tuple[Array, 
     """
     steps = np.diff(t)
     back = np.flatnonzero(steps < 0)
+    if 2 * len(back) > len(steps):
+        raise table.error("time goes back in most rows", "reverse them, or use another column")
     set_back = [(int(rows[i + 1]), float(steps[i])) for i in back]
     t = t + np.append(0, np.cumsum(np.where(steps < 0, 1 / rate - steps, 0.0)))
     first = np.append(0, 1 + np.flatnonzero(np.diff(t) > np.maximum(LOST[0] / rate, LOST[1])))

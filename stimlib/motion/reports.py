@@ -91,6 +91,8 @@ def series(
             "there are names of columns and no rows", "give a file with at least two rows"
         )
     known = ~np.isnan(t) if not second else ~np.isnan(t + x[0])
+    if not known.any():
+        raise table.error("no row has a time", "use another column")
     notes = [*table.notes(), *cells.note()]
     if not known.all():
         notes.append(f"{np.count_nonzero(~known)} rows without a time left out")
@@ -107,14 +109,13 @@ def series(
     if missing != "refuse":
         touch = _touch_known(touch, missing)
         shared(t, x)
-    start = float(t[0]) if len(t) else 0.0
+    start = float(t[0])
     t -= start
     found = Reports(tuple(wanted), t, x, touch == 1, rows, flag, 0, start, tuple(notes), facts)
     found = _repeats(table, found, repeats)
     if len(found.t) < 2:
-        where_ = rows[0] if len(rows) else None
         raise table.error(
-            "one report is not a motion", "give at least two rows with rising time", where_
+            "one report is not a motion", "give at least two rows with rising time", rows[0]
         )
     if not found.contact.any():
         raise table.error(
@@ -150,12 +151,14 @@ def known_in(texts: Iterable[str]) -> Known:
 def _find(table: TableFile, column: str, what: str) -> str:
     """Return the table's column with a given name.
 
-    Names are compared in NFKC form, as in Python, where the two Unicode micro signs are
-    equal. The sign before the first name in a comment is left out.
+    Where no name is the same, they are compared in NFKC form, as in Python, where the
+    two Unicode micro signs are equal, and so are x² and x2.
+    The sign before the first name in a comment is left out.
     """
     names = table.names
-    same = [name for name in names if column in (name, unicodedata.normalize("NFKC", name))]
-    if len(same) > 1 and len({*same}) == 1:
+    alike = [name for name in names if unicodedata.normalize("NFKC", name) == column]
+    same = [name for name in names if name == column] or alike
+    if len(same) > 1:
         problem = f"{len(same)} columns have this name, and {what} needs one"
         raise table.error(problem, "rename all but one", None, column)
     if same or column.lstrip("#% ") in names:

@@ -39,8 +39,8 @@ def test_a_row_that_comes_too_late_in_a_short_recording_is_no_wrap():
 
 @pytest.mark.parametrize(
     ("size", "unit"),
-    [(2**32, 1e-6), (2**16, 1e-6), (2**32, 1e-3), (2**16, 1e-3), (65.536, 1)]
-    + [(2**24, 1e-6), (0.5, 1)],
+    [(n, unit) for n in (2**16, 2**24, 2**32) for unit in (1e-6, 1e-3)]
+    + [(65.536, 1), (10**7, 1e-6), (0.5, 1)],
 )
 def test_a_clock_that_wraps_is_recognised_and_unwrapped(size, unit):
     step = 0.004 / unit if unit > 1e-6 or size > 2**16 else 40
@@ -49,7 +49,7 @@ def test_a_clock_that_wraps_is_recognised_and_unwrapped(size, unit):
     counts = counts if unit == 1 else np.round(counts)
     wrapped = {"t": counts % size, "x": X}
     how = {"time": f"t*{unit}", "max_speed": None}
-    says = rf"say wrap={size:.12g}$" if size > 1 and size != 2**24 else "if the clock was set back"
+    says = rf"say wrap={size:.12g}$" if size not in (10**7, 0.5) else "if the clock was set back"
     refused(RecordingError, says, recording, wrapped, {"x": "x"}, **how)
     r = recording(wrapped, {"x": "x"}, wrap=size, **how)
     assert r.info["clock"] == {"wraps": int(counts[-1] // size)} and "wraps of the clock" in str(r)
@@ -67,6 +67,16 @@ def test_a_clock_that_wraps_is_recognised_and_unwrapped(size, unit):
 )
 def test_a_wrap_that_is_none_is_refused(t, how, says):
     refused(RecordingError, says, recording, {"t_us": t, "x": X}, {"x": "x"}, **US, **how)
+
+
+@pytest.mark.parametrize("late", [[4, 3, 5], [2, 4, 3, 5], [1, 2, 4, 5, 3, 6]])
+@pytest.mark.parametrize("reports", ["always", "on_change"])
+def test_a_row_from_before_the_wrap_that_comes_too_late_is_refused(late, reports):
+    """Of 4 rows before the wrap; it was taken for two wraps, 65 s apart."""
+    order = [*late, *range(max(late) + 1, 400)]
+    given = {"ms": (65496 + 10 * np.array(order)) % 65536, "x": np.zeros(len(order))}
+    how = {"time": "ms*1e-3", "wrap": 65536, "reports": reports}
+    refused(RecordingError, "that comes too late", recording, given, {"x": "x"}, **how)
 
 
 # -- steps back
@@ -154,10 +164,14 @@ def test_a_second_clock_gives_the_times_and_the_first_the_rate():
         ({"clock": "same"}, "row 0: clock has one time"),
         ({"clock": "-us*1e-6"}, "time goes back"),
         ({"clock": "none"}, "clock needs column none"),
+        ({"time": "back", "rate": 250.0}, "time goes back in most rows; reverse them"),
+        ({"time": "lost", "missing": "gap", "rate": 250.0}, "no row has a time; use another"),
+        ({"time": "lost", "missing": "gap", "wrap": 9.0}, "no row has a time"),
+        ({"time": "lost", "missing": "gap", "clock": "t_s"}, "no row has a time"),
     ],
 )
 def test_clocks_that_are_refused(how, says):
-    given = table(T, us=T * 1e6, same=np.ones(400))
+    given = table(T, us=T * 1e6, same=np.ones(400), back=-T, lost=T * np.nan)
     refused(RecordingError, says, recording, given, {"x": "x"}, **how)
 
 
