@@ -339,12 +339,16 @@ def _are_units(fields: Sequence[str]) -> bool:
 def decimal_sign(data: bytes, start: int, separator: str) -> str:
     """Return the decimal sign of a table: a comma if a cell shows that it is one.
 
-    A cell such as 1,234 shows it only between semicolons.
+    A cell such as 1,234 shows it only between semicolons, and if no cell has a point.
     """
     if separator == "," or b"," not in data:
         return "."
     mark = re.escape(separator)
     cell = rf'(?:^|\r|{mark})[ "]*([+-]?\d*,\d+(?:e[+-]?\d+)?)[ "]*(?=[\r\n]|$|{mark})'
-    found = re.compile(cell.encode(), re.M | re.I).finditer(data, start)
-    shown = (c for c in found if separator == ";" or not THOUSANDS.fullmatch(c[1].decode()))
-    return "," if next(shown, None) else "."
+    forms = (cell, cell.replace(",", r"\."))
+    commas, points = (re.compile(form.encode(), re.M | re.I) for form in forms)
+    found = commas.finditer(data, start)
+    if any(not THOUSANDS.fullmatch(c[1].decode()) for c in found):
+        return ","
+    shown = separator == ";" and commas.search(data, start) and not points.search(data, start)
+    return "," if shown else "."

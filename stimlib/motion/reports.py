@@ -84,7 +84,7 @@ def series(
     flag = _contact_column(table, contact)
     chosen = _selected(table, where) if where else None
     alone = isinstance(time, Linear) and (time.scale, time.offset) == (1.0, 0.0)
-    cells = Cells(table, time.columns[0] if alone else "", missing, sentinels)
+    cells = Cells(table, time.columns[0] if alone else "", missing, sentinels, flag)
     t, x, touch, rows = _converted(table, [time, *second, *wanted.values()], flag, chosen, cells)
     if not len(t):
         raise table.error(

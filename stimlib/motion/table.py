@@ -267,6 +267,8 @@ def _read_text(file: str, digest: str, data: bytes, known: Known) -> TableFile:
     data, notes = text_of(file, data)
     if not data.strip():
         raise table_error(file, "the file is empty", EMPTY)
+    if not data.endswith((b"\n", b"\r")):
+        notes.append("the last line has no end: it may be cut off")
     most = 1 + sum(_ends(data[at : at + PIECE]) for at in range(0, len(data), PIECE))
     limits.check("recording_rows", most, f"{file}: rows", RecordingError)
     found = layout_of(file, data, known)
@@ -454,6 +456,13 @@ def _exact(
                 continue
             ended = len(blank)
             _check_fields(form, fields, last)
+            if last > first and any(
+                is_row(line, form.separator, len(form.names))
+                for cell in fields
+                for line in cell.splitlines()[1:]
+            ):
+                problem = f"a quote that is opened in row {first} has rows of the table in it"
+                raise table_error(form.file, problem, "close or remove the quote", last)
             cells.append(fields)
             rows.append(last)
             if len(rows) == BATCH:

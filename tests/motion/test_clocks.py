@@ -328,6 +328,27 @@ def test_what_a_missing_number_is_not(tmp_path):
     )
 
 
+def test_sentinels_in_single_precision_and_of_decimal_commas_are_found(tmp_path):
+    single = np.where(T == T[7], -9.9, 0.5).astype(np.float32)
+    path = tmp_path / "log.csv"
+    path.write_text("t_s;x\n" + "".join(f"0,{i};{-9 if i == 7 else 1},9\n" for i in range(1, 10)))
+    for given, sentinel in ((table(T, single), -9.9), (path, "-9,9"), (path, -9.9)):
+        r = recording(given, {"x": "x"}, missing="hold", sentinels=(sentinel,), max_gap=1)
+        assert "x: 1 missing numbers" in str(r)
+    r = recording(table(T, X * 0), {"x": "x"}, missing="hold", sentinels=(1e-60, -1e300))
+    assert "missing" not in str(r)
+
+
+@pytest.mark.parametrize("sentinel", [0, "0"])
+@pytest.mark.parametrize("texts", [False, True])
+def test_no_contact_is_not_a_missing_contact(sentinel, texts):
+    touch = np.array([1, 1, 0, 1])
+    given = {"t_s": [1.0, 1.1, 1.2, 1.3], "x": [1, "" if texts else 0, 2, 3], "contact": touch}
+    given = {name: [str(v) for v in values] for name, values in given.items()} if texts else given
+    r = recording(given, {"x": "x"}, missing="hold", sentinels=(sentinel,), max_speed=None)
+    assert r.info["lifts"] == [(2, pytest.approx(0.2))]
+
+
 # -- columns combined
 
 

@@ -42,7 +42,7 @@ TAKEN = {
     "commas and tabs": (PLAIN.replace(",", ",\t"), {"sep": ",\t", "engine": "python"}, ""),
     "CRLF": (PLAIN.replace("\n", "\r\n"), {}, ""),
     "CR": (PLAIN.replace("\n", "\r"), {}, ""),
-    "no end of the last line": (PLAIN.rstrip(), {}, ""),
+    "no end of the last line": (PLAIN.rstrip(), {}, "the last line has no end: it may be cut off"),
     "quotes": (PLAIN.replace("t_s", '"t_s"').replace("a\n", '"a"\n'), {}, ""),
     "quoted numbers": (PLAIN.replace("-2.5", '"-2.5"'), {}, ""),
     "ends of lines in quotes": (QUOTED, {}, ""),
@@ -175,6 +175,14 @@ REFUSED = {
         "row 3, column x: '1.500'",
     ),
     "thousands between tabs": ("t_s\tx\n0\t1,234\n1\t2,345\n", "row 2, column x: '1,234'"),
+    "thousands beside points": (
+        "t_s;x\n0.00;998\n0.01;1,000\n",
+        "row 3, column x: '1,000' is not",
+    ),
+    "rows in a quote": (
+        PLAIN.replace("a\n", '"a\n', 1).replace("b\n", 'b"\n', 1),
+        "opened in row 2",
+    ),
     "thousands between semicolons": (EUROPE.replace("1,0", "1.234"), "row 2, column x: '1.234'"),
     "thousands between semicolons, both": (EUROPE.replace("1,0", "1.234,5"), "row 2, column x"),
     "a row that is short": (TABS.replace("0.01\t-2.5\ta", "0.01\t-2.5"), "row 3, column kind: 2"),
