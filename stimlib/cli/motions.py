@@ -246,7 +246,10 @@ def streamed(rows: Any, scene: Any, motions: Any, limits: Mapping[str, Any], sil
         columns[name] = int(index) if index else label or quoted
         if factor:
             scale[name] = number(factor, f"--map {by}={text}")
-    return Stream(receive=rows, columns=columns, scale=scale, silence=silence, limits=limits)
+    # as a column, a range may be that of several inputs
+    ranges = {n: limits[by] for n, by in served.items() if by in limits}
+    ranges |= {name: limit for name, limit in limits.items() if name not in served.values()}
+    return Stream(receive=rows, columns=columns, scale=scale, silence=silence, limits=ranges)
 
 
 def given(motions: Any) -> bool:

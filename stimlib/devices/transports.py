@@ -260,8 +260,8 @@ def byte_markers(
     """
     lowest = 0 if width is None else 1
     for name, code in codes.items():
-        if not lowest <= code <= 255:
-            raise BadValue(f"markers: codes[{name!r}] = {code} must be from {lowest} to 255")
+        if code not in range(lowest, 256):
+            raise BadValue(f"markers: codes[{name!r}] = {code!r} must be from {lowest} to 255")
     if width is not None and not 0 < number(width, "markers: width") <= 1:
         raise BadValue(f"markers: width = {width} s must be above 0, at most 1")
     free = [0.0]  # when the 0 has lasted
@@ -270,11 +270,11 @@ def byte_markers(
         if m.name not in codes:
             return
         if width is None:
-            write(codes[m.name])
+            write(int(codes[m.name]))
             return
         due = m.time if m.time - time.monotonic() < AHEAD else 0.0
         time.sleep(max(0.0, max(due, free[0]) - time.monotonic()))
-        write(codes[m.name])
+        write(int(codes[m.name]))
         time.sleep(width)
         write(0)
         free[0] = time.monotonic() + width
@@ -366,7 +366,7 @@ def parallel_markers(port: str, codes: Mapping[str, int], width: float = 0.005) 
         control(here[0], CLAIM)
         control(here[0], DIRECTION, struct.pack("i", 0))
         write(0)
-    except (OSError, ImportError) as e:
+    except (OSError, ImportError, ValueError) as e:
         for left in here:
             os.close(left)
         raise SinkError(

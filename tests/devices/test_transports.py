@@ -10,6 +10,7 @@ import time
 from contextlib import contextmanager, nullcontext
 from functools import partial
 from itertools import count
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -365,6 +366,23 @@ def test_play_follows_the_rows_of_a_tracker_within_limits_and_replays(tmp_path):
     assert {0.01, 0.02} <= set(np.fromfile(log / "motion.f64")) <= {0.0, 0.01, 0.02}
     assert read_log(log).seed == 0
     ran(["replay", log])
+
+
+def test_a_range_may_be_of_all_inputs_that_have_one_number():
+    """As --map may be; it was refused."""
+    given = SimpleNamespace(keywords={"map_": ["x=0*1e-3"]})
+    scene, one = SimpleNamespace(inputs=("x1", "x2")), {"x": (-0.1, 0.1)}
+    for limits, wanted in ((one, [0.1, 0.1]), (one | {"x2": (-3, 3)}, [0.1, 3])):
+        made = streamed(lambda timeout: ([], []), scene, given, limits, "fade")
+        assert [made.limits[name][1] for name in ("x1", "x2")] == wanted
+    with pytest.raises(UnknownName):
+        streamed(lambda timeout: ([], []), scene, given, {"y": (0, 1)}, "fade")
+
+
+@pytest.mark.parametrize("code", [0, 1.5, "7", None, float("nan")])
+def test_a_code_that_is_no_byte_is_refused_before_the_session(code):
+    refused(BadValue, "must be from 1 to 255", byte_markers, print, {"a": code}, width=0.01)
+    refused(SinkError, "cannot be opened", parallel_markers, "/dev/\0", {"a": 1})
 
 
 @pytest.mark.parametrize(
