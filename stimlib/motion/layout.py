@@ -9,7 +9,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice, pairwise, zip_longest
+from itertools import accumulate, islice, pairwise, zip_longest
 
 from ..errors import RecordingError
 from ..system.limits import limits
@@ -240,7 +240,7 @@ def _layout(lines: list[str], separator: str, hint: bool, known: Known) -> Layou
         notes.append(f"{len(above)} lines above the names skipped")
     numbers_above = [r[1] for r in above if len(r[0]) == len(names) and are_numbers(r[0])]
     if chosen not in [*found, *comments]:
-        notes.append(f"empty names in row {row} taken from the row above")
+        notes.append(f"names in row {row} completed from the row above")
         numbers_above = []
     if chosen in comments:
         notes.append(f"names taken from the comment in row {row}")
@@ -290,7 +290,11 @@ def _named(
         ([low.strip() or high for high, low in zip_longest(upper, lower, fillvalue="")], row, end)
         for (upper, _, _), (lower, row, end) in pairwise(found)
     ]
-    best = max([*found, *comments, *pairs], key=lambda r: known([f.strip() for f in r[0]]))
+    # or X, Y and Z in the lower, and a marker above the first of them
+    groups = [
+        (_grouped(upper, lower), row, end) for (upper, _, _), (lower, row, end) in pairwise(found)
+    ]
+    best = max([*found, *comments, *pairs, *groups], key=lambda r: known([f.strip() for f in r[0]]))
     if len(best[0]) > 1 and known([f.strip() for f in best[0]]):
         return best
     count = Counter(len(r[0]) for r in found).most_common(1)[0][0]
@@ -299,6 +303,17 @@ def _named(
     if above and _is_cell(first[0][0]):
         return above[-1]
     return first
+
+
+def _grouped(upper: Sequence[str], lower: Sequence[str]) -> list[str]:
+    """Return names such as Tip.X of a line X, Y, Z and the groups above it.
+
+    A group has the columns from its own one up to the next group.
+    """
+    high = [field.strip() for field in upper] + [""] * (len(lower) - len(upper))
+    groups = accumulate(high, lambda left, name: name or left)
+    names = zip(high, map(str.strip, lower), groups, strict=False)
+    return [f"{group}.{low}" if group and low else low or above for above, low, group in names]
 
 
 def _of_comment(line: str, separator: str) -> list[str]:

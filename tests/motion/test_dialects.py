@@ -389,7 +389,23 @@ def test_names_in_two_lines(tmp_path, ends):
     how = {"time": "Time", "missing": "interpolate", "max_speed": None}
     found = recording(tmp_path / "a.trc", {"x": "hypot(X1 - X2, Y1 - Y2, Z1 - Z2)"}, **how)
     assert found.motion["x"](0.01) == pytest.approx(48**0.5)
-    assert "empty names in row 5 taken from the row above" in found.info["read"]
+    assert "names in row 5 completed from the row above" in found.info["read"]
+
+
+@pytest.mark.parametrize("ends", [(",,", ""), ("", ""), (",,", ",")])
+def test_names_below_those_of_groups(tmp_path, ends):
+    """A table of Vicon, whose X, Y and Z come once for each marker."""
+    head = f"Trajectories\n120\n,,P:Tip,,,P:Thumb{ends[0]}\n"
+    head += f"Frame,Sub,X,Y,Z,X,Y,Z{ends[1]}\n,,mm,mm,mm,mm,mm,mm{ends[1]}\n"
+    rows = "".join(f"{k},0,{k},5,6,{9 - k},7,8{ends[1]}\n" for k in range(1, 5))
+    (tmp_path / "a.csv").write_text(head + rows)
+    how = {"time": "Frame/120", "max_speed": None}
+    found = recording(tmp_path / "a.csv", {"x": "'P:Tip.X'", "z": "'P:Thumb.X'*2"}, **how)
+    assert found.motion["x"](np.arange(4) / 120).tolist() == pytest.approx([1, 2, 3, 4])
+    assert found.motion["z"](np.arange(4) / 120).tolist() == pytest.approx([16, 14, 12, 10])
+    assert "names in row 4 completed from the row above" in found.info["read"]
+    says = "column X: 2 columns have this name"
+    refused(RecordingError, says, recording, tmp_path / "a.csv", {"x": "X"}, **how)
 
 
 def test_a_sidecar_has_what_was_skipped(tmp_path, monkeypatch):
