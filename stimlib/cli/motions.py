@@ -247,7 +247,7 @@ def streamed(rows: Any, scene: Any, motions: Any, limits: Mapping[str, Any], sil
         if factor:
             scale[name] = number(factor, f"--map {by}={text}")
     # as a column, a range may be that of several inputs
-    ranges = {n: limits[by] for n, by in served.items() if by in limits}
+    ranges = {n: limits[by] for n, by in served.items() if by and by in limits}
     ranges |= {name: limit for name, limit in limits.items() if name not in served.values()}
     return Stream(receive=rows, columns=columns, scale=scale, silence=silence, limits=ranges)
 

@@ -311,7 +311,7 @@ def _grouped(upper: Sequence[str], lower: Sequence[str]) -> list[str]:
     A group has the columns from its own one up to the next group.
     """
     high = [field.strip() for field in upper] + [""] * (len(lower) - len(upper))
-    groups = accumulate(high, lambda left, name: name or left)
+    groups: Iterator[str] = accumulate(high, lambda left, name: name or left)
     names = zip(high, map(str.strip, lower), groups, strict=False)
     return [f"{group}.{low}" if group and low else low or above for above, low, group in names]
 
