@@ -205,7 +205,8 @@ def layout_of(file: str, data: bytes, known: Known) -> Layout:
         if (layout := _layout(lines, mark, bool(hint), known))
     ]
     if not found:
-        raise table_error(file, "the file is empty", EMPTY)
+        long = f"its first {HEAD} lines are comments or blank"
+        raise table_error(file, long if len(lines) == HEAD else "the file is empty", EMPTY)
     best = max(found, key=lambda layout: layout.rank)
     limits.check("recording_columns", len(best.names), f"{file}: columns", RecordingError)
     if best.numbers_above:

@@ -163,7 +163,7 @@ def _find(table: TableFile, column: str, what: str) -> str:
         raise table.error(problem, "rename all but one", None, column)
     if same or column.lstrip("#% ") in names:
         return [*same, column.lstrip("#% ")][0]
-    one = next(filter(None, names), "")
+    one = next(filter(None, names), "")[:80]
     remedy = (
         f'use one of those, with its factor to s, such as time="{_written(one)}*1e-3" for ms'
         if what == "time" and one
@@ -189,7 +189,9 @@ def _contact_column(table: TableFile, contact: str | bool | None) -> str | None:
 
 def _list(words: Sequence[str], most: int = 12) -> str:
     count = f"{len(words)}" if len(words) < VALUES else f"{VALUES} or more"
-    return ", ".join(words[:most]) + (f", ... ({count} in all)" if len(words) > most else "")
+    return ", ".join(f"{word:.80}" for word in words[:most]) + (
+        f", ... ({count} in all)" if len(words) > most else ""
+    )
 
 
 # -- rows

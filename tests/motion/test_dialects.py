@@ -179,6 +179,8 @@ REFUSED = {
         "t_s;x\n0.00;998\n0.01;1,000\n",
         "row 3, column x: '1,000' is not",
     ),
+    "comments alone": ("# a\n\n" * 200 + PLAIN, "its first 200 lines are comments or blank"),
+    "a name without an end": (PLAIN.replace("t_s", "a" * 9999), r"columns are: a{80}, x, kind; "),
     "rows in a quote": (
         PLAIN.replace("a\n", '"a\n', 1).replace("b\n", 'b"\n', 1),
         "opened in row 2",
