@@ -76,8 +76,8 @@ def pytest_sessionfinish():
 
 
 def pytest_runtest_setup(item):
-    """The interpreter makes 128 samples of each report again, not 512: that was half of
-    the time of all tests that verify.
+    """The interpreter makes 128 samples of a report again, not up to 512: that was
+    half of the time of all tests that verify.
     """
     if (verify := sys.modules.get("stimlib.checks.verification")) and not os.environ.get(
         "STIMLIB_STRESS"

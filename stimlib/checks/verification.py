@@ -36,9 +36,9 @@ from .sidecar import says, storage, sums_of
 
 SMALL = 2.0**-40  # an impulse that no tracker takes for a jump
 ROUNDING = 1e-10  # of two computations of one transfer function
-# samples that the interpreter makes again: of many blocks fewer, but more than two
-# tiles, from before a gate opens
-STRETCH, LEAST, WORK = 512, 160, 24_000
+# samples that the interpreter makes again, from some before a gate opens: as many as
+# WORK allows, 1 for each word of state and BLOCK for each block; more than a tile
+STRETCH, LEAST, AHEAD, WORK, BLOCK = 512, 96, 16, 250_000, 20
 
 
 @overload
@@ -311,7 +311,7 @@ def same_samples(e: Evidence) -> list[Check]:
     for s in e.stretches():
         opens = bool(s.taps) and bool(s.taps[0].gate.any()) and not gated
         if opens or not s.at:  # where the first gate opens, if it does
-            start = s.at + (max(0, int(np.flatnonzero(s.taps[0].gate)[0]) - 64) if opens else 0)
+            start = s.at + (max(0, int(np.flatnonzero(s.taps[0].gate)[0]) - AHEAD) if opens else 0)
             before = samples(e.proc, s.motion_at, start, e.changes, s.at, block)
             state = e.proc.state
             cut = np.hstack([before, samples(e.proc, s.motion_at, s.end, e.changes, start, block)])
@@ -338,7 +338,7 @@ def same_samples(e: Evidence) -> list[Check]:
 
 def _interpreted(e: Evidence, state: np.ndarray, start: int, cut: np.ndarray) -> Check:
     """Check some samples from a state on against the interpreter."""
-    many = max(LEAST, WORK // len(e.scene.program.instances))
+    many = max(LEAST, WORK // (state.size + BLOCK * len(e.scene.program.instances)))
     stretch = min(e.end - start, STRETCH, many)
     # what runs before sample 0 costs it 10 us each
     reference = Processor(e.scene, e.fs, "python", e.seed, e.proc)
