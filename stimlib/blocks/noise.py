@@ -185,7 +185,7 @@ class Deviates(Block, abstract=True):
         return (), WhiteState(U(0), U(2**64 - lead(fs) if self.autonomous else 0))
 
     def start(self, p, s, seed):
-        return s._replace(key=noise_key(seed, self.seed, self.stream, 0))
+        return WhiteState(noise_key(seed, self.seed, self.stream, 0), s.n)
 
     work = scratch(68)
 

@@ -800,11 +800,8 @@ def pack(s: Any) -> np.ndarray:
 
     Fields are in order, arrays are complete, floats are given by their bits.
     """
-    w = [
-        np.atleast_1d(np.asarray(v, np.uint64 if kind(v) in "uU" else np.float64)).view(np.uint64)
-        for v in s
-    ]
-    return np.concatenate(w) if w else np.zeros(0, np.uint64)
+    fields = [np.asarray(v, np.uint64 if kind(v) in "uU" else np.float64).tobytes() for v in s]
+    return np.frombuffer(bytearray().join(fields), np.uint64)
 
 
 def at_rest(s: Any) -> Any:
