@@ -15,10 +15,11 @@ from refusals import refused
 
 import stimlib
 from stimlib import Input, Scene
-from stimlib.blocks.fractional import relaxation_modulus
+from stimlib.blocks.fractional import relaxation_modulus, springpot
 from stimlib.blocks.viscoelastic import generalized_maxwell, springpot_series
 from stimlib.errors import BadValue, SinkError
 from stimlib.fitting.closed_form import (
+    arm_forces,
     maxwell_force,
     mittag_leffler,
     springpot_force,
@@ -142,7 +143,7 @@ def test_the_block_in_series_converges_to_the_closed_form():
 def test_a_fit_and_a_block_mean_the_same_material():
     t = np.arange(3000) / 1000
     y = 0.01 * np.sin(7 * t) ** 2
-    springpot, arms = springpot_force(t, y, 200.0, 0.3), [(50.0, 0.02), (30.0, 1.5)]
+    force, arms = springpot_force(t, y, 200.0, 0.3), [(50.0, 0.02), (30.0, 1.5)]
     maxwell = maxwell_force(t, y, 100.0, arms)
     some, held = (t[::30], y[::30]), Input("y", "m")
     one = fit_springpot(*some, springpot_force(*some, 200.0, 0.3))
@@ -150,7 +151,7 @@ def test_a_fit_and_a_block_mean_the_same_material():
     assert fit.arms == [pytest.approx(a, rel=1e-6) for a in arms]
     assert fit.k0 == pytest.approx(100.0, rel=1e-6)
     for block, wanted, tol in (
-        (one.block(held, scheme="l1", tol=1e-12), springpot, 1e-9 * np.abs(springpot).max()),
+        (one.block(held, tol=1e-12), force, 1e-9 * np.abs(force).max()),
         (fit.block(held), maxwell, 1e-9),
         (generalized_maxwell(held, 100.0, arms), maxwell, 1e-14),
     ):
@@ -187,6 +188,63 @@ def test_maxwell_arms_are_found_again_without_a_spring():
     fit = fit_generalized_maxwell(t, y, maxwell_force(t, y, 0.0, arms), arms=3, spring=False)
     assert fit.arms == [pytest.approx(a, rel=1e-5) for a in arms]
     assert fit.k0 == 0.0 and "k0" not in fit.values
+
+
+PULSE = Input("y", "m")
+
+
+def pressed(scheme, onset="steady", alpha=0.25, fs=1000):
+    """Return times, a position at 5 Hz, and what a springpot block answers to it."""
+    t = np.arange(1500) / fs
+    y = 0.005 * (1 - np.cos(10 * np.pi * t)) + (0.002 if onset == "step" else 0.0)
+    block = springpot(PULSE, 300.0, alpha, scheme, onset=onset)
+    return t, y, stimlib.compile(Scene({"f": block}), fs).process(y[None])[0]
+
+
+@pytest.mark.parametrize("onset", ["steady", "step"])
+@pytest.mark.parametrize("scheme", ["l1", "gl"])
+@pytest.mark.parametrize("alpha", mostly([0.25, 1.0], [0.0, 0.05, 0.25, 0.5, 0.9, 1.0]))
+def test_a_block_is_found_again_and_played_again(scheme, onset, alpha):
+    t, y, f = pressed(scheme, onset, alpha)
+    fit = fit_springpot(t, y, f, scheme=scheme, onset=onset)
+    assert fit.chi == pytest.approx(300.0, rel=1e-9) and fit.alpha == pytest.approx(alpha, abs=1e-9)
+    again = stimlib.compile(Scene({"f": fit.block(PULSE)}), 1000).process(y[None])[0]
+    np.testing.assert_allclose(again, f, rtol=0, atol=1e-8 * np.abs(f).max())
+    np.testing.assert_allclose(fit.fitted, f, rtol=0, atol=1e-8 * np.abs(f).max())
+
+
+@pytest.mark.parametrize("alpha", [0.25, 0.5])
+def test_the_exact_law_says_what_the_scheme_adds(alpha):
+    """A delay of alpha/2 samples looks like a lower order."""
+    t, y, f = pressed("gl", alpha=alpha)
+    with pytest.warns(RuntimeWarning, match="give scheme='gl'"):
+        fit = fit_springpot(t, y, f)
+    late = alpha / 2 / 1000 * 10 * math.pi  # rad
+    assert 0 < (math.pi / 2) * (alpha - fit.alpha) < late
+    assert fit.chi == pytest.approx(300.0, rel=0.02)
+    assert "% rms force of 1499 samples" in repr(fit)
+
+
+def test_relative_errors_of_a_force_through_zero():
+    """Noise of 1 % of the largest force, as a sensor has it."""
+    t, y, f = pressed("gl")
+    noisy = f + 0.01 * np.abs(f).max() * np.random.default_rng(3).standard_normal(f.size)
+    with pytest.warns(RuntimeWarning, match="changes its sign .* times.*state the noise"):
+        wrong = fit_springpot(t, y, noisy, sigma="relative", scheme="gl")
+    right = fit_springpot(t, y, noisy, scheme="gl")
+    for name, (low, high) in right.intervals.items():
+        assert low < {"chi": 300.0, "alpha": 0.25}[name] < high
+    assert abs(wrong.chi - 300) > 5 * abs(right.chi - 300)
+
+
+@pytest.mark.parametrize("onset", ["steady", "step"])
+def test_forces_at_even_times_are_those_at_uneven_ones(onset):
+    t, y, _ = pressed("l1", onset)
+    arms = np.array([1e-3, 0.1, 10.0])
+    even = arm_forces(t, y, arms, onset)
+    t[1:-1] += 1e-5 * np.sin(np.arange(1498))
+    for got, want in zip(arm_forces(t, y, arms, onset), even, strict=True):
+        np.testing.assert_allclose(got, want, rtol=0, atol=2e-2 * np.abs(want).max())
 
 
 @pytest.mark.stress
@@ -234,9 +292,14 @@ def test_errors_are_measured_as_asked():
     relative, absolute = fit_springpot(t, y, f), fit_springpot(t, y, f, sigma="absolute")
     assert relative.relative_error < absolute.relative_error
     assert np.sum(absolute.residual**2) < np.sum(relative.residual**2)
-    by_hand = fit_springpot(t, y, f, sigma=np.where(f == 0, 1.0, 3 * f), where=f > 0)
-    assert by_hand.values == pytest.approx(relative.values, rel=1e-7)
-    assert by_hand.intervals["alpha"] == pytest.approx(relative.intervals["alpha"], rel=1e-6)
+    by_hand = fit_springpot(t, y, f, sigma=np.where(f == 0, 1.0, 3 * relative.fitted), where=f > 0)
+    assert by_hand.values == pytest.approx(relative.values, rel=1e-5)
+    assert by_hand.intervals["alpha"] == pytest.approx(relative.intervals["alpha"], rel=1e-4)
+    for words, same in (((0.0, 0.02), relative), (0.3, absolute), ((0.3, 0.0), absolute)):
+        values = fit_springpot(t, y, f, sigma=words).values
+        assert values == pytest.approx(same.values, rel=1e-9)
+    between = fit_springpot(t, y, f, sigma=(0.05, 0.02))
+    assert relative.relative_error < between.relative_error < absolute.relative_error
     some = fit_springpot(t, y, f, where=np.arange(t.size) >= 40)
     assert some.used.sum() == some.relative.size == t.size - 40
     assert some.fitted.shape == t.shape
@@ -261,14 +324,14 @@ def test_bins_keep_the_mean_and_every_decade():
 # Recorded tissue ----------------------------------------------------------------------
 # chi, alpha, percent rms of the hold
 SEEN = {
-    "AvgRelaxed_0p1s": (45.7, 0.089, 4.7),
-    "AvgRelaxed_1s": (43.3, 0.085, 3.7),
-    "AvgRelaxed_10s": (48.2, 0.103, 1.8),
+    "AvgRelaxed_0p1s": (46.0, 0.0896, 4.7),
+    "AvgRelaxed_1s": (43.5, 0.086, 3.7),
+    "AvgRelaxed_10s": (48.2, 0.1036, 1.8),
     "AvgRelaxed_100s": (63.0, 0.141, 1.1),
-    "AvgpCa4p4_0p1s": (111.9, 0.164, 5.3),
-    "AvgpCa4p4_1s": (102.9, 0.136, 6.7),
-    "AvgpCa4p4_10s": (84.6, 0.073, 2.5),
-    "AvgpCa4p4_100s": (97.8, 0.088, 0.8),
+    "AvgpCa4p4_0p1s": (112.0, 0.162, 5.4),
+    "AvgpCa4p4_1s": (104.5, 0.138, 6.7),
+    "AvgpCa4p4_10s": (85.3, 0.0747, 2.5),
+    "AvgpCa4p4_100s": (98.0, 0.0887, 0.8),
 }
 
 
@@ -296,7 +359,8 @@ def test_an_indented_sample():
         t, place, f, part = z["t_s"], z["separation_m"], z["force_N"], z["segment"]
     touch, start = np.searchsorted(t, 0.124), float(t[part == 1][0])
     y = np.where(t >= t[touch], place[touch] - place, 0.0)
-    refused(BadValue, "thin", fit_springpot, t, y, f)
+    whole = fit_springpot(t, y, f, where=t > start + 0.02)  # even times, however many
+    assert whole.relative_error < 0.007 and whole.alpha == pytest.approx(0.0949, abs=1e-4)
     short, ys, fs = thin(t, y, f, start=start, before=400)
     where, later = short > start + 0.02, t > start + 0.02
     fit = fit_springpot(short, ys, fs, where=where)
@@ -325,7 +389,11 @@ F = springpot_force(T, Y, 300.0, 0.2)
         ({"f": ["a"] * T.size}, "numbers"),
         ({"f": -F}, "sign"),
         ({"f": 0 * F}, "is 0 at all"),
-        ({"f": np.where(T == T[7], 0.0, F)}, r"f\[7\] = 0"),
+        ({"f": np.where(T == T[7], 0.0, F), "sigma": "relative"}, r"f\[7\] = 0"),
+        ({"sigma": (0.0, 0.0)}, "nor both"),
+        ({"sigma": (-1.0, 0.1)}, "not be below 0"),
+        ({"sigma": (1.0, np.nan)}, "not finite"),
+        ({"sigma": -1.0}, "not be below 0"),
         ({"where": T > 1e9}, "none of these"),
         ({"where": T > T[-2]}, "not enough"),
         ({"where": [True]}, "where must be"),
@@ -341,6 +409,18 @@ def test_bad_recordings(change, word):
     given = {"t": T, "y": Y, "f": F} | change
     refused(BadValue, word, fit_springpot, **given)
     refused(BadValue, word, fit_generalized_maxwell, **given, arms=1)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"scheme": "gl"}, "even times.*scheme='exact'"),
+        ({"scheme": "l2"}, "scheme.*exact, l1, gl"),
+        (dict(zip("tyf", np.geomspace(1, 2, 3 * 4000).reshape(3, 4000), strict=True)), "thin"),
+    ],
+)
+def test_bad_recordings_of_springpots(change, word):
+    refused(BadValue, word, fit_springpot, **{"t": T, "y": Y, "f": F} | change)
 
 
 LINE = [0.0, 1.0], [0.0, 1.0]

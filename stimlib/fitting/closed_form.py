@@ -19,6 +19,8 @@ from ..errors import Above0, BadValue, Count, From0, public
 
 Onset = Literal["steady", "step"]
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
+EVEN = 1e-6  # of a step: times that lie so near to even ones count as even
+TINY = 1e-20  # imaginary step of an order, whose effect is a derivative without cancellation
 
 
 # The exact answers --------------------------------------------------------------------
@@ -265,15 +267,15 @@ class Pairs:
     def __init__(self, t: np.ndarray, y: np.ndarray, some: np.ndarray, onset: str):
         slope = np.diff(y) / np.diff(t)
         moving = np.flatnonzero(slope)  # held pieces add nothing
-        self.slope = slope[moving]
-        since_end = t[some][:, None] - t[None, 1:][:, moving]
-        self.over = since_end > 0
-        self.now = since_end == 0
-        past = np.where(self.over, since_end, 1.0)
-        piece = np.diff(t)[moving]
+        slope, piece, ends = slope[moving], np.diff(t)[moving], t[1:][moving]
+        rows, columns = np.nonzero(t[some][:, None] > ends)
+        past = t[some][rows] - ends[columns]
+        self.rows, self.slope = rows, slope[columns]
         self.end = np.log(past)  # t - t_i+1
-        self.more = np.log1p(piece / past)  # log of (t - t_i)/(t - t_i+1)
-        self.piece = np.log(piece)
+        self.more = np.log1p(piece[columns] / past)  # log of (t - t_i)/(t - t_i+1)
+        now = ends.searchsorted(t[some])  # the piece that ends there, if it moves
+        self.now = np.append(ends, math.inf)[now] == t[some]
+        self.last, self.piece = slope[now[self.now]], np.log(piece[now[self.now]])
         self.since = t[some] - t[0]
         self.jump = y[0] if onset == "step" else 0.0
 
@@ -281,18 +283,16 @@ class Pairs:
         """Return the response and its derivative for an order alpha."""
         from scipy.special import digamma
 
-        b, size = 1 - alpha, math.gamma(2 - alpha)
+        b, size, n = 1 - alpha, math.gamma(2 - alpha), self.since.size
         end, more = np.exp(b * self.end), np.expm1(b * self.more)
-        last = np.exp(b * self.piece)
-        part = np.where(self.over, end * more, np.where(self.now, last, 0.0))
-        value = part @ self.slope / size
+        end *= self.slope
+        value: np.ndarray = np.bincount(self.rows, end * more, n)
         # by b: x^b log x
-        steep = np.where(
-            self.over,
-            end * (more * self.end + (more + 1) * self.more),
-            np.where(self.now, last * self.piece, 0.0),
-        )
-        slope = digamma(2 - alpha) * value - steep @ self.slope / size
+        steep = np.bincount(self.rows, end * (more * (self.end + self.more) + self.more), n)
+        last = self.last * np.exp(b * self.piece)
+        value[self.now] += last
+        steep[self.now] += last * self.piece
+        value, slope = value / size, digamma(2 - alpha) * value / size - steep / size
         if self.jump:
             with np.errstate(divide="ignore", invalid="ignore"):
                 log = np.log(self.since)
@@ -307,6 +307,43 @@ class Pairs:
         return value, slope
 
 
+class Sampled:
+    """The response of a springpot block with chi = 1, and its sensitivity to alpha.
+
+    ``scheme`` is "gl" or "l1", whose sums at even times are convolutions.
+    """
+
+    def __init__(self, step: float, y: np.ndarray, some: np.ndarray, scheme: str, onset: str):
+        self.step, self.some, self.scheme = step, some, scheme
+        self.moves = np.diff(y, prepend=0.0 if onset == "step" else y[0])
+
+    def __call__(self, alpha: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the response and its derivative for an order alpha."""
+        from scipy.signal import fftconvolve
+        from scipy.special import gamma
+
+        order = complex(alpha, TINY)
+        j = np.arange(1.0, self.moves.size)
+        if self.scheme == "gl":
+            ratios = np.cumprod((j - order) / j)
+        else:
+            b = 1 - order
+            ratios = j**b * np.expm1(b * np.log1p(1 / j))
+        first = 1.0 if self.scheme == "gl" else 1 / gamma(2 - order)
+        weights = np.r_[1.0, ratios] * first * self.step**-order
+        value, by = (
+            fftconvolve(part, self.moves)[self.some] for part in (weights.real, weights.imag / TINY)
+        )
+        return value, by
+
+
+def even_step(t: np.ndarray) -> float:
+    """Return the step of even times, or 0 if they are not even."""
+    step = float(t[-1] - t[0]) / (t.size - 1)
+    late = t - t[0] - step * np.arange(t.size)
+    return step if np.abs(late).max() <= EVEN * step else 0.0
+
+
 def arm_forces(
     t: np.ndarray, y: np.ndarray, tau: np.ndarray, onset: str
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -317,10 +354,22 @@ def arm_forces(
     drive, by_p, by_g = g * dy, p * a, (g - p) * dy
     f, d = np.zeros((t.size, tau.size)), np.zeros((t.size, tau.size))
     f[0] = y[0] if onset == "step" else 0.0
+    if even_step(t):
+        for i, keep in enumerate(p[0]):
+            f[1:, i] = _decaying(drive[:, i], keep, f[0, i])
+            d[1:, i] = _decaying(by_p[:, i] * f[:-1, i] + by_g[:, i], keep, 0.0)
+        return f, d
     for n in range(t.size - 1):
         f[n + 1] = f[n] - e[n] * f[n] + drive[n]
         d[n + 1] = p[n] * d[n] + by_p[n] * f[n] + by_g[n]
     return f, d
+
+
+def _decaying(x: np.ndarray, keep: float, first: float) -> np.ndarray:
+    """Return s[n] = keep s[n-1] + x[n], with s[-1] = first."""
+    from scipy.signal import lfilter
+
+    return lfilter([1.0], [1.0, -keep], x, zi=[keep * first])[0]
 
 
 # Input --------------------------------------------------------------------------------

@@ -7,28 +7,39 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cache, lru_cache
+from typing import Any, Literal
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
 from ..core.graph import Block
-from ..errors import BadValue, Count, SinkError, public
+from ..errors import BadValue, Count, SinkError, one_of, outside, public
 from ..system.packages import package
 from .closed_form import (
     PAIRS,
     Onset,
     Pairs,
+    Sampled,
     arm_forces,
+    even_step,
     maxwell_force,
     signals_at,
     springpot_force,
 )
 
 CONFIDENCE = 0.95
-ALPHAS = (0.05, 0.15, 0.35, 0.65, 0.9)  # where a springpot's search starts
+ALPHAS = (0.0, 0.05, 0.15, 0.35, 0.65, 0.9, 1.0)  # between which a springpot's search looks
+SCHEMES = ("exact", "l1", "gl")
+Scheme = Literal["exact", "l1", "gl"]
+# of the squares that the exact law leaves; a sampled one that leaves fewer is named,
+# unless both leave rounding only
+FEWER, ROUNDING = 0.25, 1e-16
+NEAR = 0.5  # of a recorded force: the least to which an error is relative
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,13 +92,21 @@ class MaterialFit:
         """Largest absolute value of the relative errors ``relative``."""
         return float(np.max(np.abs(self.relative)))
 
+    @property
+    def rms_error(self) -> float:
+        """RMS residual of the used samples over the RMS of their force."""
+        size = np.linalg.norm(self.f[self.used])
+        return float(np.linalg.norm(self.residual[self.used]) / size)
+
     def __repr__(self):
         parts = [
             f"{n}={v:.4g} [{self.intervals[n][0]:.4g}, {self.intervals[n][1]:.4g}]"
             for n, v in self.values.items()
         ]
+        one_sign = np.ptp(np.sign(self.f[self.used])) == 0
+        error, of = (self.relative_error, "") if one_sign else (self.rms_error, " force")
         return (
-            f"{type(self).__name__}({', '.join(parts)}; {100 * self.relative_error:.2g} % rms of"
+            f"{type(self).__name__}({', '.join(parts)}; {100 * error:.2g} % rms{of} of"
             f" {int(self.used.sum())} samples)"
         )
 
@@ -142,7 +161,12 @@ class MaterialFit:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SpringpotFit(MaterialFit):
-    """A springpot f = chi D^alpha y fitted to a recording; see ``MaterialFit``."""
+    """A springpot f = chi D^alpha y fitted to a recording; see ``MaterialFit``.
+
+    ``scheme`` is that of the law that was fitted.
+    """
+
+    scheme: Scheme = "exact"
 
     @property
     def chi(self) -> float:
@@ -157,12 +181,15 @@ class SpringpotFit(MaterialFit):
     def block(self, y: Block, **options) -> Block:
         """Return the fitted springpot as a block; y must be in m and f in N.
 
+        Its scheme and onset are those of the fit, "l1" for the exact law: at even times
+        that is the same force, except after ``onset="step"``.
+
         Parameters
         ----------
         y : Block
             Position in m.
         **options
-            Options of ``stimlib.blocks.springpot``.
+            Other options of ``stimlib.blocks.springpot``.
 
         Returns
         -------
@@ -171,7 +198,8 @@ class SpringpotFit(MaterialFit):
         """
         from ..blocks.fractional import springpot
 
-        return springpot(y, self.chi, self.alpha, **options)
+        law = {"scheme": "l1" if self.scheme == "exact" else self.scheme, "onset": self.onset}
+        return springpot(y, self.chi, self.alpha, **law | options)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -209,7 +237,7 @@ class MaxwellFit(MaterialFit):
         """
         from ..blocks.viscoelastic import generalized_maxwell
 
-        return generalized_maxwell(y, self.k0, self.arms, **options)
+        return generalized_maxwell(y, self.k0, self.arms, **{"onset": self.onset} | options)
 
 
 @public
@@ -219,8 +247,9 @@ def fit_springpot(
     f: ArrayLike,
     *,
     where=None,
-    sigma="relative",
+    sigma=None,
     onset: Onset = "steady",
+    scheme: Scheme = "exact",
 ) -> SpringpotFit:
     """Fit the order and coefficient of a springpot to a recorded motion and force.
 
@@ -235,11 +264,20 @@ def fit_springpot(
     where : array_like of bool, shape (n,), optional
         Samples to fit, such as those of the hold only; earlier motion still has its
         effect. By default, all samples after the motion has begun.
-    sigma : {"relative", "absolute"} or array_like, shape (n,)
-        Scale of the errors: the force itself, the same for all samples, or the given
-        standard deviations.
+    sigma : float, (float, float), array_like of shape (n,), or a word
+        Noise of the force, by its standard deviation: a number in the unit of f; such a
+        number and a part of the force, such as (0.01, 0.02) for 10 mN and 2 %; or one
+        for each sample.  Only ratios between samples matter, as the size is taken from
+        the residuals, so "absolute" stands for the same noise in all samples, and
+        "relative" for one in proportion to the force.  By default "relative" if the
+        force keeps its sign in the samples to fit, otherwise "absolute".
     onset : {"steady", "step"}
         Whether y was at its first value before t[0], or jumps there from 0 at t[0].
+    scheme : {"exact", "l1", "gl"}
+        Law that is fitted: the exact one, for measured forces; or at even times that of
+        a block ``springpot`` with this scheme, for forces that it computed.  "l1"
+        differs from "exact" only after ``onset="step"``; "gl" is late by alpha/2
+        samples.
 
     Returns
     -------
@@ -251,8 +289,15 @@ def fit_springpot(
     ------
     BadValue
         Times that do not rise, NaN or infinity, different lengths, fewer than 3 samples
-        to fit, a force of 0 with relative errors, a position that never moves, or too
-        many samples (``thin`` them).
+        to fit, a force of 0 with relative errors, a position that never moves, times
+        that are not even with "l1" or "gl", or too many at uneven times (``thin``
+        them).
+
+    Warns
+    -----
+    RuntimeWarning
+        Relative errors of a force that changes its sign; an exact law where "gl" leaves
+        less than half of the error, as the force of such a block does.
 
     References
     ----------
@@ -273,47 +318,50 @@ def fit_springpot(
     0.72 % rms of 43 samples)
     """
     t, y, f = signals_at(t, y, f)
-    used, weight = _use(t, y, f, where, sigma, onset, 3)
-    if used.sum() * t.size > PAIRS:
+    one_of("fit_springpot: scheme", scheme, SCHEMES)
+    used, noise = _use("fit_springpot", t, y, f, where, sigma, onset, 3)
+    step, some = even_step(t), np.flatnonzero(used)
+    if scheme != "exact" and not step:
         raise BadValue(
-            f"fit_springpot: {int(used.sum())} samples to fit and {t.size - 1} straight pieces are"
+            f"fit_springpot: scheme={scheme!r} is of even times, and the steps of t are from"
+            f" {np.diff(t).min():g} to {np.diff(t).max():g} s; give t of one step, or"
+            " scheme='exact'"
+        )
+    sampled = step and (scheme != "exact" or onset == "steady")
+    if not sampled and some.size * t.size > PAIRS:
+        raise BadValue(
+            f"fit_springpot: {some.size} samples to fit and {t.size - 1} straight pieces are"
             " too many pairs; average them first: t, y, f = thin(t, y, f, start=...)"
         )
-    model, target = Pairs(t, y, np.flatnonzero(used), onset), f[used] * weight
 
-    def miss(x):
-        return math.exp(x[0]) * model(x[1])[0] * weight - target
+    def law(some: np.ndarray, scheme: str) -> Callable[[float], tuple[np.ndarray, np.ndarray]]:
+        if sampled:
+            return Sampled(step, y, some, "gl" if scheme == "gl" else "l1", onset)
+        return Pairs(t, y, some, onset)
 
-    def slope(x):
-        value, by = model(x[1])
-        return math.exp(x[0]) * np.stack([value * weight, by * weight], axis=1)
-
-    best = None
-    for alpha in ALPHAS:
-        unit = model(alpha)[0] * weight
-        chi = float(unit @ target / (unit @ unit)) if unit.any() else 0.0
-        if not (chi > 0 and math.isfinite(chi)):
-            continue
-        bounds = ([-700.0, 0.0], [700.0, 1.0])
-        found = scipy.optimize.least_squares(
-            miss,
-            [math.log(chi), alpha],
-            slope,
-            bounds,
-            ftol=1e-13,
-            xtol=1e-13,
-            gtol=1e-13,
-            max_nfev=200,
-        )
-        if best is None or found.cost < best.cost * (1 - 1e-9):
-            best = found
-    if best is None:
+    first = _springpot(law(some, scheme), f[used], noise)
+    if first is None:
         raise BadValue(
             "fit_springpot: the force is not along the motion (chi would be below 0); is one of the"
             " signs reversed?"
         )
-    low, high = _intervals(best.x, slope(best.x), best.fun)
-    chi, alpha = math.exp(best.x[0]), float(best.x[1])
+    chi, alpha, slopes, miss = first
+    if scheme == "exact" and sampled and miss @ miss > ROUNDING:
+        other = _springpot(law(some, "gl"), f[used], noise)
+        if other is not None and other[-1] @ other[-1] < FEWER * (miss @ miss):
+            warnings.warn(
+                "fit_springpot: this is the force of a sampled springpot: scheme='gl' leaves an"
+                f" error of {np.linalg.norm(other[-1]):.2g} of it, and the exact law"
+                f" {np.linalg.norm(miss):.2g}; give scheme='gl'",
+                RuntimeWarning,
+                stacklevel=outside(),
+            )
+    low, high = _intervals(np.array([math.log(chi), alpha]), slopes, miss)
+    whole = (
+        chi * law(np.arange(t.size), scheme)(alpha)[0]
+        if sampled
+        else springpot_force(t, y, chi, alpha, onset=onset)
+    )
     return SpringpotFit(
         {"chi": chi, "alpha": alpha},
         {
@@ -323,10 +371,54 @@ def fit_springpot(
         t,
         y,
         f,
-        springpot_force(t, y, chi, alpha, onset=onset),
+        whole,
         used,
         onset,
+        scheme,
     )
+
+
+def _springpot(
+    model: Callable[[float], tuple[np.ndarray, np.ndarray]],
+    f: np.ndarray,
+    noise: Callable[[np.ndarray], np.ndarray],
+) -> tuple[float, float, np.ndarray, np.ndarray] | None:
+    """Return chi, alpha, the slopes by log(chi) and alpha, and the weighted misses.
+
+    For each alpha the best chi is known, so what is searched is one number: where the
+    slope of the squares along alpha changes its sign.
+    """
+    known = cache(model)
+    weight, places = noise(f), ALPHAS
+    for _ in range(2):  # by the noise of the recorded forces, and then by that of the fitted ones
+        target = f * weight
+
+        def best(alpha, weight=weight, target=target):
+            value, by = known(alpha)
+            unit = value * weight
+            chi = max(float(unit @ target / (unit @ unit)), 0.0) if unit.any() else 0.0
+            slopes = chi * np.stack([unit, by * weight], axis=1)
+            return chi, alpha, slopes, chi * unit - target
+
+        def steep(alpha, best=best):
+            _, _, slopes, miss = best(alpha)
+            return float(slopes[:, 1] @ miss)
+
+        slope = [steep(alpha) for alpha in places]
+        valleys = [
+            scipy.optimize.brentq(steep, low, high, xtol=1e-15)
+            for low, high, down, up in zip(places, places[1:], slope, slope[1:], strict=False)
+            if down <= 0 <= up
+        ]
+        along = [one for one in map(best, [*valleys, *places]) if one[0] > 0]
+        if not along:
+            return None
+        found = min(along, key=lambda one: float(one[-1] @ one[-1]))
+        before, weight = weight, noise(found[0] * known(found[1])[0])
+        if np.array_equal(before, weight):
+            break
+        places = tuple(sorted({*ALPHAS, found[1]}))
+    return found
 
 
 @public
@@ -338,7 +430,7 @@ def fit_generalized_maxwell(
     arms: Count,
     spring: bool = True,
     where=None,
-    sigma="relative",
+    sigma=None,
     onset: Onset = "steady",
 ) -> MaxwellFit:
     """Fit a generalized Maxwell model to a recorded motion and force.
@@ -390,29 +482,48 @@ def fit_generalized_maxwell(
     """
     t, y, f = signals_at(t, y, f)
     n = int(spring)
-    used, weight = _use(t, y, f, where, sigma, onset, 2 * arms + n + 1)
-    target, elastic = f[used] * weight, (y[used] * weight)[:, None][:, :n]
+    used, noise = _use("fit_generalized_maxwell", t, y, f, where, sigma, onset, 2 * arms + n + 1)
+    elastic = y[used][:, None][:, :n]
     begin = t[max(_first_motion(y, onset) - 1, 0)]
     since = t[used] - begin
     shortest = max(float(since.min()), float(np.diff(t).min()))
     longest = float(since.max())
+    wide = math.log(longest / shortest) / 2 + math.log(100.0)
+    middle = math.log(longest * shortest) / 2
 
-    def unit(logs):
+    @lru_cache(maxsize=2)
+    def unit(*logs):
         value, by = arm_forces(t, y, np.exp(logs), onset)
-        return value[used] * weight[:, None], by[used] * weight[:, None]
+        return np.concatenate([elastic, value[used]], axis=1), by[used]
 
-    def miss(x):
-        return (
-            np.concatenate([elastic, unit(x[n + arms :])[0]], axis=1) @ np.exp(x[: n + arms])
-            - target
+    def searched(x, weight):
+        top = math.log(float(np.exp(x[: n + arms]).sum()))
+        edges = (
+            [top - 25.0] * (n + arms) + [middle - wide] * arms,
+            [top + 25.0] * (n + arms) + [middle + wide] * arms,
         )
 
-    def slope(x):
-        value, by = unit(x[n + arms :])
-        k = np.exp(x[: n + arms])
-        return np.concatenate([elastic * k[:n], value * k[n:], by * k[n:]], axis=1)
+        def miss(x):
+            return (unit(*x[n + arms :])[0] @ np.exp(x[: n + arms]) - f[used]) * weight
 
-    best = None
+        def slope(x):
+            value, by = unit(*x[n + arms :])
+            k = np.exp(x[: n + arms])
+            return np.concatenate([value * k, by * k[n:]], axis=1) * weight[:, None]
+
+        return scipy.optimize.least_squares(
+            miss,
+            np.clip(x, *edges),
+            slope,
+            edges,
+            x_scale="jac",
+            ftol=1e-13,
+            xtol=1e-13,
+            gtol=1e-13,
+            max_nfev=400,
+        )
+
+    best, weight = None, noise(f[used])
     for margin, floor in ((0.5, 1e-3), (0.5, 0.1), (0.2, 1e-2), (0.02, 0.1), (1.5, 1e-2)):
         first, last = (
             shortest * (longest / shortest) ** (margin / arms / 2),
@@ -423,19 +534,11 @@ def fit_generalized_maxwell(
             if arms > 1
             else np.array([(math.log(first * last)) / 2])
         )
-        k = scipy.optimize.nnls(np.concatenate([elastic, unit(logs)[0]], axis=1), target)[0]
+        k = scipy.optimize.nnls(unit(*logs)[0] * weight[:, None], f[used] * weight)[0]
         if not k.any():
             continue
-        top = float(k.sum())
-        x = np.concatenate([np.log(np.maximum(k, floor * top)), logs])
-        wide = math.log(longest / shortest) / 2 + math.log(100.0)
-        middle = math.log(longest * shortest) / 2
-        edges = (
-            [math.log(top) - 25.0] * (n + arms) + [middle - wide] * arms,
-            [math.log(top) + 25.0] * (n + arms) + [middle + wide] * arms,
-        )
-        found = scipy.optimize.least_squares(
-            miss, x, slope, edges, x_scale="jac", ftol=1e-13, xtol=1e-13, gtol=1e-13, max_nfev=400
+        found = searched(
+            np.concatenate([np.log(np.maximum(k, floor * float(k.sum()))), logs]), weight
         )
         if best is None or found.cost < best.cost * (1 - 1e-9):
             best = found
@@ -444,7 +547,9 @@ def fit_generalized_maxwell(
             "fit_generalized_maxwell: the force is not along the motion; is one of the signs"
             " reversed?"
         )
-    low, high = _intervals(best.x, slope(best.x), best.fun)
+    fitted = unit(*best.x[n + arms :])[0] @ np.exp(best.x[: n + arms])
+    best = searched(best.x, noise(fitted))
+    low, high = _intervals(best.x, best.jac, best.fun)
     order = np.argsort(best.x[n + arms :], kind="stable")
     places = {"k0": 0} if spring else {}
     for i, at in enumerate(order.tolist(), 1):
@@ -464,8 +569,10 @@ def _first_motion(y: np.ndarray, onset: str) -> int:
     return int(moved[0]) + 1 if moved.size else y.size
 
 
-def _use(t, y, f, where, sigma, onset: str, least: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the samples to fit, and the weights of their errors."""
+def _use(
+    name: str, t, y, f, where, sigma, onset: str, least: int
+) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    """Return the samples to fit, and the weights of errors as a function of force."""
     first = _first_motion(y, onset)
     if first == y.size:
         raise BadValue("the position y never moves: there is nothing that a force could answer")
@@ -488,25 +595,55 @@ def _use(t, y, f, where, sigma, onset: str, least: int) -> tuple[np.ndarray, np.
         )
     if not f[used].any():
         raise BadValue("the force f is 0 at all samples to fit")
+    return used, _noise(name, t, f, used, sigma)
+
+
+def _noise(name: str, t, f, used, sigma) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the weights of errors as a function of the force, by the stated noise."""
+    forces = f[used]
+    mixed = np.ptp(np.sign(forces)) > 0
+    if sigma is None:
+        sigma = "absolute" if mixed else "relative"
+    parts = {"relative": (0.0, 1.0), "absolute": (1.0, 0.0)}
     if isinstance(sigma, str):
-        if sigma not in ("relative", "absolute"):
+        if sigma not in parts:
             raise BadValue(
                 f"sigma = {sigma!r}; choose 'relative', 'absolute' or give standard deviations"
             )
-        if sigma == "absolute":
-            return used, np.full(int(used.sum()), 1 / np.sqrt(np.mean(f[used] ** 2)))
-        size = np.abs(f)
+        sigma = parts[sigma]
+    elif np.ndim(sigma) == 0:
+        sigma = (sigma, 0.0)
+    if isinstance(sigma, tuple) and len(sigma) == 2:
+        same, part = signals_at([0.0, 1.0], sigma)[1]
+        if min(same, part) < 0 or same + part == 0:
+            raise BadValue(f"sigma = {sigma} must not be below 0, nor both numbers 0")
+        sizes = np.hypot(same, part * f)
+        if mixed and not same and sizes[used].all():
+            turns = np.count_nonzero(np.diff(np.sign(forces)))
+            warnings.warn(
+                f"{name}: the force changes its sign {turns} times, where relative errors have no"
+                " bound; state the noise, such as sigma=0.01 for 0.01 N, or sigma=(0.01, 0.02) for"
+                " 0.01 N and 2 %",
+                RuntimeWarning,
+                stacklevel=outside(),
+            )
     else:
-        size = signals_at(t, sigma)[1]
-    if not np.all(size[used] > 0):
-        i = int(np.flatnonzero(used & ~(size > 0))[0])
+        same, part, sizes = 0.0, 0.0, signals_at(t, sigma)[1]
+    if not np.all(sizes[used] > 0):
+        i = int(np.flatnonzero(used & ~(sizes > 0))[0])
         what = (
             f"f[{i}] = 0: its relative error has no meaning"
-            if isinstance(sigma, str)
-            else f"sigma[{i}] = {size[i]:g} is not above 0"
+            if part
+            else f"sigma[{i}] = {sizes[i]:g} is not above 0"
         )
         raise BadValue(f"{what}; leave that sample out with where, or use sigma='absolute'")
-    return used, 1 / size[used]
+
+    def weights(force: np.ndarray) -> np.ndarray:
+        size = np.maximum(np.abs(force), NEAR * np.abs(forces))
+        scale = np.hypot(same, part * size) if same or part else sizes[used]
+        return 1 / (scale * np.linalg.norm(forces / scale))
+
+    return weights
 
 
 def _intervals(
