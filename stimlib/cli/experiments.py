@@ -224,10 +224,10 @@ def on_page(host: str, port: int, texts: Texts, log: Path) -> Iterator[Experimen
 def run_(defined: Defined, play: Any):
     """Run a participant's session, answered by keyboard or on a page.
 
-    Each answer is on the disk before the next stimulus.
+    Each finished trial is on the disk before the next stimulus.
 
-    Ctrl-C, a power cut or a full disk lose no answer: [bold]stimlib experiment
-    resume[/] continues.
+    Ctrl-C, a power cut or a full disk lose no finished trial: [bold]stimlib experiment
+    resume[/] continues, and asks an unfinished one anew.
 
     [bold]stimlib experiment run pair.py:pair --participant P07 --sink jack[/]
     """
@@ -246,7 +246,12 @@ def resume(defined: Defined, play: Any):
 
 
 @command("status", experiment)
-def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False):
+def status_(
+    defined: Defined,
+    data: Data = Path("data"),
+    pilot: Annotated[bool, typer.Option("--pilot", help="List the pilot sessions alone.")] = False,
+    json_: opt.Json = False,
+):
     """List the progress of each participant; conditions are blinded.
 
     Pilots are listed apart.
@@ -256,19 +261,19 @@ def status_(defined: Defined, data: Data = Path("data"), json_: opt.Json = False
     name = experiment_of(defined).name
     found = [
         experiments.status(s)
-        for pilot in (False, True)
-        for s in experiments.sessions(name, data, pilot)
+        for pilots in ((True,) if pilot else (False, True))
+        for s in experiments.sessions(name, data, pilots)
     ]
     if json_:
         return print_json(found)
     for s in found:
-        pilot, simulated = "PILOT " * s["pilot"], "SIMULATED " * s["simulated"]
+        kind, simulated = "PILOT " * s["pilot"], "SIMULATED " * s["simulated"]
         conditions = ", ".join(f"{k} {n}" for k, n in s["conditions"].items())
         old = ""
         if s["shared"]:
             old = f" ({s['shared']} with one time for all intervals, by an older stimlib)"
         print(
-            f"{pilot}{simulated}{s['participant']} session {s['session']}: {s['trials']} trials"
+            f"{kind}{simulated}{s['participant']} session {s['session']}: {s['trials']} trials"
             f"{old}, {s['training']} of them training ({conditions});"
             f" {s['replays']} replays, {s['unanswered']} presentations without an answer,"
             f" {s['missed']} presented again, {sum(s['rejected'].values())} rows of motion"

@@ -133,6 +133,8 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
     assert note.startswith("note: a simulated observer") and table.count("\n") == 9
     assert table.startswith("participant,session,number,condition,track,level,chance,outcome,")
     assert "PILOT SIMULATED P1 session 1: 4 trials" in stimlib("status", *where)
+    told = stimlib("status", *where, "--pilot")
+    assert told.startswith("PILOT SIMULATED P1") and "\nPILOT" in told
     told = json.loads(stimlib("status", *where, "--json"))
     assert [(s["participant"], s["pilot"], s["trials"]) for s in told] == [
         ("P1", True, 4),

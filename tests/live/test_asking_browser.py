@@ -291,3 +291,56 @@ def test_a_server_that_freezes_or_goes_is_told_and_found_again(browser, tmp_path
         page.close()
     records = read(tmp_path / FOLDER).records
     assert [r.answer.values["softer"] for r in records] == ["first", "second"]
+
+
+BORDERS = """[...document.querySelectorAll('#keys button')]
+    .map(b => (s => s.borderColor + s.cursor + s.outlineStyle)(getComputedStyle(b)))"""
+UNDER = "document.querySelector('#keys button:hover')?.dataset.key"
+
+
+def test_no_answer_looks_chosen_where_the_pointer_rests(browser, tmp_path):
+    rough = rating("rough", "How rough?", "smooth", "rough", 7)
+    fine = rating("fine", "How fine?", "coarse", "fine", 7)
+    task = Rate("c", ("rough", "fine"), Stimulus("spring"))
+    made = experiment(design=ConstantStimuli(((task, None),)), questions=(rough, fine))
+    with opened(browser, tmp_path, made, wide=1440, high=900) as (running, page):
+        state = awaited(running, page)
+        x, y = page.at("#keys button")
+        for kind in ("Moved", "Pressed", "Released"):
+            page.mouse(kind, x, y)
+        for question in ("rough", "fine"):  # at the second, on the answer just given
+            state = awaited(running, page, state["number"])
+            page.until(f"{UNDER} === '4'")
+            assert len(set(page.js(BORDERS))) == 1
+            if question == "rough":
+                y = page.at("#keys button")[1]
+                page.mouse("Moved", x + 1, y)
+                page.until(f"new Set({BORDERS}).size === 2")  # it has moved: it may be seen
+                page.mouse("Pressed", x + 1, y)
+                page.mouse("Released", x + 1, y)
+        page.key("5")
+        over(page)
+        assert page.js(TEXT) == "That was the last one. Thank you." and page.js(TOLD) == ""
+    assert running.session.records[0].answer.values == {"rough": 4, "fine": 5}
+
+
+ABOVE = """(box => box('footer').bottom <= box('#trial').top)
+    (e => document.querySelector(e).getBoundingClientRect())"""
+
+
+def test_a_page_that_was_replaced_takes_the_session_back_and_covers_no_trial(browser, tmp_path):
+    made = experiment(design=ConstantStimuli(((TASK, 4.0),)))
+    with opened(browser, tmp_path, made) as (running, page):
+        state = awaited(running, page)
+        press(page, state, " ")
+        state = awaited(running, page, state["number"])
+        other = browser.page(running.server.url, 390, 800)
+        page.until(f"{STATE} === 'The session is open on another page.'")
+        assert page.js(ABOVE)
+        page.click("#retry")
+        other.until(f"{STATE} === 'The session is open on another page.'")
+        other.close()
+        page.until(f"{STATE} === 'Connected'")
+        press(page, awaited(running, page), "2")
+        over(page)
+    assert running.session.records[0].answer.values == {"softer": "second"}

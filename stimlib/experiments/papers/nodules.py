@@ -112,7 +112,7 @@ def nodules(self_paced: bool = True) -> Experiment:
         motion=HAND,
         timing=Timing(interval=120.0, until="answer") if self_paced else Timing(interval=30.0),
         instructions=(
-            "Move over the surface with the mouse. Then say on which sides there is a nodule."
+            "Move over the surface with mouse or finger. Then say on which sides there is a nodule."
         ),
         observer=person,
         analysis=lambda sessions: "\n".join(

@@ -10,7 +10,8 @@ const OFTEN = 100; // pictures after which the server is told of them
 const MOST = 100, PAD = 24; // the end of a line; px beyond both ends, so that a finger reaches them
 const $ = id => document.getElementById(id);
 let texts = {}, ws = null, state = null, open = false, sent = false, final = false, begun = 0, frame = 0, late = 0;
-let heard = performance.now(), away = null, mark = null, drawn = ""; // away: since when there is no connection
+let heard = performance.now(), away = null, back = 0, mark = null, drawn = ""; // since when there is no connection, and is one again
+let pointer = ""; // where it is on the screen
 
 const say = (key, values = {}) => (texts[key] ?? "..").replace(/\{(\w+)\}/g, (_, name) => values[name]);
 const element = (parent, tag, more = {}) => Object.assign(parent.appendChild(document.createElement(tag)), more);
@@ -30,8 +31,9 @@ function become(now) {
   begun = performance.now() - 1000 * now.since;
   $("trial").textContent = now.trial === now.text ? "" : now.trial;
   $("told").replaceChildren();
-  for (const textContent of now.told) element($("told"), "p", { textContent });
+  for (const textContent of now.phase === "end" ? now.told.slice(0, -1) : now.told) element($("told"), "p", { textContent });
   if (fresh) ask(now);
+  heading();
   if (now.drawing?.number !== drawing?.number) draw(now.drawing);
   enable(); // or it takes no focus
   const first = now.kind === "analogue" ? "vas" : now.line && (now.kind !== "rating" || !now.keys.length) ? "typed" : "text";
@@ -43,9 +45,17 @@ function become(now) {
   report();
 }
 
-function ask({ text, phase, kind, line, keys = [], apart = [], ends = [], hint = "", words: names = [] }) {
+/** What is asked, or goes on; without a connection nothing does. */
+function heading() {
+  const { phase, text, told } = state, gone = phase === "feel" && !open;
+  const now = gone ? say("wait") : text ?? (phase === "end" ? told.at(-1) ?? "" : say(phase));
+  document.body.classList.toggle("away", gone);
+  if ($("text").textContent !== now) $("text").textContent = now;
+}
+
+function ask({ kind, line, keys = [], apart = [], ends = [], hint = "", words: names = [] }) {
   const scale = kind === "rating" && keys.length, analogue = kind === "analogue", row = scale || analogue;
-  $("text").textContent = text ?? (phase === "end" ? "" : say(phase));
+  document.body.classList.add("still"); // until the pointer moves, see ask.css
   $("hint").textContent = analogue ? say("touch_line") : hint;
   $("answers").className = row ? "scale" : "options";
   for (const id of ["keys", "apart", "words"]) $(id).replaceChildren();
@@ -128,7 +138,7 @@ function put(value) {
 }
 
 function answer(text) {
-  if (!open || sent || state?.phase !== "ask" || performance.now() - begun < GUARD) return;
+  if (!open || sent || state?.phase !== "ask" || performance.now() - Math.max(begun, back) < GUARD) return;
   sent = true;
   ws.send(JSON.stringify({ do: "answer", number: state.number, text }));
   late = setTimeout(() => words(say("sent")), 1500);
@@ -188,12 +198,12 @@ function hear(m) {
   if (m.is === "hello") {
     texts = m.texts;
     document.documentElement.lang = texts.language;
-    for (const [id, key] of [["name", "your_answer"], ["enter", "answer"], ["clear", "clear"], ["retry", "retry"]]) $(id).textContent = say(key);
+    for (const [id, key] of [["name", "your_answer"], ["enter", "answer"], ["clear", "clear"]]) $(id).textContent = say(key);
     $("track").ariaLabel = say("follow");
     $("picture").ariaLabel = say("picture");
   }
   if (!open) {
-    [open, away] = [true, null];
+    [open, away, back] = [true, null, performance.now()];
     words(say("connected"), "good");
   }
   if (m.is === "state") become(m);
@@ -208,7 +218,9 @@ function lose(code = 0, why = "") {
   final = code >= 4400 && ![4408, 4429].includes(code);
   const key = { 4410: "over", 4409: "elsewhere" }[code] ?? (final ? "refused" : gone() ? "gone" : "lost");
   words(texts[key] ?? `.. ${why}`, key === "over" ? "" : "bad"); // a page that was never let in has no texts: the experimenter reads why
-  show("retry", key === "gone");
+  show("retry", ["gone", "elsewhere"].includes(key));
+  $("retry").textContent = say(key === "elsewhere" ? "use" : "retry");
+  if (state) heading();
   if (code && !final) setTimeout(() => { if (ws.readyState > 1 && !gone()) connect(); }, 500);
   enable();
 }
@@ -248,6 +260,11 @@ $("line").onsubmit = e => {
   const text = state?.kind === "analogue" ? String(mark ?? "") : $("typed").value;
   if (text.trim()) answer(text);
 };
+addEventListener("pointermove", ({ pointerType, screenX, screenY }) => { // which browsers send after a click, too, without a way
+  const now = `${screenX} ${screenY}`;
+  if (pointerType !== "touch" && pointer !== now) document.body.classList.toggle("still", pointer === "");
+  pointer = now;
+});
 addEventListener("keyup", e => field.key(e, false));
 addEventListener("keydown", e => {
   if (e.ctrlKey || e.metaKey || e.altKey || e.isComposing || e.target.matches?.("input")) return;
