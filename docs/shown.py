@@ -9,6 +9,8 @@ from pathlib import Path
 
 from sphinx_gallery.scrapers import figure_rst
 
+# the output whose course over position is the thumbnail, rather than the first panel
+OVER_POSITION = {"click": "force", "ultrasonic_friction": "force", "soft_surface": "depth1"}
 SOUND = """
 .. raw:: html
 
@@ -24,7 +26,8 @@ def shown(block, block_vars, gallery_conf):
     figure.savefig(path, dpi=80)
     title = Path(block_vars["src_file"]).read_text().partition('"""\n')[2].partition("\n")[0]
     rst = figure_rst([path], gallery_conf["src_dir"], f"{title}: {axes_of(figure)}")
-    panel(figure, thumbnail)  # the first one; nothing else is left of the figure
+    scene = Path(block_vars["src_file"]).stem.removeprefix("plot_")
+    panel(figure, thumbnail, OVER_POSITION.get(scene))  # nothing else is left of the figure
     for sound in sorted(Path(block_vars["src_file"]).parent.glob("*.wav")):
         rst += SOUND.format(
             data=base64.b64encode(sound.read_bytes()).decode(), name=sound.stem.replace("_", " ")
@@ -46,12 +49,20 @@ def axes_of(figure):
     return "; ".join(filter(None, shown))
 
 
-def panel(figure, path):
-    """Save the panel of a figure that fills a thumbnail of 400 x 280 pixels best."""
+def panel(figure, path, over=None):
+    """Save the panel of a figure that fills a thumbnail of 400 x 280 pixels best.
+
+    With ``over``, save the course of that output over position.
+    """
     figure.draw_without_rendering()
-    sizes = [axes.get_window_extent() for axes in figure.axes]
+    wanted = [
+        axes
+        for axes in figure.axes
+        if over is None or (axes.get_ylabel() == over and axes.get_title().startswith("over"))
+    ]
+    sizes = [axes.get_window_extent() for axes in wanted]
     fill = [round(min(size.width, size.height * 400 / 280), -1) for size in sizes]
-    best = figure.axes[fill.index(max(fill))]
+    best = wanted[fill.index(max(fill))]
     siblings = best.get_shared_x_axes().get_siblings(best)
     best.set_xlabel(next(filter(None, (axes.get_xlabel() for axes in siblings)), ""))
     for axes in figure.axes:

@@ -13,7 +13,6 @@ import io
 import os
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -33,6 +32,8 @@ if TYPE_CHECKING:
 POINTS = 1500  # per curve: more cannot be seen
 MOST = 12  # rows: of a scene with more signals the first are drawn
 CLOSEUP = 0.06  # s
+PLACES = "m", "rad"
+NEGLIGIBLE = 1e-5  # of a signal: what vibrates less is rounding
 FLOOR = 1e-12  # of the top: what of a spectrum is below is rounding
 FORMATS = (".png", ".svg", ".pdf")
 
@@ -68,18 +69,29 @@ class Signals(NamedTuple):
     inputs: Mapping[str, np.ndarray]
     outputs: Mapping[str, np.ndarray]
 
-    def unit(self, output: str) -> str:
-        """Return the unit of an output."""
-        return f"{self.scene.outputs[output].dim}"
+    def unit(self, name: str) -> str:
+        """Return the unit of an input or output; an angle is in rad."""
+        block = (self.scene.inputs | self.scene.outputs)[name]
+        return "rad" if isinstance(block, Input) and block.unit == "rad" else f"{block.dim}"
 
-    def position(self, output: str) -> str | None:
-        """Return the first input in m on which an output depends, or None."""
-        found = {
-            b.name
-            for b in reach([self.scene.outputs[output]])
-            if isinstance(b, Input) and str(b.dim) == "m"
-        }
-        return next((n for n in self.scene.inputs if n in found), None)
+    def over(self, output: str) -> str | None:
+        """Return the input over which an output is drawn, or None.
+
+        This is a position or angle on which it depends, the one that its name begins
+        with or the first, or its only input.
+        """
+        found = {b.name for b in reach([self.scene.outputs[output]]) if isinstance(b, Input)}
+        names = [n for n in self.scene.inputs if n in found]
+        places = [n for n in names if self.unit(n) in PLACES]
+        places.sort(key=lambda n: not output.startswith(n))
+        return next(iter(places or (names if len(names) == 1 else ())), None)
+
+    def detailed(self) -> list[str]:
+        """Return the outputs with details: no input as it came, no output twice."""
+        drawn = {y.tobytes() for y in self.inputs.values()}
+        first = {y.tobytes(): name for name, y in reversed(self.outputs.items())}
+        names = [n for data, n in reversed(first.items()) if data not in drawn]
+        return (names or list(self.outputs))[:MOST]
 
 
 @public
@@ -213,10 +225,19 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
     )
     above, below = heights(s)
     fig: Any = Figure(figsize=(12, above + below), layout="constrained")
+    fig.suptitle(shown(title_of(rendering)).replace("$", r"\$"))
     top, bottom = fig.subfigures(2, 1, height_ratios=(above, below))
     over_time(top, rows_of(s), s.fs)
     close_by(bottom, s, spectra or {})
     return fig
+
+
+def title_of(rendering: Rendering) -> str:
+    """Return what a picture shows: the scene, its parameters, sample rate and seed."""
+    units = {name: f"{param.dim}" for name, param in rendering.scene.params.items()}
+    numbers = [f"{k} = {v:.4g} {units[k]}".removesuffix(" 1") for k, v in rendering.params.items()]
+    names = [part.law for part in rendering.scene.parts]
+    return ", ".join([*names, *numbers, f"{rendering.fs:g} Hz"][:MOST])
 
 
 def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
@@ -256,19 +277,19 @@ def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
 
 def heights(s: Signals) -> tuple[float, float]:
     """Return the heights in inches of the ``over_time`` and ``close_by`` panels."""
-    return 0.6 + 1.1 * len(rows_of(s)), 3.0 * min(MOST, len(s.outputs))
+    return 0.6 + 1.1 * len(rows_of(s)), 3.0 * len(s.detailed())
 
 
 def rows_of(s: Signals) -> list[Row]:
-    """Return a row for each signal; identical inputs share one row."""
+    """Return a row for each signal; identical signals share one row."""
     groups: dict[tuple[str, bytes], list[str]] = {}
-    for name, y in s.inputs.items():
-        groups.setdefault((f"{s.scene.inputs[name].dim}", y.tobytes()), []).append(name)
-    rows = [
-        Row(" = ".join(names), unit, s.inputs[names[0]], "C0")
+    signals = {**s.inputs, **s.outputs}
+    for name, y in signals.items():
+        groups.setdefault((s.unit(name), y.tobytes()), []).append(name)
+    return [
+        Row(" = ".join(names), unit, signals[names[0]], "C0" if names[0] in s.inputs else "C1")
         for (unit, _), names in groups.items()
-    ]
-    return [*rows, *(Row(name, s.unit(name), y, "C1") for name, y in s.outputs.items())][:MOST]
+    ][:MOST]
 
 
 def over_time(fig: Any, rows: list[Row], fs: float, start: int = 0) -> None:
@@ -283,19 +304,45 @@ def over_time(fig: Any, rows: list[Row], fs: float, start: int = 0) -> None:
 def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
     """Draw the details of each output: vibration, course over position, spectrum.
 
-    The vibration is shown where it is largest; the course is shown if the output
-    depends on a position.
+    The vibration is shown where it is largest, if the output ``vibrates``; the course
+    is shown if the output depends on a position or angle, or on one input alone.
     """
-    names = list(islice(s.outputs, MOST))
+    names = s.detailed()
     for row, name in zip(fig.subfigures(len(names), 1, squeeze=False)[:, 0], names, strict=True):
-        source = s.position(name)
-        left, *middle, right = row.subplots(
-            1, 2 if source is None else 3, gridspec_kw={"wspace": 0.06}
-        )
-        _vibration(left, s, name)
+        source, own = s.over(name), vibrates(s.outputs[name], s.fs)
+        count = 1 + own + (source is not None)
+        axes = row.subplots(1, count, squeeze=False, gridspec_kw={"wspace": 0.06})[0]
+        if own:
+            _vibration(axes[0], s, name)
         if source is not None:
-            _over_position(middle[0], s, name, source)
-        against(right, spectra[name]) if name in spectra else _density(right, s, name)
+            _over_position(axes[-2], s, name, source)
+        against(axes[-1], spectra[name]) if name in spectra else _density(axes[-1], s, name)
+
+
+def vibrates(y: np.ndarray, fs: float) -> bool:
+    """Return whether a signal vibrates by itself, rather than having a corner only.
+
+    From one octave to the next, the power of a corner, such as the contact with a wall,
+    falls to an eighth, and that of a step to a half.
+    """
+    if y.size < fs / 5 or fs <= 4 * CUTOFF:
+        return True  # too few octaves to say
+    from scipy.signal import periodogram
+
+    with np.errstate(over="ignore", invalid="ignore"):
+        if not np.abs(vibration(y, fs)[_inner(y, fs)]).max() > NEGLIGIBLE * np.ptp(y):
+            return not np.isfinite(y).all()
+        f, S = periodogram(y, fs, "hann", detrend="linear")
+    low, middle, high = (
+        S[(f >= a * CUTOFF) & (f < b * CUTOFF)].sum() for a, b in ((0.5, 1), (1, 2), (2, fs))
+    )
+    return not low > 3 * middle > 9 * high
+
+
+def _inner(y: np.ndarray, fs: float) -> slice:
+    """Return the part without the ends, where slow and fast are not told apart."""
+    edge = max(1, round(CLOSEUP * fs / 2)) + round(fs / CUTOFF / 2)
+    return slice(edge, y.size - edge) if y.size > 2 * edge else slice(None)
 
 
 def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
@@ -311,16 +358,17 @@ def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
     ax.plot(t, y, **({"lw": 0.7} | style))
 
 
-def _axes(ax: Any, name: str, unit: str, most: int = 4, position: bool = False) -> None:
+def _axes(ax: Any, name: str, unit: str, most: int = 4, over: str = "1") -> None:
     """Label an axis with prefixed units, such as 20 mm or 5 mN.
 
     Numbers without a unit are printed without a prefix.
     """
     from matplotlib.ticker import EngFormatter, MaxNLocator
 
-    for axis, u in ((ax.yaxis, unit), (ax.xaxis, "m" if position else "1")):
+    for axis, u in ((ax.yaxis, unit), (ax.xaxis, over)):
         if u != "1":
-            axis.set_major_formatter(EngFormatter(unit=u))
+            eng = EngFormatter(unit=u)
+            axis.set_major_formatter(lambda v, _, eng=eng: eng(v) if v else "0")
     ax.xaxis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
     ax.set_ylabel(shown(name))
     ax.grid(alpha=0.3)
@@ -330,10 +378,8 @@ def _vibration(ax: Any, s: Signals, name: str) -> None:
     y = s.outputs[name]
     fast = vibration(y, s.fs) if s.fs > 2 * CUTOFF else y
     half = max(1, round(CLOSEUP * s.fs / 2))
-    # within half a period of the ends slow and fast are not told apart
-    edge = half + round(s.fs / CUTOFF / 2)
-    edge = edge if y.size > 2 * edge else 0
-    at = edge + int(np.abs(fast[edge : y.size - edge]).argmax())
+    inner = _inner(y, s.fs)
+    at = (inner.start or 0) + int(np.abs(fast[inner]).argmax())
     part = slice(max(0, at - half), at + half)
     curve(ax, np.arange(y.size)[part] / s.fs, fast[part], color="C1")
     _axes(ax, f"{name}, above {CUTOFF:g} Hz", s.unit(name))
@@ -352,8 +398,9 @@ def _over_position(ax: Any, s: Signals, name: str, source: str) -> None:
     ):
         # the wider one below shows on both sides
         ax.plot(x[some], np.where(mask, y, np.nan)[some], **style, label=label)
-    _axes(ax, name, s.unit(name), position=True)
-    ax.set(xlabel=shown(source), title=f"over position, {source}")
+    place = "position, " * (s.unit(source) in PLACES)
+    _axes(ax, name, s.unit(name), over=s.unit(source))
+    ax.set(xlabel=shown(source), title=shown(f"over {place}{source}"))
     _legend(ax)
 
 

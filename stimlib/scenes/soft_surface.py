@@ -69,7 +69,8 @@ def soft_surface(
         same at every rate.
     contact : bool
         Also take an input ``contact`` (1 touching, 0 not).  Without it a pen touches
-        where its pressure is above 0, a mouse always.
+        where its pressure is above 0, a mouse always.  At contact the force of a pen
+        jumps to 0.1008 N, its value in eq. (2) at the pressure 0; so does the depth.
 
     Returns
     -------

@@ -86,6 +86,38 @@ def test_the_close_up_is_where_it_vibrates_most_and_each_way_has_its_curve():
         assert seen[way][part].all() and seen[way].sum() <= part.indices(FS)[1] - part.start + 40
 
 
+@pytest.mark.parametrize(
+    ("y", "panels"),
+    [
+        (np.maximum(T - 0.3, 0.0), False),  # a corner, as of the contact with a wall
+        (1.0 * (T > 0.3), True),
+        (40 * T + 4e-3 * np.sin(2 * np.pi * 50 * T), True),
+        (40 * T + 4e-3 * np.sin(2 * np.pi * 300 * T), True),
+        (40 * T + 1e-9 * np.random.default_rng(0).normal(size=FS), False),
+        (0.0 * T, False),
+    ],
+    ids=["corner", "step", "50 Hz", "300 Hz", "rounding", "silence"],
+)
+def test_vibration_has_a_panel_where_something_vibrates(y, panels):
+    fig = Figure()
+    scene = stimlib.Scene({"force": K * X})
+    close_by(fig, Signals(scene, FS, {"x": T}, {"force": y}), {})
+    titles = ["vibration, where it is largest", "over position, x", "spectrum of force"]
+    assert [ax.get_title() for ax in fig.axes] == titles[not panels :]
+
+
+def test_an_input_that_comes_out_again_is_drawn_once_and_an_angle_is_a_position():
+    angle, press = stimlib.Input("angle", "rad"), stimlib.Input("press")
+    scene = stimlib.Scene({"same": X + 0, "torque": angle * 2, "force": press * 3})
+    r = stimlib.render(scene, {"x": T, "angle": 2 * T, "press": 3 * T}, FS, target="python")
+    fig = figure(r)
+    rows = ["x = same", "angle", "press", "torque", "force"]
+    assert [ax.get_ylabel() for ax in fig.axes[:5]] == rows
+    titles = ["over position, angle", "spectrum of torque", "over press", "spectrum of force"]
+    assert [ax.get_title() for ax in fig.axes[5:]] == titles
+    assert fig.get_suptitle() == "2000 Hz"
+
+
 def test_no_text_of_a_panel_meets_another_panel():
     scene = stimlib.Scene({"force_of_the_thumb": -K * X})  # down to -500 mN
     fig = figure(
