@@ -302,15 +302,6 @@ def test_a_closed_tab_controls_nothing_and_another_takes_over(page, site, monkey
         assert running == (grace > 1) and live(page, "live.state.session") == session
 
 
-def test_what_vibrates_is_drawn_in_a_panel_of_its_own(page):
-    page.js(LOOKS)
-    drawn = page.until("looks.vibrates('tone').then(d => d.columns > 100 && d)")
-    assert drawn["high"] > 0.5  # of the canvas
-    legend = "[...document.querySelectorAll('.vibration figcaption')].map(c => c.textContent)"
-    page.until(f"{legend}.includes('tone above 40 Hz: 0.707 V rms')")
-    assert page.js(f"{legend}.length") == 3
-
-
 def test_text_has_contrast_in_both_themes(page):
     for theme in ("dark", "light"):
         page.media(prefers_color_scheme=theme)
@@ -553,3 +544,26 @@ def test_ten_minutes_without_growth(site):
         sizes.append((heap, own))
         assert minute == 0 or heap < sizes[0][0] + 2 and own < sizes[0][1] + 10, sizes  # MiB
     page.close()
+
+
+def test_a_scene_without_inputs_has_no_field_and_what_vibrates_is_drawn_once(browser):
+    tone = constant(1.0, "V") * oscillator(constant(158.0, "Hz"))
+    stream = Stream(Scene({"tone": tone, "hum": tone + constant(0.3, "V")}), FS, title="Tone")
+    stream.warm_up()
+    with Server(stream) as server:
+        page = browser.page(server.url)
+        page.until(READY)
+        shown = "[...document.querySelectorAll('h2, h3')].filter(e => e.checkVisibility())"
+        assert page.js(f"{shown}.map(e => e.textContent.split(' ')[0])") == [
+            *("Signals", "Outputs,", "Spectrum", "Parameters", "Sound")
+        ]
+        page.js("document.querySelector('#run').click()")
+        curves = "[...document.querySelectorAll('.plot')].filter(e => e.checkVisibility())"
+        names = f"{curves}.map(e => e.textContent.split(/ =|:/)[0]).join()"
+        page.until(f"{names} === 'tone,hum,hum above 40 Hz'")
+        page.js(LOOKS)
+        drawn = page.until("looks.vibrates('hum').then(d => d.columns > 100 && d)")
+        assert drawn["high"] > 0.5  # of the canvas
+        legend = "document.querySelector('.vibration:not([hidden]) figcaption').textContent"
+        page.until(f"{legend} === 'hum above 40 Hz: 0.707 V rms'")
+        page.close()

@@ -49,9 +49,10 @@ function greet(hello) {
   $("title").textContent = document.title = hello.title;
   for (const parent of ["inputs", "outputs"]) $(parent).replaceChildren();
   const drawnIn = (signals, where) => grouped(signals).map(g => new Panel(g, live.history, $(where)));
-  const vibrates = o => drawnIn(isPlace(o) ? [] : [{ ...o, index: o.index + outputs.length, least: LEAST * o.full }], "outputs");
+  const vibrates = o => drawnIn(isPlace(o) ? [] : [{ ...o, index: o.index + outputs.length, least: LEAST * o.full, whole: o.index }], "outputs");
   live.panels = [...drawnIn(inputs, "inputs"), ...grouped(outputs).flatMap(g => [...drawnIn(g, "outputs"), ...g.flatMap(vibrates)])];
   show = { params: parameters(hello.params, $("params"), say), sources: sources(hello, $("sources"), say) };
+  for (const part of document.querySelectorAll("[data-of=inputs]")) part.hidden = !inputs.length;
   $("mark").hidden = !hello.marks;
   $("no-params").hidden = hello.params.length > 0;
   $("heard").replaceChildren(...outputs.map(({ name }, k) => new Option(name, k)));
@@ -269,6 +270,7 @@ function plot(now, telling) {
   const { fs, inputs, outputs } = live.hello;
   shown = live.history.end;
   live.pictures++;
+  if (telling) for (const p of live.panels) p.leaveOut(fs);
   for (const p of live.panels) p.draw(fs, +$("window").value, colours, telling);
   if (spectrum.take(inputs.length + heard, fs) || lines.due(now, 250))
     lines.take(now, () => spectrum.draw(fs, outputs[heard].unit, colours));

@@ -146,7 +146,7 @@ export function frame(g, box, colours, xs, ys, name) {
 
 /** One panel over time: signals of one unit, with a legend that says their values. */
 export class Panel {
-  /** `signals`: [{index, name, unit, low, high, least}]: low and high where a range is known, least of what vibrates. */
+  /** `signals`: [{index, name, unit, low, high, least, whole}]: low and high where a range is known; of what vibrates in `whole`, the least. */
   constructor(signals, history, parent) {
     Object.assign(this, { signals, history, top: 0, bottom: 0, strip: new Strip(), fitted: [] });
     const names = signals.map(s => s.name).join(", "), vibrates = !!signals[0].least;
@@ -217,6 +217,14 @@ export class Panel {
     const newest = Math.floor((history.end - 1) / this.curves[0].per);
     strip.draw(this.curves, first, newest, v => zero - high * v, colours.curves);
     strip.show(back.show(), Math.round(box.x * ratio), Math.round((box.y - 2) * ratio));
+  }
+
+  /** Of a signal that does nothing but vibrate, what vibrates is the same curve. */
+  leaveOut(fs) {
+    const [{ index, least, whole }] = this.signals;
+    if (!least) return;
+    const all = this.history.rms(whole, fs), fast = this.history.rms(index, fs);
+    if (all > least) this.root.hidden = fast > (this.root.hidden ? 0.98 : 0.995) * all; // what is slow is a tenth of it
   }
 
   /** In what its values are shown. */
