@@ -7,6 +7,7 @@ import inspect
 import itertools
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -218,7 +219,10 @@ ALL = f"{LISTED}, ready"
         ("render tone --seed 1 --seed=2 --out a.wav", "--seed is given twice"),
         ("experiment status softer --data a --data b", "--data is given twice"),
         # scenes
-        ("show sqeeze", "no scene 'sqeeze': use one of bump_grid"),
+        ("show sqeeze", "no scene 'sqeeze': did you mean squeeze? Use one of bump_grid"),
+        ("play squeeze --set K=3", "--set: there is no parameter 'K'"),
+        ("live squeeze --range z=0:1", "error: --range: there is no input or parameter 'z'"),
+        ("verify a.wav --html a.html", "No such option: --html; write --report; see"),
         ("show squeeze(fingers='a')", "squeeze: fingers = 'a' must be a whole number"),
         ("show squeeze(fingers=None)", "a whole number"),
         (f"show squeeze(fingers='{200 * 'y'}')", f"fingers = '{76 * 'y'}... must be"),
@@ -476,11 +480,33 @@ def test_render_writes_and_draws_what_the_library_renders(tmp_path):
     assert drawn.read_bytes().startswith(b"\x89PNG")
 
 
-def test_show_prints_the_plan_draws_and_saves(tmp_path):
+def test_show_tells_a_scene_and_draws_and_saves_it(tmp_path):
     done = ran(f"show squeeze --draw {tmp_path}/g.svg --save {tmp_path}/s.json")
+    assert "felt: An elastic object vibrates while" in done.output and "White(" not in done.output
+    assert "law:  F = k x + A level (k tau v)(tau dp/dt) while" in done.output
+    done = ran("show squeeze --plan")
     assert "enabled 1  White(0, 1" in done.output and "removed:" in done.output
     assert "<svg" in (tmp_path / "g.svg").read_text()
     assert stimlib.load(tmp_path / "s.json").hash == stimlib.scenes.squeeze().hash
+
+
+@pytest.mark.parametrize("scene", [*stimlib.scenes.SHIPPED, "squeeze(fingers=1)"])
+def test_the_command_that_show_names_plays_the_scene(scene):
+    (command,) = [
+        line.strip()
+        for line in ran(["show", scene]).stdout.splitlines()
+        if line.strip().startswith("stimlib play")
+    ]
+    words = [*shlex.split(command)[1:-1], "0.2", "--sink", "null", "--fast"]
+    assert ran(words).stdout.endswith("played 0.2 s, nothing lost\n")
+
+
+def test_help_has_a_line_for_each_sentence_and_example():
+    for name, found in typer.main.get_command(app).commands.items():
+        for paragraph in (found.help or "").split("\n\n"):
+            assert "\n" not in paragraph, name
+            words = paragraph.removeprefix("[bold]").removesuffix("[/]")
+            assert not words.startswith("stimlib ") or len(words) <= 78, words
 
 
 def data_of(words, code=0):

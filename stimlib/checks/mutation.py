@@ -93,10 +93,13 @@ class Mutations:
         for column in ("number", "value", "change", "outcome", "check"):
             table.add_column(column)
         colours = {REFUSED: "green", WITHIN: "bold red", NO_LAW: "bold red"}
+        alike: dict[tuple[str, ...], list[str]] = {}
         # what was missed first
         for m in sorted(self.mutants, key=lambda m: m.outcome not in (WITHIN, NO_LAW)):
-            outcome = Text(m.outcome, colours.get(m.outcome, ""))
-            table.add_row(Text(shown(m.where)), m.value, m.change, outcome, Text(shown(m.text)))
+            alike.setdefault((m.where, m.value, m.outcome, m.text), []).append(m.change)
+        for (where, value, what, text), changes in alike.items():
+            outcome = Text(what, colours.get(what, ""))
+            table.add_row(Text(shown(where)), value, ", ".join(changes), outcome, Text(shown(text)))
         return table
 
 

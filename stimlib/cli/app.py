@@ -97,6 +97,8 @@ def _in_one_line() -> Iterator[None]:
         if type(e).__name__ == "NoArgsIsHelpError":  # typer has no public name for it
             raise
         text = " ".join(e.format_message().replace("Value error, ", "").split()).rstrip(".")
+        for wrong, right in OTHER_NAMES.items():
+            text = re.sub(rf"(?<=No such option: ){wrong}.*", f"{wrong}; write {right}", text)
         failed(f"{text}; see {e.ctx.command_path if e.ctx else 'stimlib'} --help")
         raise typer.Exit(2) from None
 
@@ -104,6 +106,8 @@ def _in_one_line() -> Iterator[None]:
 app = typer.Typer(
     cls=_Group, no_args_is_help=True, rich_markup_mode="rich", pretty_exceptions_show_locals=False
 )
+OTHER_NAMES = {"--html": "--report"}
+"""Options that do not exist, with those that are meant."""
 errors = Console(stderr=True, emoji=False)
 
 
@@ -140,9 +144,19 @@ def command(name: str, of: typer.Typer = app, **shared: Command) -> Callable[[Co
 
     def made(function: Command) -> Command:
         options = {n for f in (function, *shared.values()) for n in inspect.signature(f).parameters}
-        return of.command(name, cls=_Command)(sharing(friendly(options)(function), shared))
+        run = sharing(friendly(options)(function), shared)
+        return of.command(name, cls=_Command, help=help_of(function))(run)
 
     return made
+
+
+def help_of(function: Command) -> str:
+    """Return the docstring of a command with a line for each paragraph.
+
+    Typer would keep the line breaks of the source.
+    """
+    text = inspect.getdoc(function) or ""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in text.split("\n\n"))
 
 
 def sharing(function: Command, shared: dict[str, Command]) -> Command:

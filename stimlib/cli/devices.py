@@ -90,8 +90,7 @@ def loopback(
 
     Exit status 1 when the recording differs.
 
-    [bold]stimlib loopback squeeze --sink jack --motion "minimum_jerk(depth=0.02)"
-    --full-scale 50[/]
+    [bold]stimlib loopback squeeze --motion "minimum_jerk()" --full-scale 50[/]
     """
     run_files(import_)
     from ..devices.jack_loopback import loopback as compare

@@ -107,8 +107,7 @@ def render_(
 ):
     """Render a scene into a sound file, and write FILE.json to repeat and verify it.
 
-    [bold]stimlib render squeeze --motion "minimum_jerk(depth=0.02)" --seconds 5
-    --full-scale 50 --out squeeze.wav[/]
+    [bold]stimlib render wall --motion "sinusoid(2e-3, 5)" --full-scale 5 --out w.wav[/]
     """
     run_files(import_)
     from ..run.processor import compile

@@ -111,17 +111,20 @@ def live(
     replay[/] repeats it, [bold]stimlib verify --log[/] checks it.  Ctrl-C fades out.
 
     [bold]stimlib live "bumps(contact=True)"[/]
+
     [bold]stimlib live click_block.py:scene --range x=0:0.01[/]
+
     [bold]stimlib live soft_surface --motion "press=sinusoid(0.5, 1, mean=0.5)"[/]
     """
     watched = Watched(scene, import_)
     run_files(import_)
-    from ..live.describe import full_scales
+    from ..live.describe import full_scales, ranges_of
     from ..live.server import Server  # which says what is not installed
     from ..live.stream import Stream
 
     made = scene_of(scene)
-    ranges = opt.ranges(range_, "--range")
+    params, ranges = params_of(set_, made), opt.ranges(range_, "--range")
+    ranges_of(made, ranges)
     given, _ = motions(made, contact=touching(scene), all_=False)
     if not folder.is_dir():
         raise BadValue(f"--folder {folder}: there is no such folder: make it first")
@@ -135,7 +138,7 @@ def live(
             ranges=ranges,
             given=given,
             block=block,
-            params=params_of(set_, made),
+            params=params,
             seed=seed,
             folder=folder,
             bandwidth=smooth,

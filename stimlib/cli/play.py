@@ -156,8 +156,7 @@ def play(
 
     Exit status 1 when an output failed or the device went away during playback.
 
-    [bold]stimlib play squeeze --sink jack --motion "minimum_jerk(depth=0.02)"
-    --full-scale 50 --log monday.stimlog[/]
+    [bold]stimlib play squeeze --motion "minimum_jerk()" --full-scale 50 --sink jack[/]
 
     [bold]stimlib play tone --set freq=80 --seconds 3[/]
 
@@ -183,17 +182,19 @@ def play(
     chosen = sink or ("null" if fast else None)
     found = available.first_ready() if chosen is None else None
     kind = found.sink if found else str(chosen)
-    if scene.lower().endswith((".wav", ".rf64", ".w64", ".caf", ".flac")):
+    sound = scene.lower().endswith((".wav", ".rf64", ".w64", ".caf", ".flac"))
+    if sound:
         if stream:
             raise BadValue(f"{scene} is a sound file and has no inputs: leave out --stream")
         made, motion, rate = _sound(scene, motions, fs)
     else:
         made, rate = scene_of(scene), (found and found.fs) or 8000.0
-        if stream is None:
-            motion, recorded = motions(made, contact=touching(scene))
+    params = params_of(set_, made)  # before what is missing
+    if stream is None and not sound:
+        motion, recorded = motions(made, contact=touching(scene))
     options: dict[str, Any] = {
         "seed": seed,
-        "params": params_of(set_, made),
+        "params": params,
         "log": log,
         **opt.calibration(calibration),
     }
@@ -274,3 +275,12 @@ def _played(
                 print(f"version {k}: " * (len(sessions) > 1) + str(session.report()))
                 if session._log_to is not None:
                     print(f"log: {session._log_to}")
+            print(_ending(sessions))
+
+
+def _ending(sessions: list[Any]) -> str:
+    """Return the last line: how long was played, and whether all of it was."""
+    reports = [session.report() for session in sessions]
+    seconds = sum(r.delivered / s.rate for r, s in zip(reports, sessions, strict=True))
+    lost = sum(r.lost for r in reports)
+    return f"played {seconds:.4g} s, {f'{lost} samples' if lost else 'nothing'} lost"

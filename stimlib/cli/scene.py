@@ -10,6 +10,7 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
@@ -77,8 +78,10 @@ def scene_of(text: str) -> Scene:
         from ..core.scene import load
 
         return load(text)
+    near = get_close_matches(name, shipped(), 1)
+    meant = f"did you mean {near[0]}? U" if near else "u"
     raise UnknownName(
-        f"no scene {text!r}: use one of {', '.join(shipped())}, path.py:name or path.json"
+        f"no scene {text!r}: {meant}se one of {', '.join(shipped())}, path.py:name or path.json"
     )
 
 
@@ -271,6 +274,7 @@ def params_of(items: list[str], scene: Scene) -> dict[str, float]:
             values[name] = amplitude(text, units[name])
         else:
             values[name] = number(text, f"--set {name}={text}")
+    need("--set", values, units, "parameter")
     return values
 
 

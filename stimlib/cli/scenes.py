@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+import shlex
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,12 +27,17 @@ def show(
         Path | None, typer.Option(help="Also draw the graph: .svg, .png or .pdf.")
     ] = None,
     save: Annotated[Path | None, typer.Option(help="Also save the scene as JSON.")] = None,
+    plan_: Annotated[
+        bool, typer.Option("--plan", help="Also print the plan: the inner blocks, in their order.")
+    ] = False,
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
-    """Show a scene: its inputs, parameters and plan, and its graph.
+    """Show a scene: what is felt, its law, and a command to try it; draw its graph.
 
     [bold]stimlib show squeeze --draw squeeze.svg[/]
+
+    [bold]stimlib show squeeze --plan[/]
     """
     run_files(import_)
     from ..analysis.passivity import damping_of
@@ -58,7 +64,10 @@ def show(
         print_json(_facts(made) | facts)
     else:
         print(shown(made))
-        print(shown(plan))
+        for what, text in _told(scene, made, fs):
+            print(shown(f"{what:5} {text}"))
+        if plan_:
+            print(shown(plan))
         for (y, x), b in needed.items():
             unit = made.outputs[y].dim * core_unit("s") / made.inputs[x].dim
             print(
@@ -73,6 +82,7 @@ def show(
 def list_(json_: opt.Json = False):
     """List the shipped scenes with their parameters, and the motions."""
     from ..motion.generators import GENERATORS
+    from ..scenes import ROWS
 
     if json_:
         scenes = {name: _call(make) | _facts(make()) for name, make in shipped().items()}
@@ -82,10 +92,31 @@ def list_(json_: opt.Json = False):
     out = Output(emoji=False)
     for name, make in shipped().items():
         out.print(f"[bold]{name}[/]{_words(make)}", soft_wrap=True)
-        out.print(f"    {_summary(make)}", soft_wrap=True)
+        out.print(f"    {ROWS[name].felt}", soft_wrap=True)
+    out.print("stimlib show NAME prints the law of a scene, and a command to play it")
     out.print("[bold]motions[/]")
     for name, generator in GENERATORS.items():
         out.print(f"    [bold]{name}[/]{_words(generator)}  {_summary(generator)}", soft_wrap=True)
+
+
+def _told(text: str, scene: Scene, fs: float) -> Iterator[tuple[str, str]]:
+    """Yield what is felt, the laws, and a command for each way to try a scene."""
+    from ..live.describe import full_scales, ranges_of
+    from ..scenes import ROWS
+
+    rows = [ROWS[part.law] for part in scene.parts if part.law in ROWS]
+    for row in rows:
+        yield "felt:", row.felt
+        yield "law:", row.words
+    name = shlex.quote(text)
+    yield "try:", f"stimlib live {name}"
+    drive = {n: m for row in rows[:1] for n, m in row.drive.items() if n in scene.inputs}
+    if len(rows) == 1 and drive.keys() == scene.inputs.keys():
+        scales = full_scales(scene, fs, ranges_of(scene))
+        units = [f"{n}={scales[n]:g}" for n, out in scene.outputs.items() if f"{out.dim}" != "1"]
+        words = [f"--motion {shlex.quote(f'{n}={m}')}" for n, m in drive.items()]
+        words += [f"--full-scale {','.join(units)}"] * bool(units)
+        yield "", " ".join(["stimlib play", name, *words, "--seconds 3"])
 
 
 def _words(function: Callable[..., Any]) -> str:

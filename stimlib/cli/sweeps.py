@@ -102,9 +102,9 @@ def sweep_(
     A row that fails keeps its error, and the others continue. Ctrl-C loses at most two
     seconds of work. Needs the packages of the extra "sweep".
 
-    [bold]stimlib sweep "squeeze(fingers=1)" --axis k=500:3000:6 --axis A=0:4:9 --axis
-    seed=0..9 --seconds 3 --motion "minimum_jerk(depth=0.02)" --measure "band(20, 1000)"
-    --out loudness[/]
+    [bold]stimlib sweep wall --axis k=500:3000:6 --motion "sinusoid(0.002, 5)"[/]
+
+    [bold]stimlib sweep tone --axis freq=50:250:5 --axis seed=0..9 --out bursts[/]
     """
     run_files(import_)
     from ..sweep.measures import Measure
@@ -137,7 +137,9 @@ def sweep_(
     )
     if isinstance(made, Forecast):
         return print_json(made._asdict()) if json_ else print(made)
-    _report(_facts(made), json_, quiet)
+    axes = {name: made[name].unique().to_pylist() for name in table.column_names}
+    facts = {"axes": {name: len(values) for name, values in axes.items()}}
+    _report(_facts(made) | facts | {"folder": out and str(out)}, json_, quiet)
 
 
 def _report(facts: dict[str, Any], json_: bool, quiet: bool) -> None:
@@ -148,6 +150,12 @@ def _report(facts: dict[str, Any], json_: bool, quiet: bool) -> None:
         return
     if not json_:
         print_wide(_shown(facts))
+        kept = f"rows and figures: {facts['folder']}"
+        print(
+            kept
+            if facts["folder"]
+            else "nothing is kept: --out FOLDER keeps the figure of each row"
+        )
     if facts["failed"]:
         note(f"{facts['failed']} of {facts['rows']} rows failed; the first: {facts['first_error']}")
     if facts["faulted"]:
@@ -228,7 +236,9 @@ def _shown(facts: dict[str, Any]) -> Any:
 
     from ..core.units import pretty
 
-    shape = Table(title=f"{facts['rows']} rows, {facts['failed']} failed", title_justify="left")
+    axes = ", ".join(f"{name} ({n})" for name, n in facts["axes"].items())
+    title = f"{facts['rows']} rows over {axes}, {facts['failed']} failed"
+    shape = Table(title=Text(shown(title)), title_justify="left")
     shape.add_column("figure")
     shape.add_column("unit")
     for which in OF_EACH:

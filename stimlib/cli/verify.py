@@ -210,8 +210,7 @@ def mutate_(
 
     [bold]stimlib mutate wall --motion 'sinusoid(0.002, 5)'[/]
 
-    [bold]stimlib mutate my.py:scene --motion 'minimum_jerk(depth=0.02)' --seconds
-    0.5[/]
+    [bold]stimlib mutate my.py:scene --motion 'minimum_jerk(depth=0.02)'[/]
     """
     run_files(import_)
     made = scene_of(scene)

@@ -18,6 +18,7 @@ from .shipped import above_zero, shipped
 
 
 @shipped(
+    felt=("A flat touch screen feels as if it had a field of bumps: it vibrates under a finger."),
     words=(
         "V = gain A e(along x/length) e(across y/width) c(t); each e is the mean of a wave of bumps"
         " over the movement in its direction, of which the part duty (along y duty_y) is ridge, c"

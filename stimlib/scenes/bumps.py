@@ -42,6 +42,7 @@ def pad(now: dict[str, Any]) -> dict[str, Any]:
 
 
 @shipped(
+    felt=("A flat touch screen feels as if it had ridges: it vibrates under a finger on one."),
     words=(
         "V = gain A e(x/wavelength) c(t); e is the mean of a wave of bumps over each movement, of"
         " which the part duty is ridge, c the positive half waves of a carrier of freq (the"

@@ -10,6 +10,9 @@ from .shipped import shipped
 
 
 @shipped(
+    felt=(
+        "A button resists, gives way with a short vibration, and snaps back when it is released."
+    ),
     words=(
         "F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi freq"
         " t), each a mean over the movement of a sample; q is 1 from x >= at until x < back, t the"

@@ -12,6 +12,7 @@ from .shipped import above_zero, shipped
 
 
 @shipped(
+    felt=("A knob snaps from one detent to the next, with some dry friction."),
     words=(
         "T = depth sin(count angle) + Coulomb's friction of a spring, each a mean over the movement"
         " of a sample (our own)"

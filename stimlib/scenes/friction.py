@@ -10,6 +10,7 @@ from .shipped import shipped
 
 
 @shipped(
+    felt=("A dragged finger sticks and slips: the faster the stroke, the higher the pitch."),
     words=(
         "F is that of a spring that a finger drags: it slips at static normal and sticks again at"
         " kinetic normal, a mean over the movement of a sample (our own)"

@@ -10,6 +10,7 @@ from .shipped import shipped
 
 
 @shipped(
+    felt=("A stroked surface has coarse and fine ridges, and is rough."),
     words=(
         "F = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x), each a mean"
         " over the movement of a sample; n is noise over place with a spectrum of 1/f^slope (after"

@@ -11,6 +11,7 @@ from .shipped import shipped
 
 
 @shipped(
+    felt=("A hard surface rings when it is tapped, the more the faster the tap."),
     words=(
         "F = max(0, k x + b v) + A u exp(-t/decay) sin(2 pi freq t) from each impact on, u its"
         " velocity (after Okamura, Dennerlein and Howe 1998)"

@@ -31,6 +31,8 @@ class shipped(NamedTuple):
     words : str
         The law as one formula with its source; a report prints it.  The law itself has
         the name of the scene in ``stimlib.checks.evidence.SCENES``.
+    felt : str
+        What a person feels, in one sentence.
     drive : dict of str to str
         A motion of each input, as on the command line, under which the law says
         something of every output.
@@ -57,6 +59,7 @@ class shipped(NamedTuple):
 
     words: str
     drive: Mapping[str, str]
+    felt: str = ""
     ranges: Mapping[str, tuple[float, float]] = {}
     device: Mapping[str, Mapping[str, Any]] = {}
     view: Callable[[dict[str, Any]], dict[str, Any]] | None = None

@@ -20,6 +20,7 @@ DEVICES = ("pen", "mouse")
 
 
 @shipped(
+    felt=("A soft object on a screen has hard nodules: there the avatar waits, and sinks in less."),
     words=(
         "an avatar follows the pointer at the speed (1.1 - S)/(1.1 (1 + S)), or waits 0.5 s for"
         " each newton the tangential force rises; it goes f/(0.4 + 0.8 S) mm deep, f = 0.1008"

@@ -15,6 +15,7 @@ from .shipped import shipped
 
 
 @shipped(
+    felt=("A tool that strokes a measured surface vibrates, by its speed and pressing force."),
     words=(
         "a(t) = level times what the models' recursion (AR and MA, of the three models around speed"
         " and force) makes of white noise, brought to the rate by a windowed sinc (Culbertson,"

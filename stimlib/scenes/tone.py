@@ -38,6 +38,7 @@ def on_channels(scene: str, y: Block, channels: int) -> dict[str, Block]:
 
 
 @shipped(
+    felt=("A vibration of one frequency, in bursts or without end."),
     words=(
         "y = amplitude e(t) sin(2 pi freq t); e rises and falls as a raised cosine over ramp, once"
         " in each period, over duration (our own)"
@@ -112,6 +113,7 @@ def tone(
 
 
 @shipped(
+    felt="A short push, once or repeated.",
     words=(
         "y = amplitude e(t); e is 1 over duration, once in each period, and rises and falls as a"
         " raised cosine over ramp (our own)"

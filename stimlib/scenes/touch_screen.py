@@ -30,6 +30,7 @@ KNOTS = np.linspace(0.0, 1.0, 5)
 
 
 @shipped(
+    felt=("Bumps on a touch screen feel alike wherever the finger is."),
     words=(
         "V = amplifier(pole swap(A e(x/wavelength) c(t) d_max/d(x))), d being the displacement"
         " fitted over places; the displacement is the sum over the plate's modes of shape(x, y)"

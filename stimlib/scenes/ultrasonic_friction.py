@@ -16,6 +16,7 @@ VISCOSITY, AIR, LEAST = 18.5e-6, 101325.0, 10.0  # Pa s, Pa; squeeze number
 
 
 @shipped(
+    felt=("A glass plate is slippery in some places and sticky in others, as if it had bumps."),
     words=(
         "F is Coulomb's friction of a spring, mu N' at most; N' = max(0, normal - area p0"
         " (sqrt((1 + 3/2 e^2)/(1 - e^2)) - 1)), e = a/gap, a + q/(pi freq) da/dt = per_volt V, V ="

@@ -10,6 +10,7 @@ from .shipped import shipped
 
 
 @shipped(
+    felt=("A stiff, damped wall pushes back, and never pulls."),
     words=(
         "F = max(0, k p + b v), a mean over the movement of a sample, p = x - at > 0 the depth, v"
         " its velocity (Colgate and Schenkel 1997)"
