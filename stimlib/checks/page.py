@@ -9,7 +9,7 @@ import hashlib
 import html
 import json
 import platform
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from importlib.metadata import version
 from typing import Any
@@ -46,7 +46,8 @@ th{overflow-wrap:normal}tr tr:last-child td{border:0}td.ok,td.bad{white-space:no
 td.n{font-variant-numeric:tabular-nums}.ok{color:#176b2c}
 .bad{color:#fff;background:#b3261e;print-color-adjust:exact;-webkit-print-color-adjust:exact}
 h1 span{padding:0 .5rem;border-radius:.3rem;box-decoration-break:clone}h1 span.ok{padding:0}
-figure{margin:1rem 0;overflow-x:auto}svg{width:100%;height:auto}
+figure{margin:1rem 0;overflow-x:auto}.rows{overflow-x:auto}.rows td{white-space:nowrap}
+svg{width:100%;height:auto}
 code,pre{background:#f3f3f3;padding:.1rem .3rem}
 pre{white-space:pre-wrap;font-size:12px}.small{color:#666;font-size:13px}
 .scene{max-height:20rem;overflow-y:auto;background:#f3f3f3}summary{cursor:pointer}
@@ -175,6 +176,26 @@ def facts(rows: Mapping[str, str]) -> str:
 def items(texts: Iterable[str]) -> str:
     """Return an HTML list of texts, or a sentence that says that it is empty."""
     return "<ul>" + ("".join(f"<li>{_q(t)}</li>" for t in texts) or "<li>nothing</li>") + "</ul>"
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return an HTML table of rows with equal keys; it scrolls if it is too wide."""
+    head = "".join(f"<th>{_q(name.replace('_', ' '))}</th>" for name in (rows or [{}])[0])
+    body = "".join(f"<tr>{''.join(map(_cell, row.values()))}</tr>" for row in rows)
+    made = f'<div class="rows" tabindex="0"><table><tr>{head}</tr>{body}</table></div>'
+    return made if rows else "<p>nothing</p>"
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, str):
+        return f"<td>{_q(value)}</td>"
+    if isinstance(value, (tuple, list)):
+        return f'<td class="n">{_q(", ".join(map(_number, value)))}</td>'
+    return f'<td class="n">{_q(_number(value))}</td>'
+
+
+def _number(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, (float, np.floating, np.ndarray)) else str(value)
 
 
 def alike(rows: Iterable[Any], key: Callable[[Any], Any]) -> list[list[Any]]:

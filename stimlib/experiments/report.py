@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import html
+import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 from ..checks.figures import svg
-from ..checks.page import document, facts, items, picture
+from ..checks.page import document, facts, items, picture, table
 from ..core.units import pretty
 from ..errors import UnknownName, need, public, shown
 from ..system import safe_files
@@ -58,9 +59,11 @@ def write_report(
     notes: Sequence[str] = (),
     unit: str = "",
 ) -> None:
-    """Write a self-contained page with method, curves, tracks and tables.
+    """Write a self-contained page with result, method, curves, tracks and tables.
 
-    The tracks show the levels of staircases. The same answers give the same bytes.
+    The result, in sentences, comes first: the mean threshold of each condition with its
+    interval, and what is left out of it. The tracks show the levels of staircases. The
+    same answers give the same bytes.
 
     Parameters
     ----------
@@ -124,9 +127,7 @@ def write_report(
     fits = fits or {}
     need("report", NEEDED, columns)
     paragraphs = "".join(f"<p>{_q(text)}</p>" for text in method.split("\n\n"))
-    flagged = [
-        f"{' '.join(map(str, key))}: {text}" for key, fit in fits.items() for text in fit.advice()
-    ]
+    result = _simulated(columns)
     parts = [f"<h2>Method</h2>{paragraphs}", f"<h2>Answers</h2>{facts(_counts(columns))}"]
     if notes:
         parts.append(f"<h2>To be known</h2>{items(notes)}")
@@ -137,26 +138,29 @@ def write_report(
                 f"report: a fit of {alien[0]!r}, of which there are no answers; by ="
                 f" {', '.join(by)}"
             )
+        result += _result(fits, by, unit)
         label = f"level / {pretty(unit)}" if unit else "level"
         size = 3.0 * min(ACROSS, len(fits)), 2.5 * -(-len(fits) // ACROSS)
         curves = svg(lambda figure: _curves(figure, fits, label), size)
         residuals = svg(lambda figure: _residuals(figure, fits, answers), size)
         parts += [
             picture("Psychometric functions", curves),
+            "<p>A dot is the proportion of answers at one level, the larger the more answers; the"
+            " line is the fitted curve, and the bar the interval of its middle.</p>",
             picture("Residuals over time", residuals),
             "<p>Answers minus the curve, summed over stretches of trials in their order, in"
             " standard deviations: a steady participant is within the dotted lines in 19 of"
             " 20.</p>",
         ]
-        parts.append(
-            "<p>Fits that are not to be used as they"
-            f" are:</p>{items(flagged)}{_table(_fits(fits, by, unit))}"
-        )
+        parts.append(f"<h2>All fits</h2>{table(_fits(fits, by, unit))}")
     if any(columns["track"]):
         tracks = grouped(columns, ("participant", "condition"))
         size = 3.0 * min(ACROSS, len(tracks)), 2.0 * -(-len(tracks) // ACROSS)
         parts.append(picture("Staircases", svg(lambda f: _tracks(f, tracks, unit), size)))
-    parts += [f"<h2>{_q(name)}</h2>{_table(plain(rows))}" for name, rows in (tables or {}).items()]
+        parts.append("<p>Each line is one staircase; a dot is a trial.</p>")
+    parts += [f"<h2>{_q(name)}</h2>{table(plain(rows))}" for name, rows in (tables or {}).items()]
+    if result:
+        parts.insert(0, f"<h2>Result</h2>{items(result)}")
     made = ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy"))
     body = f'<h1>{_q(title)}</h1>{"".join(parts)}<p class="small">Made with {_q(made)}.</p>'
     safe_files.publish(path, document(title, body))
@@ -171,6 +175,51 @@ def _label(text: str) -> str:
     return shown(text).replace("$", r"\$")
 
 
+def _simulated(columns: Columns) -> list[str]:
+    """Return a sentence if answers are simulated."""
+    given = [bool(v) for v in columns.get("simulated", ())]
+    which = "All" if all(given) else "Some"
+    said = f"{which} answers are simulated: an observer model gave them, and no participant."
+    return [said] if any(given) else []
+
+
+def _result(fits: Mapping[tuple[Any, ...], Fit], by: Sequence[str], unit: str) -> Iterator[str]:
+    """Yield the result in sentences: each condition, its meaning, what is left out."""
+    from scipy.stats import t
+
+    groups: dict[str, list[Fit]] = {}
+    for key, fit in fits.items():
+        where = [str(part) for part, name in zip(key, by, strict=True) if name != "participant"]
+        groups.setdefault(" ".join(where) or "All", []).append(fit)
+    for name, each in groups.items():
+        good = [fit for fit in each if np.isfinite(fit.pse)]
+        what, of = each[0].name, f"{len(good)} of {len(each)} fits"
+        if not good:
+            yield f"{name}: no {what} could be fitted."
+            continue
+        log = all(fit.log for fit in good)
+        x = np.array([math.log(fit.pse) if log else fit.pse for fit in good])
+        half = t.ppf(0.975, x.size - 1) * x.std(ddof=1) / math.sqrt(x.size) if x.size > 1 else 0.0
+        found = np.array([x.mean(), x.mean() - half, x.mean() + half])
+        value, low, high = np.exp(found) if log else found
+        if x.size == 1:
+            low, high = good[0].pse_interval
+        mean = f"{'geometric ' * log}mean {what}" if x.size > 1 else what
+        scale = f" {pretty(unit)}" * bool(unit)
+        kind = "95 %" if x.size > 1 else f"{100 * good[0].confidence:g} %"
+        yield f"{name}: {mean} {value:.3g}{scale}, {kind} interval {low:.3g} to {high:.3g} ({of})."
+    for fit in {f.name: f for f in fits.values() if np.isfinite(f.pse)}.values():
+        said = "are correct" if fit.guess and not fit.comparison else "say yes, or more"
+        yield (
+            f"The {fit.name} is the level at which the fitted curve is half-way up, where"
+            f" {100 * fit(fit.pse):.0f} % of the answers {said}."
+        )
+    for key, fit in fits.items():
+        left = "Left out" if not np.isfinite(fit.pse) else "To be used with care"
+        for text in fit.advice():
+            yield f"{left}: {' '.join(map(str, key))}: {text}"
+
+
 def _counts(columns: Columns) -> dict[str, str]:
     people = list(dict.fromkeys(columns["participant"]))
     conditions = list(dict.fromkeys(columns["condition"]))
@@ -178,7 +227,6 @@ def _counts(columns: Columns) -> dict[str, str]:
     return {
         "participants": f"{len(people)}: {', '.join(map(str, people))}",
         "conditions": ", ".join(map(str, conditions)),
-        **({"answers": "simulated, all or some"} if any(columns.get("simulated", ())) else {}),
         "trials": (
             f"{sum(trials)}; of a participant {min(trials, default=0)} to {max(trials, default=0)}"
         ),
@@ -196,32 +244,15 @@ def _fits(
     in_unit = f" / {pretty(unit)}" if unit else ""
     logs = any(fit.log for fit in fits.values())
     heads = {name: HEADS.get(name, name.replace("_", " ")).format(what=what) for name in SHOWN}
+    heads["slope"] += f" of the {next(iter(fits.values())).link}, per " + (
+        "decade" if logs else pretty(unit) or "unit"
+    )
     for name in set(HEADS) - {"p"}:
         heads[name] += f", part of the {what}" if logs and name.startswith("jnd") else in_unit
     return [
         dict(zip(by, key, strict=True)) | {heads[name]: getattr(fit, name) for name in SHOWN}
         for key, fit in fits.items()
     ]
-
-
-def _table(rows: Sequence[Mapping[str, Any]]) -> str:
-    if not rows:
-        return "<p>nothing</p>"
-    head = "".join(f"<th>{_q(name.replace('_', ' '))}</th>" for name in rows[0])
-    body = "".join(f"<tr>{''.join(_cell(v) for v in row.values())}</tr>" for row in rows)
-    return f"<table><tr>{head}</tr>{body}</table>"
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, str):
-        return f"<td>{_q(value)}</td>"
-    if isinstance(value, (tuple, list)):
-        return f'<td class="n">{_q(", ".join(_number(v) for v in value))}</td>'
-    return f'<td class="n">{_q(_number(value))}</td>'
-
-
-def _number(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, (float, np.floating, np.ndarray)) else str(value)
 
 
 # Pictures -----------------------------------------------------------------------------

@@ -62,14 +62,16 @@ def test_the_page_is_whole_and_tells_what_is_wrong(answers, tmp_path):
         "0.75",
         "level / N/mm",
         f"{sum(asked) + 3}; of a participant 3 to {max(asked)}",
-        "simulated, all or some",
+        "<li>Some answers are simulated: an observer model gave them, and no participant.</li>",
+        "<li>silent: no PSE could be fitted.</li>",
+        "<li>Left out: P&lt;03&gt; silent: no level",
     ):
         assert text in page
-    assert "P<03>" not in page and page.count("<svg") == 3 and page.count("<h2>") == 8
+    assert "P<03>" not in page and page.count("<svg") == 3 and page.count("<h2>") == 10
     assert not re.search(r"<script|(?:src|href)=\"http", page)
     empty = {name: [""] * len(answers["track"]) for name in ("track", "simulated")}
     write_report(bare, "None", "", answers | empty)
-    assert "<svg" not in bare.read_text() and "simulated, all" not in bare.read_text()
+    assert "<svg" not in bare.read_text() and "are simulated" not in bare.read_text()
 
 
 def drawings(monkeypatch):
@@ -93,6 +95,9 @@ def test_pictures_show_proportions_their_curve_and_the_tracks(monkeypatch, tmp_p
     (fit,) = fitted(rows).values()
     fits = {("p", "c"): dc.replace(fit, pse_interval=(-np.inf, 1.0))}
     write_report(tmp_path / "a.html", "", "", rows, fits=fits)
+    page = (tmp_path / "a.html").read_text()
+    assert f"<li>c: PSE {fit.pse:.3g}, 95 % interval -inf to 1 (1 of 1 fits).</li>" in page
+    assert "half-way up, where 50 % of the answers say yes, or more.</li>" in page
     first, second, third = map(axes_of, drawn)
     (points,), (curve, interval), (track,) = first.collections, first.lines, third.lines
     shown = np.column_stack([at, np.divide(yes, asked)])
