@@ -953,3 +953,17 @@ def test_demo_stays_within_full_scale_and_vibrates(s):
     motion = {n: parse_motion(repr(m)) for n, m in s.motion.items()}
     let_go = np.arange(4.5, demo.SECONDS, 1 / demo.FS)
     assert motion == s.motion and len({m(let_go).tobytes() for m in motion.values()}) == len(motion)
+
+
+def test_pages_of_a_sweep_and_of_mutations_say_their_result_first(tmp_path):
+    wall = f"wall --motion sinusoid(0.002,5) --seconds 0.1 --report {tmp_path}"
+    said = ran(f"sweep {wall}/sweep.html --axis k=500:3000:3 --axis b=0,10").stdout
+    assert "6 rows over k (3), b (2), 0 failed" in said and "nothing is kept: --out" in said
+    page = (tmp_path / "sweep.html").read_text()
+    assert "<h1>wall: 6 rows over k (3), b (2), 0 failed</h1>" in page and page.count("<svg") == 1
+    for text in ("k / N/m", "b / N·s/m", "rms_force / N"):
+        assert text in page
+    ran(f"mutate {wall}/mutate.html")
+    page = (tmp_path / "mutate.html").read_text()
+    assert "<h1>Passed: changed numbers of wall</h1><p>23 refused, 2 equal samples" in page
+    assert "<td>argument k</td><td>1000</td><td>1.01 times, 1.25 times, 0, 1</td>" in page

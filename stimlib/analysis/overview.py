@@ -89,8 +89,8 @@ class Signals(NamedTuple):
     def detailed(self) -> list[str]:
         """Return the outputs with details: no input as it came, no output twice."""
         drawn = {y.tobytes() for y in self.inputs.values()}
-        first = {y.tobytes(): name for name, y in reversed(self.outputs.items())}
-        names = [n for data, n in reversed(first.items()) if data not in drawn]
+        first = {y.tobytes(): name for name, y in reversed([*self.outputs.items()])}
+        names = [n for data, n in reversed([*first.items()]) if data not in drawn]
         return (names or list(self.outputs))[:MOST]
 
 

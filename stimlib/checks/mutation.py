@@ -6,6 +6,8 @@ Each number is changed, one at a time.
 from __future__ import annotations
 
 import copy
+import html
+import os
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,8 +20,10 @@ from ..core.parts import Part
 from ..core.scene import Scene
 from ..errors import BadValue, StimlibError, shown
 from ..run.rendering import Rendering, render
+from ..system import safe_files
 from ..system.progress import progress
 from .evidence import Check, gather
+from .page import document, table as table_of_rows
 from .scenes import scene_law
 
 CHANGES: dict[str, Callable[[float], float]] = {
@@ -39,6 +43,9 @@ REFUSED, EQUAL, WITHIN, NO_LAW, NOT_MADE = (
     "no law",
     "cannot be made",
 )
+
+
+COLUMNS = "number", "value", "change", "outcome", "check"
 
 
 class Mutant(NamedTuple):
@@ -83,6 +90,21 @@ class Mutations:
     def __repr__(self) -> str:
         return f"Mutations({', '.join(f'{n} {what}' for what, n in self.count().items())})"
 
+    def to_html(self, path: str | os.PathLike[str], what: str) -> None:
+        """Write a self-contained page: the verdict in words, and the table."""
+        head = f"{'Passed' if self.passed else 'FAILED'}: {what}"
+        body = f"<h1>{html.escape(shown(head))}</h1><p>{repr(self)[10:-1]}; missed ones first.</p>"
+        rows = [dict(zip(COLUMNS, row, strict=True)) for row in self._grouped()]
+        safe_files.publish(path, document(head, body + table_of_rows(rows)))
+
+    def _grouped(self) -> Iterator[tuple[str, str, str, str, str]]:
+        """Yield number, value, changes, outcome and check; what was missed is first."""
+        alike: dict[tuple[str, ...], list[str]] = {}
+        for m in sorted(self.mutants, key=lambda m: m.outcome not in (WITHIN, NO_LAW)):
+            alike.setdefault((m.where, m.value, m.outcome, m.text), []).append(m.change)
+        for (where, value, outcome, text), changes in alike.items():
+            yield where, value, ", ".join(changes), outcome, text
+
     def __rich__(self) -> Any:
         from rich.table import Table
         from rich.text import Text
@@ -90,16 +112,12 @@ class Mutations:
         table = Table(
             title=", ".join(f"{n} {what}" for what, n in self.count().items()), title_justify="left"
         )
-        for column in ("number", "value", "change", "outcome", "check"):
+        for column in COLUMNS:
             table.add_column(column)
         colours = {REFUSED: "green", WITHIN: "bold red", NO_LAW: "bold red"}
-        alike: dict[tuple[str, ...], list[str]] = {}
-        # what was missed first
-        for m in sorted(self.mutants, key=lambda m: m.outcome not in (WITHIN, NO_LAW)):
-            alike.setdefault((m.where, m.value, m.outcome, m.text), []).append(m.change)
-        for (where, value, what, text), changes in alike.items():
+        for where, value, changes, what, text in self._grouped():
             outcome = Text(what, colours.get(what, ""))
-            table.add_row(Text(shown(where)), value, ", ".join(changes), outcome, Text(shown(text)))
+            table.add_row(Text(shown(where)), value, changes, outcome, Text(shown(text)))
         return table
 
 

@@ -46,7 +46,7 @@ th{overflow-wrap:normal}tr tr:last-child td{border:0}td.ok,td.bad{white-space:no
 td.n{font-variant-numeric:tabular-nums}.ok{color:#176b2c}
 .bad{color:#fff;background:#b3261e;print-color-adjust:exact;-webkit-print-color-adjust:exact}
 h1 span{padding:0 .5rem;border-radius:.3rem;box-decoration-break:clone}h1 span.ok{padding:0}
-figure{margin:1rem 0;overflow-x:auto}.rows{overflow-x:auto}.rows td{white-space:nowrap}
+figure{margin:1rem 0;overflow-x:auto}.rows{overflow-x:auto}.rows td.n{white-space:nowrap}
 svg{width:100%;height:auto}
 code,pre{background:#f3f3f3;padding:.1rem .3rem}
 pre{white-space:pre-wrap;font-size:12px}.small{color:#666;font-size:13px}

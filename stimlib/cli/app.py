@@ -97,8 +97,7 @@ def _in_one_line() -> Iterator[None]:
         if type(e).__name__ == "NoArgsIsHelpError":  # typer has no public name for it
             raise
         text = " ".join(e.format_message().replace("Value error, ", "").split()).rstrip(".")
-        for wrong, right in OTHER_NAMES.items():
-            text = re.sub(rf"(?<=No such option: ){wrong}.*", f"{wrong}; write {right}", text)
+        text = re.sub(r"(?<=No such option: )--html.*", "--html; write --report", text)
         failed(f"{text}; see {e.ctx.command_path if e.ctx else 'stimlib'} --help")
         raise typer.Exit(2) from None
 
@@ -106,8 +105,6 @@ def _in_one_line() -> Iterator[None]:
 app = typer.Typer(
     cls=_Group, no_args_is_help=True, rich_markup_mode="rich", pretty_exceptions_show_locals=False
 )
-OTHER_NAMES = {"--html": "--report"}
-"""Options that do not exist, with those that are meant."""
 errors = Console(stderr=True, emoji=False)
 
 

@@ -480,6 +480,15 @@ def analyse(
     out: Annotated[
         Path | None, typer.Option(help="Also write all trials as a table, .csv.")
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            help=(
+                "Also write a self-contained .html page: the result in words, curves, staircases"
+                " and tables."
+            )
+        ),
+    ] = None,
     separator: opt.Separator = ",",
     decimal: opt.Decimal = ".",
     bom: opt.Bom = False,
@@ -517,10 +526,62 @@ def analyse(
     text = csv_of(table, separator, decimal, bom)
     if out is not None:
         safe_files.publish(out, text)
+    said = "" if made.analysis is None else f"{called('the analysis', made.analysis, found)}"
     if made.analysis is not None:
-        print(shown(called("the analysis", made.analysis, found)))
-    elif out is None:
+        print(shown(said))
+    elif out is None and report is None:
         print(text, end="")
+    if report is not None:
+        _page(report, made, found, said)
+        print(f"report: {report}")
+
+
+def _page(
+    path: Path, made: experiments.Experiment, found: list[experiments.Saved], analysis: str
+) -> None:
+    """Write the page of an experiment, with curves where its trials have levels."""
+    table = experiments.columns(found)
+    keep = [
+        k
+        for k, (x, y) in enumerate(zip(table["level"], table["outcome"], strict=True))
+        if None not in (x, y)
+    ]
+    answers = {name: [column[k] for k in keep] for name, column in table.items()}
+    levels = answers["level"]
+    log = bool(levels) and min(levels) > 0 and max(levels) >= 10 * min(levels)
+    method = (
+        f"{len(found)} sessions of the experiment {made.name}, version {made.version}."
+        + " PILOT sessions: kept apart from the data." * found[0].header["pilot"]
+    )
+    if levels:
+        method += (
+            "\n\nA cumulative normal was fitted to the answers of each participant in each"
+            f" condition, by maximum likelihood, over {'log10 of ' * log}the level."
+        )
+    fits = experiments.fitted(answers, log=log) if levels else None
+    notes = [f"The experiment's own analysis: {line}" for line in analysis.splitlines()]
+    experiments.write_report(
+        path,
+        f"{made.name}: result",
+        method,
+        answers if levels else table,
+        fits=fits,
+        notes=notes,
+        unit=_unit(made, found),
+    )
+
+
+def _unit(made: experiments.Experiment, found: list[experiments.Saved]) -> str:
+    """Return the unit of the parameter that has the level as its value, or none."""
+    trials = (record.trial for saved in found for record in saved.records)
+    varied = (
+        made.scenes[stimulus.scene].params[name]
+        for trial in trials
+        for stimulus in trial.stimuli
+        for name, value in stimulus.params.items()
+        if value == trial.level
+    )
+    return next((f"{param.dim}" for param in varied), "").removeprefix("1")
 
 
 @command("export", experiment)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import BadValue, SinkError, shown
+from ..system import safe_files
 from ..system.packages import package
 from . import options as opt
 from .app import command, note, print_json, print_wide
@@ -93,6 +95,10 @@ def sweep_(
     dry: Annotated[
         bool, typer.Option("--dry", help="Run a few rows only, and estimate the time of all.")
     ] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="Also write a self-contained .html page: each figure over each axis."),
+    ] = None,
     quiet: opt.Quiet = False,
     import_: opt.Import = [],
     json_: opt.Json = False,
@@ -139,7 +145,34 @@ def sweep_(
         return print_json(made._asdict()) if json_ else print(made)
     axes = {name: made[name].unique().to_pylist() for name in table.column_names}
     facts = {"axes": {name: len(values) for name, values in axes.items()}}
-    _report(_facts(made) | facts | {"folder": out and str(out)}, json_, quiet)
+    facts = _facts(made) | facts | {"folder": out and str(out)}
+    if report is not None:
+        units = {name: f"{param.dim}" for name, param in first.params.items()}
+        _page(report, f"{scene}: {_title(facts)}", made, facts, units)
+    _report(facts, json_, quiet)
+
+
+def _page(path: Path, title: str, made: Any, facts: dict[str, Any], units: dict[str, str]) -> None:
+    """Write the page of a sweep: the range of each figure, and its panels."""
+    from ..checks.figures import svg
+    from ..checks.page import document, picture, table
+    from ..core.units import pretty
+
+    figures = facts["figures"]
+
+    def draw(figure: Any) -> None:
+        all_axes = figure.subplots(len(figures), len(facts["axes"]), squeeze=False)
+        for (name, f), row in zip(figures.items(), all_axes, strict=True):
+            for axis, ax in zip(facts["axes"], row, strict=True):
+                ax.plot(made[axis].to_pylist(), made[name].to_numpy(), ".")
+                labels = (axis, units.get(axis, "1")), (name, f["unit"])
+                x, y = (f"{what} / {pretty(unit)}".removesuffix(" / 1") for what, unit in labels)
+                ax.set(xlabel=x, ylabel=y)
+
+    drawn = svg(draw, (1 + 3 * len(facts["axes"]), 2.5 * len(figures)))
+    rows = [{"figure": n} | f | {"unit": pretty(f["unit"])} for n, f in figures.items()]
+    body = f"<h1>{html.escape(shown(title))}</h1>{table(rows)}{picture('Figures over axes', drawn)}"
+    safe_files.publish(path, document(title, body))
 
 
 def _report(facts: dict[str, Any], json_: bool, quiet: bool) -> None:
@@ -230,15 +263,19 @@ def _facts(table: Any) -> dict[str, Any]:
     }
 
 
+def _title(facts: dict[str, Any]) -> str:
+    """Return the rows, the axes with their numbers of values, and the failures."""
+    axes = ", ".join(f"{name} ({n})" for name, n in facts["axes"].items())
+    return f"{facts['rows']} rows over {axes}, {facts['failed']} failed"
+
+
 def _shown(facts: dict[str, Any]) -> Any:
     from rich.table import Table
     from rich.text import Text
 
     from ..core.units import pretty
 
-    axes = ", ".join(f"{name} ({n})" for name, n in facts["axes"].items())
-    title = f"{facts['rows']} rows over {axes}, {facts['failed']} failed"
-    shape = Table(title=Text(shown(title)), title_justify="left")
+    shape = Table(title=Text(shown(_title(facts))), title_justify="left")
     shape.add_column("figure")
     shape.add_column("unit")
     for which in OF_EACH:

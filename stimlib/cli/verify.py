@@ -197,6 +197,9 @@ def mutate_(
     ] = 1.0,
     seed: opt.Seed = 0,
     params: opt.Params = [],
+    report: Annotated[
+        Path | None, typer.Option(help="Also write the table as one self-contained .html page.")
+    ] = None,
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
@@ -218,4 +221,6 @@ def mutate_(
     length = min(seconds, length or seconds)
     found = checks.mutate(made, motion, fs, length, params_of(params, made), seed)
     print_result(found, json_)
+    if report is not None:
+        found.to_html(report, f"changed numbers of {scene}")
     end(found.passed)

@@ -130,7 +130,7 @@ def write_report(
     result = _simulated(columns)
     parts = [f"<h2>Method</h2>{paragraphs}", f"<h2>Answers</h2>{facts(_counts(columns))}"]
     if notes:
-        parts.append(f"<h2>To be known</h2>{items(notes)}")
+        parts.append(f"<h2>Notes</h2>{items(notes)}")
     if fits:
         answers = grouped(columns, by)
         if alien := [key for key in fits if key not in answers]:
@@ -153,7 +153,7 @@ def write_report(
             " 20.</p>",
         ]
         parts.append(f"<h2>All fits</h2>{table(_fits(fits, by, unit))}")
-    if any(columns["track"]):
+    if any(columns["track"]) and None not in columns["level"]:
         tracks = grouped(columns, ("participant", "condition"))
         size = 3.0 * min(ACROSS, len(tracks)), 2.0 * -(-len(tracks) // ACROSS)
         parts.append(picture("Staircases", svg(lambda f: _tracks(f, tracks, unit), size)))
@@ -204,10 +204,12 @@ def _result(fits: Mapping[tuple[Any, ...], Fit], by: Sequence[str], unit: str) -
         value, low, high = np.exp(found) if log else found
         if x.size == 1:
             low, high = good[0].pse_interval
-        mean = f"{'geometric ' * log}mean {what}" if x.size > 1 else what
-        scale = f" {pretty(unit)}" * bool(unit)
-        kind = "95 %" if x.size > 1 else f"{100 * good[0].confidence:g} %"
-        yield f"{name}: {mean} {value:.3g}{scale}, {kind} interval {low:.3g} to {high:.3g} ({of})."
+        mean = f"{'geometric ' * log}mean " * (x.size > 1)
+        yield (
+            f"{name}: {mean}{what} {value:.3g}{f' {pretty(unit)}' * bool(unit)},"
+            f" {95 if mean else 100 * good[0].confidence:g} % interval {low:.3g} to {high:.3g}"
+            f" ({of})."
+        )
     for fit in {f.name: f for f in fits.values() if np.isfinite(f.pse)}.values():
         said = "are correct" if fit.guess and not fit.comparison else "say yes, or more"
         yield (

@@ -519,14 +519,8 @@ def _run(
     todo = todo.take(arrow().array(in_order(todo, plan.roles)))
     n, new = todo.num_rows, not store.tables
     probes = sorted({0, min(1, n - 1), n // 2, n - 1})
-    times, counted = [], 0
-    with bar(f"sweeping {n} rows", n, progress) as of_bar:
-
-        def advance(rows: int) -> None:
-            nonlocal counted
-            counted += rows
-            of_bar(rows, f"{counted} of {n} rows")
-
+    times = []
+    with bar("sweeping, rows", n, progress, counted=True) as advance:
         for at in probes:
             began = time.perf_counter()
             scheduler.drive(todo.slice(at, 1), store.add, 1.0, advance)

@@ -20,7 +20,12 @@ with lines that just have been.
 
 @contextmanager
 def progress(
-    what: str, total: float | None, wanted: bool | str = True, *, left: bool = True
+    what: str,
+    total: float | None,
+    wanted: bool | str = True,
+    *,
+    left: bool = True,
+    counted: bool = False,
 ) -> Iterator[Callable[..., None]]:
     """Show a progress bar on stderr.
 
@@ -34,6 +39,8 @@ def progress(
         True where stderr is a terminal, "always" anywhere.
     left : bool
         Estimate the time left, from steps that take about as long as each other.
+    counted : bool
+        Also show how many steps of how many are done.
 
     Yields
     ------
@@ -52,10 +59,11 @@ def progress(
         yield lambda done, text="", more=0: None
         return
     from rich.console import Console
-    from rich.progress import Progress, TimeElapsedColumn
+    from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn
 
     with Progress(
         *Progress.get_default_columns()[: None if left else -1],
+        *[MofNCompleteColumn()] * counted,
         TimeElapsedColumn(),
         console=Console(stderr=True, emoji=False),
     ) as bar:

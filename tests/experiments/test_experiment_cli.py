@@ -133,6 +133,10 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
     assert note.startswith("note: a simulated observer") and table.count("\n") == 9
     assert table.startswith("participant,session,number,condition,track,level,chance,outcome,")
     assert "PILOT SIMULATED P1 session 1: 4 trials" in stimlib("status", *where)
+    page = tmp_path / "page.html"
+    stimlib("analyse", *where, "--pilot", "--report", page)
+    assert "<li>All answers are simulated" in page.read_text()
+    assert "PILOT sessions: kept apart from the data." in page.read_text()
     told = stimlib("status", *where, "--pilot")
     assert told.startswith("PILOT SIMULATED P1") and "\nPILOT" in told
     told = json.loads(stimlib("status", *where, "--json"))
