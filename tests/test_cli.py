@@ -161,7 +161,13 @@ COMMANDS = {
     for name, command in typer.main.get_command(app).commands.items()
     for more, made in getattr(command, "commands", {"": command}).items()
 }
-NEEDED = {"--out": "a.wav", "--participant": "P01", "--jnd": "1", "--pse": "1"}
+NEEDED = {
+    "--out": "a.wav",
+    "--participant": "P01",
+    "--jnd": "1",
+    "--pse": "1",
+    "--device": "missing",
+}
 ALONE = "demo", "devices", "list", "render-set", "schema"  # they read no file of a user
 
 
