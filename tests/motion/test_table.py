@@ -285,3 +285,22 @@ def test_a_name_with_an_escape_is_shown_as_a_code(tmp_path):
     r = recording(path, {"x": "'x\x1b[2J'"})
     for text in (str(error), str(r), repr(r), repr(r.motion["x"])):
         assert "\x1b" not in text and "\\x1b" in text
+
+
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+def test_plain_decimals_have_the_bits_of_float(ending, tmp_path):
+    """Of 1 to 16 characters, and of what the quick reader leaves to another."""
+    draw = np.random.default_rng(1)
+    cells = ["-0", "0", "-0.0", ".5", "5.", "-.25", "999999999999999", "9999999999999999"]
+    for _ in range(4000):
+        whole, part = draw.integers(0, 10, size=2) % 8
+        digits = "".join(map(str, draw.integers(0, 10, size=whole + part + 1)))
+        cells.append("-" * draw.integers(2) + digits[: whole + 1] + "." + digits[whole + 1 :])
+    for more in ([], ["1e-3"], [" 7 "], ["+1.5"], ["1.234567890123456789"]):
+        path = tmp_path / "cells.csv"
+        rows = [f"{k},{cell}" for k, cell in enumerate([*cells, *more])]
+        path.write_bytes(ending.join(["t,x", *rows, ""]).encode())
+        found = np.concatenate([b.numbers(["t", "x"]) for b in read_table(path).batches()], axis=1)
+        want = np.array([float(cell) for cell in [*cells, *more]])
+        assert found[1].tobytes() == want.tobytes()
+        assert found[0].tolist() == list(range(len(rows)))
