@@ -82,10 +82,11 @@ def page(
     """Return the HTML of the report; texts from files are escaped."""
     good = sum(c.passed for c in checks)
     kind = "bad" if e.unknown or good < len(checks) else "ok"
-    word = f'<span class="{kind}">{_q(headline(good == len(checks), e))}</span>'
+    said = headline(good == len(checks), e)
+    word = f'<span class="{kind}">{_q(said)}</span>'
     drawn = "".join(picture(title, svg) for title, svg in figures(e))
     return document(
-        what,
+        f"{said}; {what}",
         f"<h1>{word}</h1><p>{_q(what)}. {good} of {len(checks)} checks passed.</p>{_laws(e)}{drawn}"
         f"<h2>What was verified</h2>{facts(_displayed(e))}"
         f"<h2>What was compared</h2>{table_of(checks)}"

@@ -566,4 +566,9 @@ def test_a_scene_without_inputs_has_no_field_and_what_vibrates_is_drawn_once(bro
         assert drawn["high"] > 0.5  # of the canvas
         legend = "document.querySelector('.vibration:not([hidden]) figcaption').textContent"
         page.until(f"{legend} === 'hum above 40 Hz: 0.707 V rms'")
+        page.js("document.querySelector('#run').click()")  # what is told is the last sample drawn
+        page.until("document.querySelector('#level').textContent === '–'")
+        page.until(f"{READY} && document.querySelector('#run').textContent === 'Start'")
+        caption = "document.querySelector('.plot output').textContent.replace('−', '-')"
+        until(page, f"Math.abs(parseFloat({caption}) - live.history.newest(0)) < 1e-3")
         page.close()

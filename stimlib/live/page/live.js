@@ -241,7 +241,8 @@ function meter(seconds) {
 /** The meter in words: of the newest half second. */
 function loudness() {
   const { hello, history } = live, { unit, full } = hello.outputs[heard];
-  const rms = runs() && !away ? history.rms(hello.inputs.length + hello.outputs.length + heard, hello.fs / 2) : 0;
+  if (!runs() || away) return "–";
+  const rms = history.rms(hello.inputs.length + hello.outputs.length + heard, hello.fs / 2);
   const { factor, unit: shown } = scaled(unit, rms > LEAST * full ? rms : full);
   return `${short(rms > LEAST * full ? rms * factor : 0)} ${shown} rms`.replace("  ", " ");
 }
@@ -266,12 +267,11 @@ function lag() {
 
 let before = 0;
 const curves = new Turn(), lines = new Turn();
-function plot(now, telling) {
+function plot(now) {
   const { fs, inputs, outputs } = live.hello;
   shown = live.history.end;
   live.pictures++;
-  if (telling) for (const p of live.panels) p.leaveOut(fs);
-  for (const p of live.panels) p.draw(fs, +$("window").value, colours, telling);
+  for (const p of live.panels) p.draw(fs, +$("window").value, colours);
   if (spectrum.take(inputs.length + heard, fs) || lines.due(now, 250))
     lines.take(now, () => spectrum.draw(fs, outputs[heard].unit, colours));
   for (const t of marks) if (live.drawn.push(clock() - t) > 1000) live.drawn.shift();
@@ -286,6 +286,7 @@ function tick(now) {
   before = now;
   if (telling) {
     told = now;
+    for (const p of live.panels) { p.leaveOut(live.hello.fs); p.tell(live.hello.fs); }
     sound.ask();
     $("lag").textContent = lag();
     $("where").textContent = field.words();
@@ -300,6 +301,6 @@ function tick(now) {
     }
   }
   const fresh = live.history && (live.history.end !== shown || now - curves.last > 500); // or another size, theme or choice
-  if (fresh && curves.due(now, calm.matches ? 250 : 0)) curves.take(now, () => plot(now, telling));
+  if (fresh && curves.due(now, calm.matches ? 250 : 0)) curves.take(now, () => plot(now));
 }
 requestAnimationFrame(tick);

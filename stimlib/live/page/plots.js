@@ -199,9 +199,8 @@ export class Panel {
     return first;
   }
 
-  draw(fs, seconds, colours, told) {
+  draw(fs, seconds, colours) {
     const { canvas, history, back, strip } = this, ratio = devicePixelRatio || 1;
-    if (told) this.tell(fs);
     if (!back.seen) return;
     const box = { x: LEFT, y: TOP, w: canvas.clientWidth - LEFT - RIGHT, h: canvas.clientHeight - TOP - BOTTOM };
     this.fit(Math.min(history.size, Math.round(seconds * fs)), Math.round(box.w * ratio));

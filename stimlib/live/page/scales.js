@@ -44,5 +44,5 @@ export function text(v, step) {
 export function short(v) {
   if (!Number.isFinite(v)) return "–";
   const digits = v === 0 ? 0 : Math.min(4, Math.max(0, 2 - Math.floor(Math.log10(Math.abs(v)))));
-  return v.toFixed(digits).replace("-", "−");
+  return Number(v.toFixed(digits)) === 0 ? "0" : v.toFixed(digits).replace("-", "−"); // not -0.0000
 }
