@@ -41,7 +41,7 @@ def every_class():
     n = enabled(n, by=loading(velocity(x)))
     arm = generalized_maxwell(x * constant(1.0, "m"), 1.0, [(1.0, 0.1)])
     bumps = bump(x, "sine", 0.5) * bump(x, "square", 0.5) * bump(x, [0, 1], 0.5)
-    m = springpot(x, 1.0, 0.5) + springpot(x, k, 0.5 * k, "l1") + arm / constant(1.0, "N")
+    m = springpot(x, 1.0, 0.5, "gl") + springpot(x, k, 0.5 * k, "l1") + arm / constant(1.0, "N")
     m = m + track(x) + bumps * carrier(158.0)
     m = m + lut(x, [0, 1, 2, 3], [0, 1, 0, 2], kind="polynomial")
     m = m + track_velocity(x) / constant(1.0, "1/s")

@@ -94,7 +94,10 @@ def gradients():
     live = stimlib.Scene(
         {
             "f": stimlib.blocks.springpot(
-                stimlib.Input("y", "m"), stimlib.Param("chi", 100.0), stimlib.Param("alpha", 0.5)
+                stimlib.Input("y", "m"),
+                stimlib.Param("chi", 100.0),
+                stimlib.Param("alpha", 0.5),
+                "gl",
             )
         }
     )

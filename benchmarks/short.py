@@ -101,7 +101,7 @@ def _springpot(n: int, alpha: float = 0.4) -> tuple[Job, dict[str, Job]]:
     y = 0.01 * np.sin(2 * np.pi * np.arange(n) / 1000)
     j = np.arange(1, n)
     d, weights = np.diff(y, prepend=y[0]), 1000**alpha * np.cumprod(np.r_[1.0, (j - alpha) / j])
-    scene = Scene({"f": springpot(Input("y", "m"), 1.0, alpha, tol=1e-10)})
+    scene = Scene({"f": springpot(Input("y", "m"), 1.0, alpha, "gl", tol=1e-10)})
     return puller(scene, y, fs=1000.0), {"scipy oaconvolve": lambda: oaconvolve(d, weights)[:n]}
 
 

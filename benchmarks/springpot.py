@@ -88,7 +88,7 @@ def errors(fs: float, seconds: float, tols: list[float], many: int) -> list[dict
     procs = {}
     for tol in tols:
         for alpha in ALPHAS:
-            force, bound = springpot(Y, 1.0, alpha, tol=tol, certificate=True)
+            force, bound = springpot(Y, 1.0, alpha, "gl", tol=tol, certificate=True)
             procs[tol, alpha] = stimlib.compile(Scene({"f": force, "bound": bound}), fs)
     out: list[dict[str, object]] = []
     for alpha in ALPHAS:
@@ -141,13 +141,13 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
 
     n, alpha = 1 << 16, 0.4
     x = movement("sinusoid", n, fs)
-    proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha)}), fs)
+    proc = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, "gl")}), fs)
     moving, held, y = x[None].copy(), np.full((1, n), x[-1]), np.empty((1, n))
-    late = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha)}), fs)
+    late = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, "gl")}), fs)
     hour = movement("sinusoid", int(3600 * fs), fs)
     late.process(hour[None])
     after = late.state
-    still = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha)}), fs)
+    still = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, "gl")}), fs)
     still.process(moving)
     for _ in range(40):
         still.process(held)
@@ -188,7 +188,7 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
     tell("hour at 1 kHz: oaconvolve", medians(times)["oaconvolve"] / hour.size * 1e9, NS)
     tell("ratio: oaconvolve / springpot", ratio(times, "oaconvolve", "springpot"), TIMES)
 
-    live = stimlib.compile(Scene({"f": springpot(Y, 1.0, Input("a"))}), fs)
+    live = stimlib.compile(Scene({"f": springpot(Y, 1.0, Input("a"), "gl")}), fs)
     orders = {"standing": np.full(n, 0.4), "ramping": np.linspace(0, 1, n)}
     rows = {k: np.array([{"y": x, "a": a}[i] for i in live.inputs]) for k, a in orders.items()}
     took = medians(interleaved({k: partial(live.process, r, y) for k, r in rows.items()}, 9))
@@ -213,9 +213,9 @@ def claims(fs: float = 1000.0) -> list[dict[str, object]]:
         tell(f"1-sample call, {k} alpha", seconds / 2000 * 1e6, "us")
     for rate in (1000.0, 8000.0):
         for tol in (1e-10, 1e-14):
-            p = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, tol=tol)}), rate)
+            p = stimlib.compile(Scene({"f": springpot(Y, 1.0, alpha, "gl", tol=tol)}), rate)
             tell(f"state with header and guard, tol {tol:g}, {rate:g} Hz", p.state.nbytes, "bytes")
-            q = stimlib.compile(Scene({"f": springpot(Y, 1.0, Input("a"), tol=tol)}), rate)
+            q = stimlib.compile(Scene({"f": springpot(Y, 1.0, Input("a"), "gl", tol=tol)}), rate)
             tell(f"state with a live alpha, tol {tol:g}, {rate:g} Hz", q.state.nbytes, "bytes")
             r = movement("sinusoid", n, rate)[None].copy()
             seconds = medians(interleaved({"": partial(p.process, r, y)}, 9))[""]

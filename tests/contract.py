@@ -809,7 +809,7 @@ TABLE += [
     Entry(
         "springpot",
         "Springpot",
-        lambda y: b.springpot(y, 25.0, 0.35),
+        lambda y: b.springpot(y, 25.0, 0.35, "gl"),
         (squeeze,),
         unit="m",
         laws=(power(25.0, 0.35),),
@@ -823,15 +823,23 @@ TABLE += [
         laws=(power(25.0, 0.7),),
     ),
     Entry(
-        "springpot_spring", "Springpot", lambda y: b.springpot(y, 2000.0, 0.0), (squeeze,), unit="m"
+        "springpot_spring",
+        "Springpot",
+        lambda y: b.springpot(y, 2000.0, 0.0, "gl"),
+        (squeeze,),
+        unit="m",
     ),
     Entry(
-        "springpot_dashpot", "Springpot", lambda y: b.springpot(y, 2.0, 1.0), (squeeze,), unit="m"
+        "springpot_dashpot",
+        "Springpot",
+        lambda y: b.springpot(y, 2.0, 1.0, "gl"),
+        (squeeze,),
+        unit="m",
     ),
     Entry(
         "springpot_short",
         "Springpot",
-        lambda y: b.springpot(y, 3.0, 0.4, tol=1e-6, horizon=0.008),
+        lambda y: b.springpot(y, 3.0, 0.4, "gl", tol=1e-6, horizon=0.008),
         (normal,),
         lti=True,
         unit="m",
@@ -840,13 +848,13 @@ TABLE += [
     Entry(
         "springpot_contact",
         "Springpot",
-        lambda y, c: b.springpot(y, 1.0, 0.2, onset="step", contact=c > 0.0),
+        lambda y, c: b.springpot(y, 1.0, 0.2, "gl", onset="step", contact=c > 0.0),
         (squeeze, held),
     ),
     Entry(
         "springpot_live",
         "SpringpotLive",
-        lambda y, a: b.springpot(y, 25.0, unit_interval(a)),
+        lambda y, a: b.springpot(y, 25.0, unit_interval(a), "gl"),
         (squeeze, held),
     ),
     Entry(
@@ -858,13 +866,13 @@ TABLE += [
     Entry(
         "springpot_chi",
         "NotBelowZero",
-        lambda y, c: b.springpot(y, abs(c), 0.35),
+        lambda y, c: b.springpot(y, abs(c), 0.35, "gl"),
         (squeeze, normal),
     ),
     Entry(
         "springpot_bound",
         "Accuracy",
-        lambda y, c: b.springpot(y, 25.0, 0.35, contact=c > 0.0, certificate=True)[1],
+        lambda y, c: b.springpot(y, 25.0, 0.35, "gl", contact=c > 0.0, certificate=True)[1],
         (squeeze, held),
     ),
     Entry(
@@ -897,7 +905,9 @@ TABLE += [
         lambda y, c: b.springpot_series(y, 25.0, 0.6, b=2.0, scheme="gl", contact=c > 0.0),
         (squeeze, held),
     ),
-    Entry("compliance", "Integrate", lambda f: b.compliance(f, 25.0, 0.35), (normal,), unit="N"),
+    Entry(
+        "compliance", "Integrate", lambda f: b.compliance(f, 25.0, 0.35, "gl"), (normal,), unit="N"
+    ),
     Entry(
         "compliance_l1",
         "Springpot",
@@ -907,7 +917,11 @@ TABLE += [
         laws=(creep(25.0, 0.35),),
     ),
     Entry(
-        "compliance_dashpot", "Integrate", lambda f: b.compliance(f, 25.0, 1.0), (normal,), unit="N"
+        "compliance_dashpot",
+        "Integrate",
+        lambda f: b.compliance(f, 25.0, 1.0, "gl"),
+        (normal,),
+        unit="N",
     ),
     Entry(
         "springpot_last_100",

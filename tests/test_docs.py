@@ -109,6 +109,16 @@ def test_reference_pages_show_their_pages_of_the_gallery():
         assert sorted(shown) == [f"{page.parent.name}/{n}" for n in sorted(own)] != [], page
 
 
+def test_pages_with_a_springpot_say_its_scheme_and_both_errors():
+    played = re.compile(
+        r"^(>>>|\.\.\.) .*\b(springpot|viscoelastic|compliance|firmness|bounciness)\(", re.M
+    )
+    pages = [page for page in PAGES if played.search(page.read_text())]
+    assert len(pages) > 6
+    for page in pages:
+        assert ".. include:: /reference/blocks/springpot_schemes.inc\n" in page.read_text(), page
+
+
 STUDIES = ("analysis", "bounciness", "nodules", "roughness")
 LONG = {"howto/sweep.rst", "howto/batches.rst", "howto/statistics.rst"}
 LONG |= {"explanation/verification.rst"}

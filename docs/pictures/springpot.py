@@ -87,7 +87,7 @@ def history(alpha=0.5):
         top.set_title(title)
         middle.plot(t, full, color="0.75", lw=6, label="full sum, up to 3000 samples")
         for name, color, style, how in methods:
-            f = run(springpot(Y, chi, alpha, **how), y)
+            f = run(springpot(Y, chi, alpha, **{"scheme": "gl"} | how), y)
             error = np.abs(f - full).astype(float) / float(np.abs(full).max())
             below.semilogy(
                 t[::3], np.where(error > 0, error, np.nan)[::3], color=color, lw=0.9, label=name

@@ -43,7 +43,7 @@ def springpot(
     y: Block | float,
     chi: Block | float,
     alpha: Block | float,
-    scheme: str = "gl",
+    scheme: str = "l1",
     tol: float = 1e-10,
     horizon: float = 86400.0,
     onset: str = "steady",
@@ -67,10 +67,11 @@ def springpot(
         (y[n] - y[n-1]) fs); live when it is a signal.  A live value outside is a fault.
         A change acts as if it had been so from the start; a jump of alpha is a jump of
         force, so ramp it.
-    scheme : {"gl", "l1", "gl-downsampled", "gl-short-memory"}
-        ``gl``: Gruenwald-Letnikov, first order in 1/fs.  ``l1``: exact for straight
-        lines between samples, order 2 - alpha; recommended.  The other two are the
-        thesis' methods, for comparison; there alpha is a plain number.
+    scheme : {"l1", "gl", "gl-downsampled", "gl-short-memory"}
+        ``l1``: exact for straight lines between samples, order 2 - alpha in 1/fs.
+        ``gl``: Gruenwald-Letnikov, the thesis' operator, first order: late by alpha/2
+        samples.  The other two are the thesis' ways to compute "gl", for comparison;
+        there alpha is a plain number.
     tol : float
         |error[n]| <= tol chi fs^alpha sum_j v_j |d[n-j]| against the full sum of the
         scheme; from 1e-14 to 0.1.
@@ -118,7 +119,7 @@ def springpot(
     >>> from stimlib.blocks import springpot
     >>> y = stimlib.Input("y", "m")
     >>> proc = stimlib.compile(
-    ...     stimlib.Scene({"f": springpot(y, chi=100.0, alpha=0.5, scheme="l1")}),
+    ...     stimlib.Scene({"f": springpot(y, chi=100.0, alpha=0.5)}),
     ...     fs=1000,
     ... )
     >>> t = np.arange(1000) / 1000

@@ -683,7 +683,7 @@ def compliance(
     f: Block,
     chi: Block | float,
     alpha: float,
-    scheme: str = "gl",
+    scheme: str = "l1",
     tol: float = 1e-10,
     horizon: float = 86400.0,
 ) -> Block:
@@ -703,10 +703,10 @@ def compliance(
         (at 0 the output's guard closes).
     alpha : float
         Order from 0 (spring, y = f/chi) to 1 (dashpot, y = integral of f/chi).
-    scheme : {"gl", "l1"}
+    scheme : {"l1", "gl"}
         "l1" is exact for forces that are straight between samples, as the other blocks
-        of creep are; recommended. "gl" is the inverse of the springpot's "gl": it has
-        the weights of Gruenwald and Letnikov, and is early by alpha/2 samples.
+        of creep are. "gl" is the inverse of the springpot's "gl": it has the weights of
+        Gruenwald and Letnikov, and is early by alpha/2 samples.
     tol, horizon : float
         See ``springpot``; the bound is on the sum over |f|/fs.
 
@@ -745,7 +745,7 @@ def compliance(
     >>> from stimlib.blocks import compliance
     >>> f = stimlib.Input("f", "N")
     >>> proc = stimlib.compile(
-    ...     stimlib.Scene({"y": compliance(f, chi=100.0, alpha=0.5, scheme="l1")}),
+    ...     stimlib.Scene({"y": compliance(f, chi=100.0, alpha=0.5)}),
     ...     fs=1000,
     ... )
     >>> t = np.arange(1000) / 1000
@@ -923,7 +923,7 @@ def springpot_series(
     k, b : float
         Either the spring's stiffness in N/m, or the dashpot's damping in N s/m.
     scheme, tol, horizon
-        See ``springpot``; "l1" converges faster.
+        See ``springpot``.
     contact : Block
         Where it is not above 0 the force is 0; at re-contact the arm is relaxed.
 

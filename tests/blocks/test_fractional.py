@@ -6,8 +6,10 @@ The grid over an hour is long: STIMLIB_LONG=1 runs all of it.
 
 import math
 import os
+import re
 from functools import cache
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,10 +21,11 @@ import stimlib
 from stimlib import Input, Param, Scene, constant
 from stimlib.blocks import equal_force, springpot, springpot_stiffness
 from stimlib.blocks.springpots import SpringpotLive, reweigh
-from stimlib.checks.laws import springpot_sum
+from stimlib.checks.laws import springpot_convolution, springpot_sum
 from stimlib.design import fractional as soe
 from stimlib.errors import BadValue, SceneError, UnitError
 
+ROOT = Path(__file__).parents[2]
 LONG = bool(os.environ.get("STIMLIB_LONG"))
 extended = pytest.mark.skipif(
     np.finfo(np.longdouble).nmant < 63, reason="needs a long double of more than 53 bits"
@@ -68,7 +71,8 @@ KINDS = ["sinusoid", "ramp", "smooth", "quantised"]
 
 
 def proc_of(alpha, fs, target="llvm", **kw):
-    """Force and bound; a live order where ``alpha`` is None."""
+    """Force and bound, of "gl" like ``full``; a live order where ``alpha`` is None."""
+    kw = {"scheme": "gl"} | kw
     force, bound = springpot(Y, 1.0, A if alpha is None else alpha, certificate=True, **kw)
     return stimlib.compile(Scene({"f": force, "bound": bound}), fs, target)
 
@@ -176,7 +180,7 @@ def test_beyond_the_horizon_the_error_grows_slowly():
 @pytest.mark.parametrize("fs", [1.0, 44_100.0, 1e6])
 @pytest.mark.parametrize("horizon", [1e-9, 1.0, 1e9])
 def test_all_rates_and_horizons_compile(fs, horizon):
-    f = played(springpot(Y, 1.0, 0.5, horizon=horizon), [0.0, 1.0, 1.0], fs=fs)
+    f = played(springpot(Y, 1.0, 0.5, "gl", horizon=horizon), [0.0, 1.0, 1.0], fs=fs)
     np.testing.assert_allclose(f, np.array([0, 1, 0.5]) * fs**0.5, rtol=1e-15)
     assert compiled(springpot(Y, 1.0, 0.5, horizon=2.0**62), 1.0), "the longest run"
 
@@ -221,6 +225,20 @@ def test_a_sinusoid_converges_to_its_derivative_with_the_order_of_its_scheme(sch
         errors.append(np.abs(f - wanted).max() / np.abs(wanted).max())
     assert scheme == "gl" or errors[0] <= 1.5e-4
     np.testing.assert_allclose(np.array(errors[:-1]) / errors[1:], 2**order, rtol=0.05)
+
+
+def test_the_errors_that_every_page_prints():
+    """Of both schemes, to two digits, against "l1" on a grid 64 times as fine."""
+    text = (ROOT / "docs" / "reference" / "blocks" / "springpot_schemes.inc").read_text()
+    printed = [float(v) for v in re.findall(r"([\d.]+) %", text)]
+    fine = np.arange(64 * 1600) / 64_000
+    y, found = 1 - np.cos(10 * np.pi * fine), []
+    for alpha in (0.25, 0.5, 0.75):
+        wanted = springpot_convolution(y, 64_000.0, "l1", alpha)[0][::64]
+        for scheme in ("l1", "gl"):
+            f = forces(proc_of(alpha, 1000.0, scheme=scheme), y[::64])[0]
+            found.append(100 * np.abs(f - wanted).max() / np.abs(wanted).max())
+    np.testing.assert_allclose(found, printed, rtol=0.06)
 
 
 # 2: ends ------------------------------------------------------------------------------
