@@ -61,6 +61,11 @@ for number, usual in (
         signal.signal(number, usual)
 
 
+# Python's collector of garbage is off until a worker has collected its tests: it took a
+# fifth of that.  The process that only gathers the workers' reports leaves it off.
+gc.disable()
+
+
 def pytest_collection_finish(session):
     grouped = [item for item in session.items if item.get_closest_marker("xdist_group")]
     if session.config.getoption("loadgroup", False) and not all(
@@ -68,6 +73,8 @@ def pytest_collection_finish(session):
     ):
         raise pytest.UsageError("pytest-xdist groups no tests with this pytest: see pyproject.toml")
     gc.freeze()  # ten thousand tests that no garbage collection need look at: 7 % of the time
+    gc.set_threshold(7000)  # of 700, looking at JAX's objects again and again was 5 % of the time
+    gc.enable()
 
 
 def pytest_sessionfinish():
