@@ -52,7 +52,7 @@ class Figure:
     of: str
     printed: Any = None
     ours: Any = None
-    within: float = 0.0
+    within: float | list[float] = 0.0
 
 
 @dataclass(frozen=True)
@@ -300,7 +300,7 @@ def main(given: Any) -> int:
                         want = figure.printed if figure.ours is None else figure.ours
                         wrong.append(
                             f"{row.name}: {figure.of} is {values[figure.of]}, not {want} within"
-                            f" {figure.within:g}"
+                            f" {figure.within}"
                         )
                 advance(1)
     outcomes = tested(t for r in asked for t in r.tests)

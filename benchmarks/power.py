@@ -126,7 +126,8 @@ def alone(block: Callable[[Any], Any]) -> tuple:
     return lambda: Scene({"y": block(X)}), {"x": sinusoid(0.01, 3.0)}, (0.05,)
 
 
-FINGER, HAND, WAVE = partial(squeeze, fingers=1), {"x1": minimum_jerk()}, {"y": sinusoid(0.01, 1.0)}
+FINGER, HAND = partial(squeeze, fingers=1, level=1.0), {"x1": minimum_jerk()}
+FINGERS, WAVE = partial(squeeze, level=1.0), {"y": sinusoid(0.01, 1.0)}
 STROKE, STEADY = {"x": sinusoid(0.05, 1.0)}, {"x": constant_speed(0.05, 1.0)}
 HANDS = HAND | {"x2": minimum_jerk(depth=0.015, rise=0.25)}
 PINK = lambda: Scene({"y": b.pink_noise(1.0, seed=1, f_low=10.0)}), {}, (0.05,)
@@ -267,7 +268,7 @@ SCENES = [
         SEARCHED[1:],
     ),
 ]
-LOUDER = Fault("force1: spectrum", "level", "dB", *number(PinkNoise, "r", decibel), squeeze, HANDS)
+LOUDER = Fault("force1: spectrum", "level", "dB", *number(PinkNoise, "r", decibel), FINGERS, HANDS)
 # with a pen nothing of it is a parameter
 LIVE = SHIPPED | {"soft_surface": partial(soft_surface, device="mouse")}
 
@@ -343,7 +344,7 @@ def searched() -> Iterator[Row]:
 def computed() -> Iterator[Row]:
     """The checks of the noise and the slope of a correct rendering."""
     for seconds in COMPUTED:
-        report = verified(squeeze(), HANDS, seconds)
+        report = verified(FINGERS(), HANDS, seconds)
         tap, alarm = report.evidence.taps[0], report.evidence.share
         f = spectra.bins(tap.stream.size, FS, tap.f_low, tap.f_high) * FS / tap.stream.size
         for s in report.certainty():

@@ -71,7 +71,12 @@ def recorded(folder: Path) -> dict:
 def study(hands: dict):
     rows = grid(motion=hands, A=GAINS)
     return sweep(
-        squeeze(k=K, fingers=1), rows, motion=hands, measures=vibration, fs=FS, seconds=3.2
+        squeeze(k=K, fingers=1, level=1.0),
+        rows,
+        motion=hands,
+        measures=vibration,
+        fs=FS,
+        seconds=3.2,
     )
 
 

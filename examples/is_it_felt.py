@@ -17,7 +17,7 @@ FS = 8000  # Hz
 STROKE = {"x": sinusoid(0.05, 1.0), "force": sinusoid(0.2, 1.0, 1.0)}
 STIMULI = {
     "squeeze, A = 3.4": (squeeze(fingers=1), {"x1": minimum_jerk()}),
-    "squeeze, A = 30": (squeeze(fingers=1, A=30.0), {"x1": minimum_jerk()}),
+    "squeeze, A = 0.34": (squeeze(fingers=1, A=0.34), {"x1": minimum_jerk()}),
     "bumps, A = 4 V": (bumps(), {"x": constant_speed(0.1, 0.1)}),
     "texture": (texture(), STROKE),
 }

@@ -76,9 +76,9 @@ PRINTED = {
         "sawtooth duty 0.8, A = 3.873 V: 1.000 V rms, rendered 1.000 V\n"
     ),
     "is_it_felt.py --area 1e-4": (
-        "squeeze, A = 3.4: Pacinian -13.3 dB SL, non-Pacinian -13.3 dB SL: not felt\n"
-        "squeeze, A = 30: Pacinian 5.6 dB SL, non-Pacinian 1.8 dB SL: near the threshold, which"
+        "squeeze, A = 3.4: Pacinian 5.8 dB SL, non-Pacinian 1.9 dB SL: near the threshold, which"
         " differs by 5 dB between persons\n"
+        "squeeze, A = 0.34: Pacinian -14.2 dB SL, non-Pacinian -13.3 dB SL: not felt\n"
         "bumps, A = 4 V: Pacinian 49.4 dB SL, non-Pacinian unknown: felt\n"
         "texture: Pacinian 11.2 dB SL, non-Pacinian 14.8 dB SL: felt\n"
         "16 bits of 50 N: -49 dB SL\n"
@@ -91,14 +91,14 @@ PRINTED = {
         " 0.480 N\n"
     ),
     "many_noises.py": (
-        "A = 0.5:  1.81 mN rms, 2.9 % from noise to noise\n"
-        "A = 1.0:  3.60 mN rms, 3.4 % from noise to noise\n"
-        "A = 1.5:  5.34 mN rms, 2.7 % from noise to noise\n"
-        "A = 2.0:  7.16 mN rms, 3.3 % from noise to noise\n"
-        "A = 2.5:  8.99 mN rms, 3.4 % from noise to noise\n"
-        "A = 3.0: 10.69 mN rms, 3.2 % from noise to noise\n"
-        "A = 3.5: 12.56 mN rms, 3.1 % from noise to noise\n"
-        "A = 4.0: 14.37 mN rms, 3.4 % from noise to noise\n"
+        "A = 0.5: 16.26 mN rms, 2.9 % from noise to noise\n"
+        "A = 1.0: 32.36 mN rms, 3.4 % from noise to noise\n"
+        "A = 1.5: 48.02 mN rms, 2.7 % from noise to noise\n"
+        "A = 2.0: 64.48 mN rms, 3.3 % from noise to noise\n"
+        "A = 2.5: 80.87 mN rms, 3.4 % from noise to noise\n"
+        "A = 3.0: 96.24 mN rms, 3.2 % from noise to noise\n"
+        "A = 3.5: 113.06 mN rms, 3.1 % from noise to noise\n"
+        "A = 4.0: 129.30 mN rms, 3.4 % from noise to noise\n"
     ),
     "felt_squeezes.py": (
         "117 hands, loading at 11.1 to 124.5 mm/s; 702 renderings\n"

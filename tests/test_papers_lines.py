@@ -2,13 +2,18 @@
 each is whole and names what exists, and the page shows them.  The command runs them.
 """
 
+import ast
 import csv
+import dataclasses
 import importlib
+import itertools
 import re
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
+import off
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -129,6 +134,51 @@ def test_a_topic_that_is_merged_is_one_line(bench):
 )
 def test_a_figure_is_held_to_what_is_printed(bench, of, words, value, right):
     assert bench.value_of(bench.Figure(of, **words), {"two": 2.0}) == (value, right)
+
+
+def test_no_figure_holds_for_a_value_that_is_2_percent_off(bench):
+    """Of each number in it, in both directions; 0 is off by 2 % of the largest."""
+    data, values = bench.read(), {}
+    for source in (*bench.SOURCES, bench.ERRATA):
+        for cells in csv.reader((bench.TABLES / f"{source}.csv").read_text("utf-8").splitlines()):
+            values |= dict(re.findall(r"``([^`]+)`` = (.+?)(?= \(printed|; ``|\)?$)", cells[3]))
+    holding = []
+    for name, figure in [(row.name, figure) for row in data.rows for figure in row.figures]:
+        right = figure.printed if figure.ours is None else figure.ours
+        if np.asarray(right).dtype.kind in "bU":
+            continue  # any other value fails
+        numbers = np.atleast_1d(np.asarray(right, float))
+        for k, by in itertools.product(range(numbers.size), (-0.02, 0.02)):
+            wrong = numbers.copy()
+            wrong[k] += by * (abs(wrong[k]) or np.max(abs(numbers)) or 1.0)
+            given = wrong.tolist() if np.ndim(right) else float(wrong[0])
+            off = dataclasses.replace(figure, of=values[figure.of], ours=given)
+            if bench.value_of(off, {"nan": np.nan, "inf": np.inf})[1]:
+                holding.append(f"{name}: {figure.of}: {given}")
+    assert holding == []
+
+
+@pytest.mark.parametrize(
+    ("test", "red"),
+    [
+        ("assert abs(f() - 1.0) < 1e-3", True),
+        ("assert f() == pytest.approx(1.0)", True),
+        ("np.testing.assert_allclose(f(), 1.0)", True),
+        ("assert [f(), 0.0] == [1.0, 0.0]", True),
+        ("assert f() < 1.01", True),
+        ("assert f() < 2.0", False),
+        ("assert f()", False),
+    ],
+)
+def test_a_falsified_test_fails_where_it_holds_a_number(test, red):
+    tree = ast.fix_missing_locations(off.Falsify().visit(ast.parse(test)))
+    code = compile(tree, "test", "exec")
+    names = {"f": lambda: 1.0, "pytest": pytest, "np": np, "__off__": off.off}
+    if red:
+        with pytest.raises(AssertionError):
+            exec(code, names)
+    else:
+        exec(code, names)
 
 
 def test_outcomes_are_those_of_all_cases_of_a_test(bench):

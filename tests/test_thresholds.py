@@ -162,15 +162,19 @@ def test_what_is_outside_of_the_ranges_does_not_count_and_is_told():
 
 
 # Scenes and reports -------------------------------------------------------------------
-def test_the_default_squeeze_is_not_felt_and_what_makes_it_felt():
+def test_the_default_squeeze_is_felt_and_with_a_level_of_1_it_is_not():
     """The figures of the docstring, and of docs/reference/felt.rst."""
     press = {"x1": minimum_jerk()}
     found = {
-        (A, mass): stimlib.render(squeeze(fingers=1, A=A), press, FS, 1.0).felt(mass=mass).pacinian
-        for A, mass in ((3.4, 0.1), (30.0, 0.1), (3.4, 0.011))
+        (level, mass): stimlib.render(squeeze(fingers=1, level=level), press, FS, 1.0).felt(
+            mass=mass
+        )
+        for level, mass in ((9.0, 0.1), (8.0, 0.1), (1.0, 0.1), (1.0, 0.011))
     }
-    default, louder, lighter = found.values()
-    assert default == pytest.approx(-8.7, abs=0.1) and min(louder, lighter) > 10
+    default, less, quiet, lighter = (level.pacinian for level in found.values())
+    assert default == pytest.approx(quiet + db(9.0), abs=0.01)
+    assert [default, less, quiet] == pytest.approx([10.4, 9.4, -8.7], abs=0.1) and lighter > 10
+    assert "felt" in str(found[9.0, 0.1]) and "near" in str(found[8.0, 0.1])
     assert stimlib.render(squeeze(fingers=1), press, FS, 1.0).felt().pacinian == default
 
 
@@ -192,7 +196,7 @@ def test_of_a_combined_scene_each_output_has_its_device():
     middle = db(bumps_set()[40].displacement / detection_threshold(158.0, 1e-4))
     assert middle == pytest.approx(49.0, abs=0.1)
     assert y.felt("b_voltage").pacinian == pytest.approx(middle, abs=3.0)
-    assert y.felt("a_force1").pacinian < 0
+    assert y.felt("a_force1").pacinian == pytest.approx(10.4, abs=0.1)
     refused(UnknownName, "force3", y.felt, "force3")
     plain = stimlib.Scene({"y": stimlib.constant(1.0, "m") * stimlib.Input("x")})
     y = stimlib.render(plain, {"x": tone(250.0, 1e-6)}, FS)

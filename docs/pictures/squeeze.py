@@ -14,8 +14,7 @@ from stimlib.scenes import squeeze
 
 FS, K = 8000, 2000.0
 motion = ramp_and_hold(depth=0.02, rise=0.4, start_time=0.1, hold=0.2, fall=0.4)
-# vibration ten times the paper's, or it would not be seen beside 40 N
-y = stimlib.render(squeeze(fingers=1), {"x1": motion}, FS, seconds=1.3, params={"k": K, "A": 34.0})
+y = stimlib.render(squeeze(fingers=1), {"x1": motion}, FS, seconds=1.3, params={"k": K})
 x, force = motion(y.t), y["force1"]
 
 mpl.rcParams.update({"svg.hashsalt": "stimlib", "font.size": 9})

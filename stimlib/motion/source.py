@@ -67,7 +67,8 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
 
     The first 100 s of generators and arrays in metres are checked every 10 ms, arrays
     only if ``fs`` is given; recordings have their own ``max_speed``.  The travel is the
-    argument of that name of the scene ``squeeze``.
+    argument of that name of the scene ``squeeze``; for it, recordings and other
+    functions of time are checked, too.
     """
     inputs = scene.inputs  # a walk of the whole graph, so once
     travel = {
@@ -92,6 +93,11 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
                 f" rate, say 500 Hz, give stimlib.motion.recorded.recording({{'t_s': t, '{name}':"
                 f" x}}, {{'{name}': '{name}'}}).motion_for(scene.inputs), and check that it is in m"
             )
+        elif callable(source) and name in travel:
+            try:
+                x, every, remedy = positions({name: source}, 0, t.size, 100.0)[0], np.inf, ""
+            except BadValue:
+                continue  # the rendering raises it, with its own sample
         else:
             continue
         with np.errstate(all="ignore"):

@@ -47,7 +47,7 @@ from .shipped import above_zero, shipped
 def squeeze(
     k: float = 2000.0,
     A: float = 3.4,
-    level: float = 1.0,
+    level: float = 9.0,
     fingers: int = 2,
     seed: int = 0,
     passband: float = 1000.0,
@@ -79,6 +79,7 @@ def squeeze(
         Vibration gain, live as ``A``; 0 skips the noise altogether.  A0 = 3.4.
     level : float
         Noise level, live as ``level``; 1 is pink noise with one-sided PSD 1/(pi f).
+        The paper prints none; with 9, our choice, A0 is felt, see Notes.
     fingers : int
         Inputs ``x1``, ``x2``, .. in m, compression positive; outputs ``force1``,
         ``force2``, .. in N.
@@ -124,9 +125,10 @@ def squeeze(
     Notes
     -----
     On plates of 0.1 kg (assumed; the paper gives no mass), touched by 2.9 cm^2 of skin,
-    the vibration of the default is not felt by most persons: a press of 20 mm in 0.3 s
-    is 9 dB below the threshold of detection.  A = 30, or plates of 11 g, make it 10 dB
-    above; see ``stimlib.analysis.sensation_level``.
+    the vibration of the default is felt, as it was by the paper's participants: a press
+    of 20 mm in 0.3 s is 10 dB above the threshold of detection, and ``level`` = 9 is
+    the smallest whole number for which it is.  With level 1 it is 9 dB below; see
+    ``stimlib.analysis.sensation_level``.
 
     References
     ----------

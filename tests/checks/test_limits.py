@@ -210,7 +210,7 @@ class TestSqueeze:
     def test_slope(self, squeezed):
         first = next(c for c in scenes.scene_law(fresh(squeezed)) if "force1: slope" in c.name)
         here = float(np.polyfit(squeezed.x[0], squeezed.shown[0], 1)[0]) - 2000.0
-        assert first.limit == pytest.approx(0.0074, rel=0.2)  # 5.2 deviations: 4 millionths of k
+        assert first.limit == pytest.approx(0.066, rel=0.2)  # 5.2 deviations: 33 millionths of k
         for size, good in ((INSIDE, True), (OUTSIDE, False)):
             e = shifted(
                 squeezed,

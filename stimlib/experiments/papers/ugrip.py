@@ -135,7 +135,7 @@ def _pair(scene: str, name: str, reversals: int) -> Interleaved:
 # of log10 k: the slopes without vibration, section 2.3
 SPREAD = {"one finger": 1 / 7.9, "two fingers": 1 / 17.5}
 # a point of subjective equality of 2.34 N/mm for one finger
-SOFTER = {"one finger": 316.0, "two fingers": 0.0}
+SOFTER = {"one finger": 35.1, "two fingers": 0.0}
 
 
 @public
@@ -170,7 +170,7 @@ def feels(softer: float) -> Measure:
     ...     seconds=1.0,
     ...     params={"k": 1500.0},
     ... )
-    >>> {name: round(v, 6) for name, v in measured(object, feels(316.0)).items()}
+    >>> {name: round(v, 6) for name, v in measured(object, feels(35.1)).items()}
     {'stiffness': 1500.0}
     """
 
