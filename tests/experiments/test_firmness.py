@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from experiments.some import trials_of
 from refusals import refused
-from scipy.stats import norm, t as student
+from scipy.stats import norm, t as student, ttest_rel
 
+import stimlib
 from stimlib.errors import BadValue
 from stimlib.experiments import (
     ConstantStimuli,
@@ -29,7 +30,7 @@ from stimlib.experiments import (
 )
 from stimlib.experiments.papers import bounciness as bouncy, firmness as firm
 from stimlib.experiments.papers.firmness import PAIRS, firmness, pair_of, person, weber_fractions
-from stimlib.experiments.papers.springpots import by_cues, cues_of_stimulus
+from stimlib.experiments.papers.springpots import by_cues, cues_of_stimulus, touched
 from stimlib.scenes import viscoelastic
 
 
@@ -104,8 +105,16 @@ def test_the_weber_fractions_are_those_of_the_observers():
         assert found.people["P01", a] == pytest.approx(1 / slopes[0])
     assert found.effect.df == (4, 4) and 0 < found.effect.p < 1
     assert "thesis: F(4, 16), p = 0.3981" in firm.text(found)
+    one, other = ([found.people[who, a] for who in people] for a in (0.25, 1.0))
+    assert found.pairs[0.25, 1.0] == pytest.approx(min(1.0, 10 * ttest_rel(one, other).pvalue))
+    assert len(found.pairs) == firm.text(found).count("thesis: p > .5") == 10
     alone = weber_fractions({k: v[: len(v) // 2] for k, v in answers.items()})
-    assert alone.effect is None and isnan(alone.group[0.5][1]) and "95 %" not in firm.text(alone)
+    assert (
+        alone.effect is None
+        and not alone.pairs
+        and isnan(alone.group[0.5][1])
+        and "95 %" not in firm.text(alone)
+    )
     late = {name: column[100:] for name, column in answers.items()}
     refused(BadValue, "P01 has no session of .*all 15", weber_fractions, late)
 
@@ -130,6 +139,16 @@ def test_from_the_session_to_the_report(tmp_path):
     assert len(right) == 30 and all(right)
     write_report(tmp_path / "report.html", "Firmness", "One person.", columns(saved))
     assert "0.25 and +10 %" in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.parametrize("make", [firm.firmness, bouncy.bounciness])
+def test_a_trial_can_begin_after_half_a_second_of_contact(make):
+    assert not make().timing.self_paced
+    timing = make(starts=touched()).timing
+    assert timing.self_paced and (timing.interval, timing.wait) == (3.0, 10.0)
+    y = 0.01 * (np.arange(2000) >= 500)
+    begins = stimlib.compile(stimlib.Scene({"begins": timing.starts}), 1000).process(y[None])[0]
+    assert np.flatnonzero(begins >= 0.5)[0] == pytest.approx(1000, abs=2)
 
 
 def test_a_roved_parameter_is_no_cue():

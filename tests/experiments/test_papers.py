@@ -212,6 +212,27 @@ def of(means, *parts, who=""):
     return [v for (p, c), v in means.items() if who in p and all(w in f"{c}," for w in parts)]
 
 
+def shown_to(made, code, session):
+    trials = trials_of(made, rough.person(), code, session, made.seeded(code, session))
+    return [trial.condition for trial in trials]
+
+
+def test_roughness_can_show_all_stimuli_in_one_order_to_all():
+    same = rough.roughness(order="same")
+    orders = [shown_to(same, code, 2) for code in ("P01", "P02")]
+    assert orders[0] == orders[1] != shown_to(same, "P01", 1)[48:]
+    assert sorted(orders[0][:81]) == sorted(orders[0][81:]) == sorted(rough.STIMULI)
+    assert orders[0][:81] != orders[0][81:] and len(shown_to(same, "P01", 1)) == 48 + 162
+
+
+@pytest.mark.parametrize("mode", ["cursor", "deformation", "combined", "vibration"])
+def test_sizes_can_be_told_by_other_modes(mode):
+    experiment = size.nodule_sizes(mode)
+    (scene, *_) = experiment.scenes.values()
+    assert set(experiment.safety.full_scale) == set(scene.outputs)
+    assert ("vibration" in scene.outputs) == (mode == "vibration")
+
+
 def test_roughness_gives_the_thesis_tables_and_law(rated):
     answers, found, _, means = rated
     assert found.law.line.intercept == pytest.approx(3.92 + 0.05, abs=0.6)

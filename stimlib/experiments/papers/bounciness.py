@@ -13,6 +13,7 @@ from math import pi
 
 import numpy as np
 
+from ...core.graph import Block
 from ...errors import one_of, public
 from ...run.safety import Safety
 from ...scenes import viscoelastic
@@ -37,7 +38,7 @@ PAIRS = {
 
 
 @public
-def bounciness(rove: float = 0.0) -> Experiment:
+def bounciness(rove: float = 0.0, starts: Block | None = None) -> Experiment:
     """Make the experiment: identify a stimulus as one of two materials.
 
     There are twelve sessions of 120 trials, one for each pair of reference and
@@ -50,6 +51,10 @@ def bounciness(rove: float = 0.0) -> Experiment:
         Firmness roves: in each trial it is multiplied by a factor between 1/(1 + rove)
         and 1 + rove, so that the strength of the force does not reveal the material.
         0, the thesis' way, keeps it.
+    starts : Block, optional
+        Condition on ``y`` that begins the exploration, see
+        `stimlib.experiments.Timing`, within 10 s; `springpots.touched` is the thesis'
+        half a second of contact.  None: it begins at once.
 
     Returns
     -------
@@ -91,7 +96,7 @@ def bounciness(rove: float = 0.0) -> Experiment:
         fs=1000.0,
         safety=Safety(full_scale=20.0),
         motion=HAND,
-        timing=Timing(interval=3.0),
+        timing=Timing(interval=3.0, starts=starts, wait=10.0 if starts is not None else 0.0),
         familiarisation=known,
         sessions=12,
         cursor=Cursor("y", 0.01, 1.0),

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.stats import t
 
+from ...core.graph import Block
 from ...errors import one_of, public
 from ...run.safety import Safety
 from ...scenes import viscoelastic
-from ..compare import Effect, repeated
+from ..compare import Effect, paired, repeated
 from ..designs import Sequential
 from ..experiment import Experiment, Timing
 from ..latin_squares import graeco_latin
@@ -43,13 +45,20 @@ WEBER = 0.12  # of the simulated participant; ours: figure 4.2 shows no numbers
 
 
 @public
-def firmness() -> Experiment:
+def firmness(starts: Block | None = None) -> Experiment:
     """Make the experiment: identify a stimulus as the firmer of two materials.
 
     There are fifteen sessions of 120 trials, one for each pair of reference and
     comparison, in the order of a Graeco-Latin square.  Both materials of a pair have
     the same order alpha.  The first ten trials of each half are for training.  The hand
     moves as it likes: unlike for bounciness, there is no cursor to follow.
+
+    Parameters
+    ----------
+    starts : Block, optional
+        Condition on ``y`` that begins the exploration, see
+        `stimlib.experiments.Timing`, within 10 s; `springpots.touched` is the thesis'
+        half a second of contact.  None: it begins at once.
 
     Returns
     -------
@@ -92,7 +101,7 @@ def firmness() -> Experiment:
         fs=1000.0,
         safety=Safety(full_scale=20.0),
         motion=HAND,
-        timing=Timing(interval=3.0),
+        timing=Timing(interval=3.0, starts=starts, wait=10.0 if starts is not None else 0.0),
         familiarisation=known,
         sessions=15,
         instructions="Explore the material. Then say which of the two materials it was.",
@@ -226,12 +235,16 @@ class WeberFractions:
     effect : Effect or None
         Repeated-measures analysis of variance of the participants' fractions over the
         references; None for one participant, and where somebody has no fraction.
+    pairs : dict of (float, float) to float
+        By two references: p of the paired t test of the participants' fractions,
+        multiplied by 10 (Bonferroni), at most 1; empty where ``effect`` is None.
     """
 
     d: Mapping[tuple[str, float], tuple[float, ...]]
     people: Mapping[tuple[str, float], float]
     group: Mapping[float, tuple[float, float, float]]
     effect: Effect | None
+    pairs: Mapping[tuple[float, float], float]
 
 
 @public
@@ -276,7 +289,13 @@ def weber_fractions(answers: Columns) -> WeberFractions:
     table = [[fractions[who, a] for a in REFERENCES.values()] for who in names]
     measured = len(names) > 1 and np.isfinite(table).all()
     effect = repeated(table, ["alpha"])[0] if measured else None
-    return WeberFractions(d, fractions, group, effect)
+    columns = zip(REFERENCES.values(), np.transpose(table), strict=True)
+    pairs = {
+        (a, b): min(1.0, 10 * paired(one, other).p)
+        for (a, one), (b, other) in combinations(columns, 2)
+        if measured
+    }
+    return WeberFractions(d, fractions, group, effect, pairs)
 
 
 def text(found: WeberFractions) -> str:
@@ -296,6 +315,8 @@ def text(found: WeberFractions) -> str:
             f"F({one:g}, {other:g}) = {found.effect.F:.3f}, p = {found.effect.p:.4f}  thesis: F(4,"
             " 16), p = 0.3981"
         )
+    for (a, b), p in found.pairs.items():
+        lines.append(f"{a:g} and {b:g}: p = {p:.3f} (paired t, Bonferroni)  thesis: p > .5")
     return "\n".join(lines)
 
 

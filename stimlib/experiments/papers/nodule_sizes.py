@@ -56,10 +56,17 @@ PEN = HAND | {"press": held}  # of a simulated pen; ours
 
 
 @public
-def nodule_sizes() -> Experiment:
+def nodule_sizes(mode: str = "combined") -> Experiment:
     """Make the experiment: sort three marked places, the hardest first.
 
     There is one trial for each participant.
+
+    Parameters
+    ----------
+    mode : str
+        What tells of the stiffness, of a pen with one avatar: see
+        `stimlib.scenes.soft_surface`.  "combined" is the paper's; whether "vibration"
+        tells of size is its future work.
 
     Returns
     -------
@@ -84,16 +91,17 @@ def nodule_sizes() -> Experiment:
     {'order': ['1', '2', '3']}
     {'order': ['2', '3', '1']}
     """
+    sizes = {"x1": 0.14, "y1": 0.14, "depth1": 0.02, "force": 10.0, "vibration": 1.0}
+    scenes = {name: soft_surface(mode, S=block(k * 2 * pi / 3)) for k, name in enumerate(UNDER)}
+    shown = next(iter(scenes.values())).outputs
     return Experiment(
         name="nodule_sizes",
         version="1",
-        scenes={
-            name: soft_surface("combined", S=block(k * 2 * pi / 3)) for k, name in enumerate(UNDER)
-        },
+        scenes=scenes,
         design=surface_of,
         questions=(ranking("order", "Which place is the hardest? The hardest first", *MARKS),),
         fs=1000.0,
-        safety=Safety(full_scale={"x1": 0.14, "y1": 0.14, "depth1": 0.02, "force": 10.0}),
+        safety=Safety(full_scale={name: sizes[name] for name in shown}),
         motion=PEN,
         timing=Timing(interval=180.0, until="answer"),
         drawing=Drawing(marks=dict(zip(MARKS, buried().values(), strict=True))),

@@ -8,27 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import combinations, product
 from math import log10
+from typing import Any
 
 import numpy as np
 
 from ...core.scene import Scene
-from ...errors import BadValue, need, public
+from ...errors import BadValue, need, one_of, public
 from ...motion.generators import constant_speed
 from ...run.rendering import render
 from ...run.safety import Safety
 from ...scenes import bumps, bumps_set
 from ..compare import Effect, Statistic, paired, repeated
-from ..designs import ConstantStimuli, Sequential
+from ..designs import ConstantStimuli, Sequential, shuffled
 from ..experiment import Experiment, Masking, Timing
 from ..questions import rating
 from ..reader import Saved, columns
 from ..scaling import Law, fechner
 from ..tables import Columns, grouped
 from ..tasks import Rate
-from ..trial import Answer, Observer, Stimulus, Trial
+from ..trial import Answer, Design, Observer, Stimulus, Trial
 
 WAVEFORMS, BUMPS, DUTIES, AMPLITUDES = (
     ("sine", "square", "sawtooth"),
@@ -121,13 +122,19 @@ SAID = {
 
 
 @public
-def roughness() -> Experiment:
+def roughness(order: str = "own") -> Experiment:
     """Make the experiment: rate 81 stimuli four times each, on two scales.
 
     The scales are from smooth to rough and from flat to bumpy.
 
     There are two days with two sets each, and 48 training trials before the first set.
     Each trial can be replayed once, and white noise masks the sound.
+
+    Parameters
+    ----------
+    order : {"own", "same"}
+        Whether each participant has a different random order, or all have the same one,
+        as in the thesis, whose drift then looks like an effect.
 
     Returns
     -------
@@ -138,8 +145,8 @@ def roughness() -> Experiment:
     References
     ----------
     The touch-screen thesis, sections 4.1 to 4.3, appendix C.  Our own choices: the 48
-    training trials, and **a different order for each participant**: the thesis used a
-    single order for all, which confounds stimuli with drift.
+    training trials, and by default **a different order for each participant**: the
+    thesis used a single order for all, which confounds stimuli with drift.
 
     Examples
     --------
@@ -151,11 +158,12 @@ def roughness() -> Experiment:
     sine, 18 bumps, duty 0.5, 4 V
     sine, 2 bumps, duty 0.5, 4 V
     """
+    one_of("roughness: order", order, ("own", "same"))
     return Experiment(
         name="roughness",
         version="1",
         scenes={f"{waveform} {n}": bumps(waveform, n) for waveform in WAVEFORMS for n in BUMPS},
-        design=day,
+        design=day if order == "own" else partial(day, same=True),
         questions=(
             rating("roughness", "How rough was it?", "smooth", "rough"),
             rating("bumpiness", "How bumpy was it?", "flat", "bumpy"),
@@ -168,15 +176,21 @@ def roughness() -> Experiment:
         replays=1,
         masking=Masking(),
         instructions=(
-            "Move your finger back and forth. There is no right answer: say what fits best."
+            "Move your finger back and forth. Then say how rough and how bumpy it was, from 1 to 7."
+            " Smooth is an even surface, free from irregularities; rough an uneven one, with"
+            " irregularities, changes in the amplitude. Flat is a surface with no bumps; bumpy one"
+            " with countable bumps. There is no right answer: say what fits best."
         ),
         observer=person(),
         analysis=analysis,
     )
 
 
-def day(participant: str, session: int) -> Sequential:
-    """Return the design of one day: two sets of stimuli, with training on day one."""
+def day(participant: str, session: int, same: bool = False) -> Sequential:
+    """Return the design of one day: two sets of stimuli, with training on day one.
+
+    With ``same`` the order is that of all participants.
+    """
     items = tuple(
         (
             Rate(
@@ -188,9 +202,21 @@ def day(participant: str, session: int) -> Sequential:
         )
         for name, s in STIMULI.items()
     )
-    training = ConstantStimuli(tuple(items[k * 81 // 48] for k in range(48)), training=True)
-    sets = ConstantStimuli(items, repeats=2, shuffle="each")
-    return Sequential({"training": training, "sets": sets} if session == 1 else {"sets": sets})
+    trained = tuple(items[k * 81 // 48] for k in range(48))
+    training = ConstantStimuli(trained, training=True)
+    sets: dict[str, Design] = {"sets": ConstantStimuli(items, repeats=2, shuffle="each")}
+    if same:
+        training = ConstantStimuli(_mixed(trained, "training"), training=True, shuffle="none")
+        sets = {
+            f"set {n}": ConstantStimuli(_mixed(items, f"{session}, set {n}"), shuffle="none")
+            for n in (1, 2)
+        }
+    return Sequential({"training": training, **sets} if session == 1 else sets)
+
+
+def _mixed(items: tuple[Any, ...], purpose: str) -> tuple[Any, ...]:
+    """Return items in a random order that is the same for everybody."""
+    return tuple(items[int(k)] for k in shuffled(0, purpose, [str(k) for k in range(len(items))]))
 
 
 # Who answers --------------------------------------------------------------------------

@@ -16,6 +16,8 @@ from statistics import fmean, stdev
 import numpy as np
 
 from ...analysis.physical_cues import Cues, cues
+from ...blocks import envelope
+from ...core.graph import Block, Input, constant
 from ...errors import BadValue, public
 from ...motion.generators import sinusoid
 from ...run.rendering import render
@@ -32,6 +34,29 @@ ORDERS = {"A": (1, 2, 3), "B": (2, 3, 1), "C": (3, 1, 2), "D": (3, 2, 1), "E": (
 """Orders of the three comparisons, table 3.1; E is of section 4.1."""
 # of a simulated hand that follows the reference; its amplitude is ours
 HAND = {"y": sinusoid(0.01, 1.0)}
+
+
+@public
+def touched(seconds: float = 0.5) -> Block:
+    """Return the condition that the hand has been in contact for a time.
+
+    It is for ``starts`` of both experiments: in the thesis, section 3.5, a trial begins
+    after 0.5 s of contact.  The hand touches where ``y`` is above 0.
+
+    Parameters
+    ----------
+    seconds : float
+        Above 0.
+
+    Examples
+    --------
+    >>> from stimlib.experiments.papers.firmness import firmness
+    >>> from stimlib.experiments.papers.springpots import touched
+    >>> firmness(starts=touched()).timing.self_paced
+    True
+    """
+    contact = Input("y", "m") > constant(0.0, "m")
+    return envelope(contact, attack=seconds, release=0.0) >= 1.0
 
 
 def place_of(square: Sequence[str], participant: str, session: int) -> tuple[str, int]:
