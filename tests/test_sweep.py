@@ -657,7 +657,10 @@ def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
     words = "own_study.py:made --rows rows.csv --measure own_study.py:lowest".split()
     done = run(*words)
     assert done.exit_code == 2 and "a live parameter and an argument" in done.stderr
-    for more, says in (([], "2 rows, 0 failed"), (["--dry"], "2 rows, 0 of them there")):
+    for more, says in (
+        ([], "2 rows over gain (2), k (1), 0 failed"),
+        (["--dry"], "2 rows, 0 of them there"),
+    ):
         done = run(*words, "--live", "k", *more)
         assert done.exit_code == 0 and says in done.stdout, done.output
 
