@@ -84,10 +84,10 @@ PRINTED = {
         "16 bits of 50 N: -49 dB SL\n"
     ),
     "fit_tissue.py": (
-        "SpringpotFit(chi=300.6 [299.5, 301.7], alpha=0.1498 [0.1484, 0.1513]; 0.99 % rms of 53"
-        " samples)\nMaxwellFit(k0=151.8 [148.1, 155.6], k1=145.8 [135.3, 157.2], tau1=0.5498"
-        " [0.464, 0.6514], k2=99.37 [92.78, 106.4], tau2=11.45 [9.677, 13.54]; 2.3 % rms of 53"
-        " samples)\nspringpot: 0.897 N, after two seconds 0.489 N\narms: 0.768 N, after two seconds"
+        "SpringpotFit(chi=300.6 [299.5, 301.8], alpha=0.1498 [0.1484, 0.1512]; 0.99 % rms of 53"
+        " samples)\nMaxwellFit(k0=152.1 [148.3, 155.9], k1=146.6 [136.1, 158], tau1=0.5419"
+        " [0.4572, 0.6424], k2=99.77 [93.15, 106.9], tau2=11.33 [9.577, 13.41]; 2.3 % rms of 53"
+        " samples)\nspringpot: 0.898 N, after two seconds 0.489 N\narms: 0.771 N, after two seconds"
         " 0.480 N\n"
     ),
     "many_noises.py": (
