@@ -325,6 +325,48 @@ def maxwell_stiffness(k: Above0, tau: Above0, w: ArrayLike) -> Stiffness:
 
 
 @public
+def maxwell_arm(magnitude: Above0, phase: float, w: Above0) -> tuple[float, float]:
+    """Return the Maxwell arm with a given complex stiffness at one frequency.
+
+    It is the inverse of `maxwell_stiffness`: tau = 1/(w tan phi), k = magnitude/cos
+    phi.
+
+    Parameters
+    ----------
+    magnitude : float
+        N/m, above 0.
+    phase : float
+        rad, between 0, a spring, and pi/2, a damper.
+    w : float
+        Angular frequency in rad/s, above 0.
+
+    Returns
+    -------
+    (float, float)
+        k in N/m, and the time constant tau in s.
+
+    Raises
+    ------
+    BadValue
+        A number outside its range.
+
+    References
+    ----------
+    Çaldıran's thesis, eq. (2.7), and section 1.2 on going back to the parameters.
+
+    Examples
+    --------
+    >>> from stimlib.blocks.fractional import maxwell_arm
+    >>> k, tau = maxwell_arm(141.4213562, 0.7853981634, 10.0)
+    >>> round(k, 4), round(tau, 6)
+    (200.0, 0.1)
+    """
+    if not 0 < phase < np.pi / 2:
+        raise BadValue(f"maxwell_arm: phase = {phase!r} must be between 0 and pi/2")
+    return float(magnitude / np.cos(phase)), float(1 / (w * np.tan(phase)))
+
+
+@public
 def relaxation_modulus(
     t: ArrayLike,
     k0: float = 0.0,

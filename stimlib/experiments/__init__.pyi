@@ -44,6 +44,7 @@ from .fits import (
     psychometric as psychometric,
     psychometrics as psychometrics,
 )
+from .integration import Integrated as Integrated, integrated as integrated
 from .latin_squares import (
     check_graeco_latin as check_graeco_latin,
     graeco_latin as graeco_latin,

@@ -9,12 +9,17 @@ import mpmath as mp
 import numpy as np
 import pytest
 from laws import lawful, played, refuses
-from refusals import warned
+from refusals import refused, warned
 
 import stimlib
 from stimlib import Input, Param, Scene, UnitError, constant
 from stimlib.blocks import compliance, integrate, spring, springpot, springpot_series
-from stimlib.blocks.fractional import creep_compliance, maxwell_stiffness, relaxation_modulus
+from stimlib.blocks.fractional import (
+    creep_compliance,
+    maxwell_arm,
+    maxwell_stiffness,
+    relaxation_modulus,
+)
 from stimlib.blocks.impedance import sampled
 from stimlib.blocks.viscoelastic import (
     compliance_generalized_kelvin_voigt,
@@ -407,3 +412,14 @@ REFUSED = [
 @pytest.mark.parametrize("given", REFUSED, ids=lambda given: given[1])
 def test_what_makes_no_sense_is_refused(given):
     refuses(*given)
+
+
+@pytest.mark.parametrize("phase", [1e-6, 0.6, 1.57])
+def test_an_arm_is_found_from_its_magnitude_and_phase(phase):
+    k, tau = maxwell_arm(300.0, phase, 7.0)
+    found = maxwell_stiffness(k, tau, 7.0)
+    assert (found.magnitude, found.phase) == pytest.approx((300.0, phase), rel=1e-9)
+    assert k == pytest.approx(300.0 * np.sqrt(1 + (7.0 * tau) ** -2.0), rel=1e-9)
+    for wrong in (0.0, np.pi / 2):
+        says = "maxwell_arm: phase = .* between 0 and pi/2"
+        refused(stimlib.BadValue, says, maxwell_arm, 1.0, wrong, 1.0)

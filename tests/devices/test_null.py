@@ -52,11 +52,14 @@ def test_the_rise_before_sample_0_leads_to_it(motion):
 
 
 def test_a_marker_waits_until_its_time_is_known():
-    """Blocks may follow each other so quickly that none of their times is read."""
+    """Blocks may follow each other so quickly that none of their times is read.
+
+    A short session reads three times at its end alone: no more than two may fail here.
+    """
     log = Seen()
     with fast(STEADY, log=log, markers=["y"]) as sink:
         sink.open(FS)
-        timed, unread = sink.pump.timed, iter(range(5))
+        timed, unread = sink.pump.timed, iter(range(2))
         sink.pump.timed = lambda: timed() if next(unread, None) is None else None
         sink.start(0.2)
         sink.wait()

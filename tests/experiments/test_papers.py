@@ -28,6 +28,7 @@ from stimlib.experiments import (
     check_graeco_latin,
     columns,
     grouped,
+    integrated,
     paired,
     present,
     run,
@@ -51,7 +52,16 @@ from stimlib.experiments.papers.bounciness import (
     person as bouncy,
     phase,
 )
-from stimlib.experiments.papers.ugrip import K0, SQUEEZES, comparisons, feels, text, ugrip
+from stimlib.experiments.papers.ugrip import (
+    K0,
+    SPREAD,
+    SQUEEZES,
+    comparisons,
+    feels,
+    integrates,
+    text,
+    ugrip,
+)
 from stimlib.scenes import soft_surface, squeeze, viscoelastic
 from stimlib.soft import block, buried
 
@@ -123,6 +133,27 @@ def test_one_finger_feels_a_vibrating_object_of_2340_as_a_silent_one_of_2000(sof
 
 
 # Bounciness ---------------------------------------------------------------------------
+
+
+def test_people_who_combine_cues_have_the_shift_of_maximum_likelihood():
+    """With two fingers vibration counts less, as the paper's discussion predicts."""
+    error, shift = 1 / 7.9, 0.128
+    found = comparisons(simulate(ugrip(), integrates(error, shift), 12, seed=3, progress=False))
+    for pse, spread in zip((found[0], found[3]), SPREAD.values(), strict=True):
+        weight = spread**2 / (spread**2 + error**2)
+        moved = np.log10(pse.mean_b / pse.mean_a)
+        assert moved == pytest.approx(weight * shift, abs=0.02), pse
+
+
+def test_cues_are_weighed_by_their_reliability():
+    """Against the least squares of a row for each cue."""
+    values, sds = np.array([3.0, -1.0, 2.5]), np.array([0.3, 2.0, 1e-3])
+    found = integrated(values, sds)
+    (mean, sum_of_weights) = np.average(values, weights=sds**-2.0, returned=True)
+    assert (found.value, found.sd) == pytest.approx((mean, sum_of_weights**-0.5), rel=1e-12)
+    assert sum(found.weights) == pytest.approx(1.0) and integrated([1.0], [1e-300]).sd == 1e-300
+    for wrong in ([], [0.0], [1.0, 2.0]):
+        refused(BadValue, "one above 0 for each cue", integrated, [1.0], wrong)
 
 
 def test_bounciness_has_the_thesis_square_and_its_sessions():

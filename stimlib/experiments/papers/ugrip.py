@@ -23,6 +23,7 @@ from ..compare import anova, paired
 from ..designs import Interleaved, Sequential, Staircase
 from ..experiment import Experiment, Timing
 from ..fits import Fit
+from ..integration import integrated
 from ..observers import Listener
 from ..questions import choice
 from ..reader import columns
@@ -216,6 +217,47 @@ def person(rng: np.random.Generator | None = None) -> Observer:
 
     def answers(trial: Trial, rng: np.random.Generator) -> Answer:
         return each[trial.stimuli[0].scene](trial, rng)
+
+    return answers
+
+
+@public
+def integrates(error: float, shift: float) -> Observer:
+    """Return a simulated participant who combines force and vibration by reliability.
+
+    The paper's discussion predicts that vibration alters the estimate of displacement,
+    and that people rely on the size between two fingers, which is accurate.  Here log10
+    of the stiffness has two cues, the mechanical one, with the paper's spread for one
+    or two fingers, and that of the vibration, and `stimlib.experiments.integrated` puts
+    them together: two fingers give the vibration less weight.
+
+    Parameters
+    ----------
+    error : float
+        Standard deviation of the vibration's cue, in log10 of the stiffness.
+    shift : float
+        How much softer a vibrating object is by that cue alone, in log10.
+
+    Returns
+    -------
+    callable
+        An observer.  Its PSE is shifted by the weight of the vibration times ``shift``,
+        and its slope is steeper with vibration, against the paper's six of eight.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_ugrip`.
+    """
+
+    def answers(trial: Trial, rng: np.random.Generator) -> Answer:
+        felt = []
+        for stimulus in trial.stimuli:
+            k = np.log10(stimulus.params["k"])
+            errors = [SPREAD[stimulus.scene] / 2**0.5, error / 2**0.5]
+            cues = 1 + (stimulus.params["A"] > 0)
+            said = (np.array([k, k - shift]) + rng.normal(0.0, errors))[:cues]
+            felt.append(integrated(said, errors[:cues]).value)
+        return Answer({"softer": "first" if felt[0] < felt[1] else "second"})
 
     return answers
 
