@@ -125,6 +125,9 @@ def cues(
     carries the transient of the movement's start; "none" weights all samples equally,
     as the DFT of the paper does.
 
+    Force and displacement beyond 1e150, or below 1e-150, have squares and products that
+    float64 cannot hold: ``W``, ``k_fit`` and ``b_fit`` are then infinite, 0 or nan.
+
     References
     ----------
     Çaldıran's thesis, section 3.8.

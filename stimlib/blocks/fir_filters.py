@@ -12,7 +12,7 @@ from ..core.graph import NONE, Block, scratch
 from ..core.maths import copy, fir as fir_sum
 from ..core.units import unit
 from ..design import responses
-from ..design.filters import asked_by, differentiator_order, differentiator_taps
+from ..design.filters import MAX_ORDER, asked_by, differentiator_order, differentiator_taps
 from ..errors import Above0, BadValue, Count, public
 from ..system.limits import limits
 from .filters import DelayState
@@ -151,7 +151,7 @@ class Differentiator(Fir):
         return u[0] * RATE
 
     def design(self, fs):
-        order = 2 * round(64 * fs / 8000) if self.order is None else self.order
+        order = min(2 * round(64 * fs / 8000), MAX_ORDER) if self.order is None else self.order
         passband = 0.45 * fs if self.passband is None else self.passband
         if passband < 1e-9 * fs:
             raise BadValue(
@@ -225,7 +225,8 @@ def differentiator(
         Lower edge of the stop band in Hz; there is none where this is above fs/2.
         Default: 1.5 passband where a passband is given.
     order : int, optional
-        Even.  Default 2 round(64 fs / 8000): order 128 at 8 kHz, as in the paper.
+        Even.  Default 2 round(64 fs / 8000), at most 8192, which is reached at 512 kHz:
+        order 128 at 8 kHz, as in the paper.
     tol : float
         Largest relative error in the pass band; an order that cannot meet it is an
         error.
