@@ -99,7 +99,7 @@ docs-measure: docs
 	PYTHONPATH=tests $(BIN)/python tests/docs_pages.py docs/_build
 
 # A quarter of an hour on an idle machine; `make bench RECORD=--record` keeps the figures, else no tracked file changes.
-BENCHMARKS := short chain latency channels growth compile edits springpot bumps path streaming page work_precision power sweep cluster vocabulary vocabulary_blocks elementary plate jax_target psychometric recovery experiments papers export cortex_m patterns peers closed_loop
+BENCHMARKS := short chain latency channels growth compile edits springpot bumps path streaming page work_precision power sweep cluster vocabulary vocabulary_blocks elementary plate jax_target psychometric recovery experiments papers export cortex_m patterns peers closed_loop schemes fits
 
 bench: .venv/ready
 	@set -e; for name in $(BENCHMARKS); do echo "# $$name"; PYTHONPATH=tests $(BIN)/python benchmarks/$$name.py $(RECORD); done

@@ -201,7 +201,7 @@ DESIGNS = {
     "sum of samples 1e-9 off": (
         Integrate,
         times("now", 1 + 1e-9),
-        scene_of(b.compliance(N * X, 2.0, 1.0)),
+        scene_of(b.compliance(N * X, 2.0, 1.0, scheme="gl")),
         WAVE,
     ),
     "a FIR tap 1e-9 off": (

@@ -1,7 +1,7 @@
 """Block, data, fit, block: every fit finds what made its data, with noise.
 
 A tenth of the draws of ``tests/stress/test_fits.py``, and of the cases those that take
-less than a second a draw.
+less than a second a draw; those that JAX compiles take 4 to 8.
 """
 
 import importlib
@@ -28,8 +28,7 @@ def check(name, draws):
         if row["in interval %"] != "":
             held = round(row["in interval %"] * draws / 100)
             assert SURE < binom.cdf(held, draws, 0.95), row
-        sure = 4.5 * row["its error %"] + BIAS * row["spread %"]
-        assert abs(row["bias %"]) < (sure if draws > 2 else 4.0), row
+        assert abs(row["bias %"]) < 4.5 * row["its error %"] + BIAS * row["spread %"], row
         assert not row["played"] > LATE, row
     return rows
 
@@ -37,8 +36,3 @@ def check(name, draws):
 @pytest.mark.parametrize("name", [name for name in CASES if name not in COMPILED])
 def test_a_fit_finds_what_made_its_data(name):
     check(name, 20)
-
-
-@pytest.mark.parametrize("name", sorted(COMPILED))
-def test_a_fit_by_gradients_finds_what_made_its_data(name):
-    check(name, 2)

@@ -173,7 +173,7 @@ def listen(
     ...     copy = listen(squeezed, "force1", folder + "/squeeze-listen.wav")
     >>> peak, most = copy.peak["force1 above 40 Hz"], squeezed["force1"].max()
     >>> print(f"{peak:.2f} N of {most:.0f} N")
-    0.14 N of 40 N
+    1.25 N of 40 N
     """
     whole = rendering[output]
     y = vibration(whole, rendering.fs, cutoff)

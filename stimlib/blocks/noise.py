@@ -190,17 +190,6 @@ class Deviates(Block, abstract=True):
     work = scratch(68)
 
 
-def drawn(s, y, w):
-    """Fill a tile with deviates, and return the state after it."""
-    odd = np.int64(s.n & ONE)
-    if odd == 0 and y.size & 3 == 0:
-        pairs(deviates, s.key, s.n >> ONE, y)
-    else:
-        pairs(deviates, s.key, s.n >> ONE, w[: y.size + odd])
-        copy(w[odd : odd + y.size], y)
-    return WhiteState(s.key, s.n + U(y.size))
-
-
 @dataclass(frozen=True, eq=False)
 class White(Deviates):
     """White noise that runs at every sample."""
@@ -214,7 +203,13 @@ class White(Deviates):
 
     @staticmethod
     def tile(p, s, y, w):
-        return drawn(s, y, w)
+        odd = np.int64(s.n & ONE)
+        if odd == 0 and y.size & 3 == 0:
+            pairs(deviates, s.key, s.n >> ONE, y)
+        else:
+            pairs(deviates, s.key, s.n >> ONE, w[: y.size + odd])
+            copy(w[odd : odd + y.size], y)
+        return WhiteState(s.key, s.n + U(y.size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,11 +229,16 @@ class RestingWhite(Deviates, in_files=False):
         if sounds == NONE:
             y[:] = 0.0
             return WhiteState(s.key, s.n + U(y.size))
-        s = drawn(s, y, w)
+        odd = np.int64(s.n & ONE)
+        if odd == 0 and y.size & 3 == 0:
+            pairs(deviates, s.key, s.n >> ONE, y)
+        else:
+            pairs(deviates, s.key, s.n >> ONE, w[: y.size + odd])
+            copy(w[odd : odd + y.size], y)
         if sounds < U(y.size):
             for i in range(y.size):
                 y[i] = where(contact[i] > 0.0, y[i], 0.0)
-        return s
+        return WhiteState(s.key, s.n + U(y.size))
 
 
 @public

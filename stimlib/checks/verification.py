@@ -406,15 +406,27 @@ def say_felt(e: Evidence) -> None:
 
 def say_energy(e: Evidence) -> None:
     """Add a line to the report for each force over a position: the energy it gave."""
-    needed, motion = damping_of(e.proc), dict(zip(e.proc.inputs, e.x, strict=True))
-    for (output, force), y in zip(e.scene.outputs.items(), e.y, strict=True):
-        for name, over in named([force], Input).items():
-            if force.dim * over.dim != unit("J") or name not in motion:
-                continue
-            work = np.cumsum(y[:-1] * np.diff(motion[name]))  # the device holds each sample
-            given = 1e3 * max(0.0, -work.min(initial=0.0))
-            text = f"{output} over {name}: gave at most {given:.3g} mJ more than it had got"
-            if (output, name) in needed:
-                per = force.dim * unit("s") / over.dim
-                text += f"; passive in a device with {needed[output, name]:.3g} {per}, undelayed"
-            e.numbers.append(text)
+    pairs = [
+        (output, name, force.dim * unit("s") / over.dim)
+        for output, force in e.scene.outputs.items()
+        for name, over in named([force], Input).items()
+        if force.dim * over.dim == unit("J") and name in e.proc.inputs
+    ]
+    if not pairs:
+        return
+    rows = [([*e.scene.outputs].index(y), [*e.proc.inputs].index(x)) for y, x, _ in pairs]
+    work, least = np.zeros(len(rows)), np.zeros(len(rows))
+    ends = None  # of the stretch before
+    for s in e.stretches():
+        y, x = (s.y, s.x) if ends is None else map(np.hstack, zip(ends, (s.y, s.x), strict=True))
+        for k, (row, column) in enumerate(rows):
+            done = work[k] + np.cumsum(y[row, :-1] * np.diff(x[column]))  # each sample is held
+            least[k] = min(least[k], done.min(initial=0.0))
+            work[k] = done[-1] if done.size else work[k]
+        ends = y[:, -1:], x[:, -1:]
+    needed = damping_of(e.proc)
+    for (output, name, per), given in zip(pairs, -1e3 * least, strict=True):
+        text = f"{output} over {name}: gave at most {given + 0.0:.3g} mJ more than it had got"
+        if (output, name) in needed:
+            text += f"; passive in a device with {needed[output, name]:.3g} {per}, undelayed"
+        e.numbers.append(text)

@@ -64,7 +64,7 @@ def show(
         print_json(_facts(made) | facts)
     else:
         print(shown(made))
-        for what, text in _told(scene, made, fs):
+        for what, text in _told(scene, made):
             print(shown(f"{what:5} {text}"))
         if plan_:
             print(shown(plan))
@@ -99,9 +99,8 @@ def list_(json_: opt.Json = False):
         out.print(f"    [bold]{name}[/]{_words(generator)}  {_summary(generator)}", soft_wrap=True)
 
 
-def _told(text: str, scene: Scene, fs: float) -> Iterator[tuple[str, str]]:
+def _told(text: str, scene: Scene) -> Iterator[tuple[str, str]]:
     """Yield what is felt, the laws, and a command for each way to try a scene."""
-    from ..live.describe import full_scales, ranges_of
     from ..scenes import ROWS
 
     rows = [ROWS[part.law] for part in scene.parts if part.law in ROWS]
@@ -111,9 +110,10 @@ def _told(text: str, scene: Scene, fs: float) -> Iterator[tuple[str, str]]:
     name = shlex.quote(text)
     yield "try:", f"stimlib live {name}"
     drive = {n: m for row in rows[:1] for n, m in row.drive.items() if n in scene.inputs}
-    if len(rows) == 1 and drive.keys() == scene.inputs.keys():
-        scales = full_scales(scene, fs, ranges_of(scene))
-        units = [f"{n}={scales[n]:g}" for n, out in scene.outputs.items() if f"{out.dim}" != "1"]
+    dims = {n: f"{out.dim}" for n, out in scene.outputs.items()}
+    known = len(rows) == 1 and {"1", *rows[0].full} >= {*dims.values()}
+    if known and drive.keys() == scene.inputs.keys():
+        units = [f"{n}={rows[0].full[dim]:g}" for n, dim in dims.items() if dim != "1"]
         words = [f"--motion {shlex.quote(f'{n}={m}')}" for n, m in drive.items()]
         words += [f"--full-scale {','.join(units)}"] * bool(units)
         yield "", " ".join(["stimlib play", name, *words, "--seconds 3"])

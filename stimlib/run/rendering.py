@@ -404,8 +404,8 @@ class Rendering:
         ... )
         >>> for mass in (0.1, 0.01):
         ...     print(f"{squeezed.felt(mass=mass).pacinian:.0f} dB SL")
-        -9 dB SL
-        11 dB SL
+        10 dB SL
+        30 dB SL
         """
         return above("Rendering.felt")(self, output, **device)
 

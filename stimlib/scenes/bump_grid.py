@@ -25,6 +25,7 @@ from .shipped import above_zero, shipped
         " the positive half waves of a carrier of freq (the touch-screen thesis, eqs. (16) and"
         " (17), along both axes)"
     ),
+    full={"V": 500.0},
     drive={"x": "sinusoid(0.05, 1.0)", "y": "sinusoid(0.02, 1.3)"},
     ranges={"duty": (0.05, 1.0), "duty_y": (0.05, 1.0)},
 )

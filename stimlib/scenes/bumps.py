@@ -48,6 +48,7 @@ def pad(now: dict[str, Any]) -> dict[str, Any]:
         " which the part duty is ridge, c the positive half waves of a carrier of freq (the"
         " touch-screen thesis, eqs. (16) and (17), section 4.2)"
     ),
+    full={"V": 500.0},
     drive={"x": "sinusoid(0.05, 1.0)"},
     ranges={"duty": (0.05, 1.0)},
     # 120 um for A = 4 V; the half waves of 200 V have a sine of 100 V, at the resonance

@@ -18,6 +18,7 @@ from .shipped import shipped
         " t), each a mean over the movement of a sample; q is 1 from x >= at until x < back, t the"
         " time since q rose (our own)"
     ),
+    full={"N": 100.0},
     drive={"x": "sinusoid(1.3e-3, 3.0, 1e-3)"},
     ranges={"x": (0.0, 0.005)},
 )

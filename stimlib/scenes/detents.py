@@ -17,6 +17,7 @@ from .shipped import above_zero, shipped
         "T = depth sin(count angle) + Coulomb's friction of a spring, each a mean over the movement"
         " of a sample (our own)"
     ),
+    full={"N·m": 0.05},
     drive={"angle": "sinusoid(1.0, 2.0)"},
     ranges={"angle": (0.0, 2 * pi)},
 )

@@ -15,6 +15,7 @@ from .shipped import shipped
         "F is that of a spring that a finger drags: it slips at static normal and sticks again at"
         " kinetic normal, a mean over the movement of a sample (our own)"
     ),
+    full={"N": 2.0},
     drive={"x": "sinusoid(0.02, 2.0)"},
 )
 def friction(

@@ -16,6 +16,7 @@ from .shipped import shipped
         " over the movement of a sample; n is noise over place with a spectrum of 1/f^slope (after"
         " Wiertlewski, Lozada and Hayward 2011)"
     ),
+    full={"N": 1.0},
     drive={"x": "sinusoid(0.05, 1.0)"},
 )
 def grating(

@@ -16,6 +16,7 @@ from .shipped import shipped
         "F = max(0, k x + b v) + A u exp(-t/decay) sin(2 pi freq t) from each impact on, u its"
         " velocity (after Okamura, Dennerlein and Howe 1998)"
     ),
+    full={"N": 20.0},
     drive={"x": "sinusoid(5e-3, 3.0)"},
     ranges={"x": (-0.01, 0.01)},
 )

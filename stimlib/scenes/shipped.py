@@ -43,6 +43,8 @@ class shipped(NamedTuple):
         For outputs in a unit, such as ``"N"``, the device on which the default is felt
         as its page says: ``mass``, ``area``, ``gain`` and ``unit`` of
         ``stimlib.analysis.sensation_level``.
+    full : dict of str to float, optional
+        A full scale for outputs in a unit, for a first try.
     view : callable, optional
         What a page draws of the scene: ``view(arguments)`` returns its kind,
         lengths and the inputs that it needs, see ``view`` of `stimlib.live.protocol`.
@@ -62,6 +64,7 @@ class shipped(NamedTuple):
     felt: str = ""
     ranges: Mapping[str, tuple[float, float]] = {}
     device: Mapping[str, Mapping[str, Any]] = {}
+    full: Mapping[str, float] = {}
     view: Callable[[dict[str, Any]], dict[str, Any]] | None = None
 
     def __call__(self, make: F) -> F:

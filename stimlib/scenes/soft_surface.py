@@ -27,6 +27,7 @@ DEVICES = ("pen", "mouse")
         " exp(4.2081 pressure) N; S is the level of the map there (the pseudo-haptics paper, eqs."
         " (1) to (3), and readings of our own)"
     ),
+    full={"m": 0.5, "N": 20.0},
     drive={
         "x": "sinusoid(0.04, 0.7, 0.06)",
         "y": "sinusoid(0.03, 0.9, 0.05)",

@@ -40,6 +40,7 @@ from .shipped import above_zero, shipped
         " is the position, v its velocity, p pink noise, tau = 1/8000 s; other impedances Z_c and"
         " Z_n take the places of k x and k tau v (the UGrip paper, sections 1.1 and 2.1, eq. (2))"
     ),
+    full={"N": 100.0},
     drive={"x1": "minimum_jerk()", "x2": "minimum_jerk(depth=0.015, rise=0.25)"},
     ranges={"x1": (0.0, 0.02), "x2": (0.0, 0.02), "x3": (0.0, 0.02)},
     device={"N": {"mass": 0.1, "area": 2.9e-4}},  # of a plate, assumed

@@ -21,6 +21,7 @@ from .shipped import shipped
         " and force) makes of white noise, brought to the rate by a windowed sinc (Culbertson,"
         " Unwin and Kuchenbecker 2014)"
     ),
+    full={"m/s²": 20.0},
     drive={"x": "sinusoid(0.05, 1.0)", "force": "sinusoid(0.2, 1.0, 1.0)"},
     device={"m/s**2": {"area": 1e-4}},
 )

@@ -36,6 +36,7 @@ KNOTS = np.linspace(0.0, 1.0, 5)
         " fitted over places; the displacement is the sum over the plate's modes of shape(x, y)"
         " times the mode's answer to V (the touch-screen thesis, chapters 2 to 4)"
     ),
+    full={"V": 200.0, "m": 5e-05},
     drive={"x": "sinusoid(0.05, 1.0, 0.05)"},
     ranges={"duty": (0.05, 1.0)},
     view=pad,

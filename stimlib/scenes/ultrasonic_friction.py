@@ -23,6 +23,7 @@ VISCOSITY, AIR, LEAST = 18.5e-6, 101325.0, 10.0  # Pa s, Pa; squeeze number
         " A on the part duty of each bump (Salbu 1964; Wiertlewski, Fenton Friesen and Colgate"
         " 2016)"
     ),
+    full={"N": 1.0},
     drive={"x": "sinusoid(0.05, 1.0)"},
     ranges={"duty": (0.05, 1.0), "A": (0.0, 20.0)},
 )

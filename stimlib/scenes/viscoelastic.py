@@ -24,6 +24,7 @@ REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
         "F = firmness chi D^alpha y, D^alpha being the fractional derivative of the position y as"
         " the full sum over its history (Çaldıran's thesis, eqs. (3.1), (3.2) and (4.1))"
     ),
+    full={"N": 10.0},
     drive={"y": "sinusoid(0.01, 1.0)"},
     ranges={"y": (0.0, 0.02)},
     # figure 3.2: a plate on a helix; twice as long as the deepest press, which is ours

@@ -15,6 +15,7 @@ from .shipped import shipped
         "F = max(0, k p + b v), a mean over the movement of a sample, p = x - at > 0 the depth, v"
         " its velocity (Colgate and Schenkel 1997)"
     ),
+    full={"N": 50.0},
     drive={"x": "sinusoid(2e-3, 5.0)"},
     ranges={"x": (-0.01, 0.01)},
 )

@@ -151,7 +151,8 @@ def test_the_steps_of_a_pointer_are_20_db_below_the_stimulus_of_a_squeeze(monkey
     """
     stroke = {"x1": sinusoid(0.01, 1.5, 0.01, -np.pi / 2)}
     with_noise, without = (
-        render(squeeze(A=a, fingers=1), stroke, fs=8000.0, seconds=2.5)["force1"] for a in (3.4, 0)
+        render(squeeze(A=a, level=1.0, fingers=1), stroke, fs=8000.0, seconds=2.5)["force1"]
+        for a in (3.4, 0)
     )
     stimulus = in_band(with_noise - without, 300, 1000, 8000)
     assert stimulus == pytest.approx(0.013, rel=0.2)  # N
