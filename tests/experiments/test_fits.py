@@ -175,6 +175,8 @@ def test_a_known_middle_starts_a_curve_of_differences_at_chance():
     assert fit.sigma == pytest.approx(8.0 / ndtri(0.7), rel=1e-6)
     assert psychometric([8.0] * 9, [1] * 9, pse=0.0).problems == ("separated",)
     assert psychometric([8.0, -8.0], [9, 0], [9, 9], pse=0.0).problems == ("separated",)
+    # whose mirror image is no image about 0
+    assert psychometric([-17.0] * 9, [1] * 9, pse=-20.0).problems == ("separated",)
     assert psychometric([8.0] * 9, [0] * 9, pse=0.0).problems == ("falling",)
     assert psychometric([0.0] * 9, [0] * 5 + [1] * 4, pse=0.0).problems == ("few",)
     assert psychometric([8.0] * 30, [1, 0] * 15, pse=0.0).problems == ("flat",)
