@@ -106,22 +106,20 @@ def try_on(
     others = np.array([_course(motion.get(i, 0.0), t, i) for i in proc.inputs])
     aims, pushes = _course(start if aim is None else aim, t, "aim"), _course(push, t, "push")
     column, row = [*proc.inputs].index(name), [*proc.outputs].index(output)
-    x, y = np.zeros((len(proc.inputs), 1)), np.empty((len(proc.outputs), 1))
-    u, made = np.empty((3, 1)), np.empty((4, 1))
-    ends, forces = np.empty((4, n)), np.empty(n)
-    x[column] = _measured(start, device.encoder)
-    for k in range(n):
-        if len(x) > 1:
-            here = x[column, 0]
-            x[:, 0] = others[:, k]
-            x[column] = here
-        proc.process(x, y)
-        u[0], u[1], u[2] = y[row], aims[k + 1], pushes[k]
-        plant.process(u, made)
-        forces[k], ends[:, k], x[column] = y[row, 0], made[:, 0], made[0]
-    measured, position, velocity, work = ends
+    # all rows of a sample are one array, so each call reads and writes where it is kept
+    x = np.ascontiguousarray(others.T)[:, :, None]
+    y, ends = np.empty((n, len(proc.outputs), 1)), np.empty((n, 4, 1))
+    given = np.stack([np.empty(n), aims[1:], pushes[:n]], axis=1)[:, :, None]
+    measured = _measured(start, device.encoder)
+    for here, there, force, end in zip(x, y, given, ends, strict=False):
+        here[column] = measured
+        proc.process(here, there)
+        force[0] = there[row]
+        plant.process(force, end)
+        measured = end[0]
+    read, position, velocity, work = ends[:, :, 0].T
     return ClosedLoop(
-        t[:n], position, measured, velocity, forces, np.cumsum(work), fs, device, hand
+        t[:n], position, read, velocity, y[:, row, 0], np.cumsum(work), fs, device, hand
     )
 
 
