@@ -229,6 +229,7 @@ class RestingWhite(Deviates, in_files=False):
         if sounds == NONE:
             y[:] = 0.0
             return WhiteState(s.key, s.n + U(y.size))
+        # as `White`, again: a helper must not choose at run time, as a tile may
         odd = np.int64(s.n & ONE)
         if odd == 0 and y.size & 3 == 0:
             pairs(deviates, s.key, s.n >> ONE, y)
