@@ -27,9 +27,9 @@ def motions_of(
             help=(
                 "A motion for all inputs: a generator such as [bold]'minimum_jerk(depth=0.02)'[/]"
                 " ([bold]stimlib list[/]), or a recording (such as .csv, .tsv, .txt, .trc, "
-                ".xdf, also .gz, .npz or .mat; needs --map). With a name, a motion for one input: "
-                "[bold]'press=sinusoid(0.5, 1)'[/], [bold]x=my.csv[/]. Repeatable. A motion "
-                "copied from a sidecar works too."
+                ".xdf, .c3d, also .gz, .npz or .mat; needs --map). With a name, a motion for one "
+                "input: [bold]'press=sinusoid(0.5, 1)'[/], [bold]x=my.csv[/]. Repeatable. A "
+                "motion copied from a sidecar works too."
             )
         ),
     ] = [],
@@ -268,7 +268,7 @@ def _contact(recordings: Sequence[Recording]) -> Any:
 
 def _is_file(text: str) -> bool:
     # "data (1).csv" is one; any other text with a bracket is a call
-    known = r"\.(csv|tsv|txt|dat|npz|mat|xdf|xdfz)(\.gz)?\Z"
+    known = r"\.(csv|tsv|txt|dat|npz|mat|c3d|xdf|xdfz)(\.gz)?\Z"
     return bool(re.search(known + r"|\A[^(]*\.[a-z]\w*\Z", text.lower()))
 
 

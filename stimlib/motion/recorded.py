@@ -296,8 +296,9 @@ def recording(
     source : path, DataFrame or mapping of str to array
         A ``.npz`` file holds one-dimensional arrays of equal length, by name; row
         numbers are their indices. A ``.mat`` file (version 5 to 7) has the vectors and
-        matrices of MATLAB, an ``.xdf`` file (needs pyxdf) the channels of a stream and
-        its times ``t_s``. Any other file is read as text, packed by gzip or not:
+        matrices of MATLAB, an ``.xdf`` file (needs pyxdf) the channels of a stream, and
+        a ``.c3d`` file (needs c3d) points and analog channels, both with their times
+        ``t_s``. Any other file is read as text, packed by gzip or not:
         columns are separated by commas, semicolons, tabs, ``|`` or spaces, and a line
         above the rows has their names; row numbers are line numbers. Comments, lines
         above the names and a row of units are skipped, see ``info["read"]``. A table in

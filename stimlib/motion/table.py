@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..errors import BadValue, RecordingError
 from ..system import fields, safe_files
 from ..system.limits import limits
-from .binary import read_mat, read_xdf
+from .binary import read_c3d, read_mat, read_xdf
 from .layout import (
     EMPTY,
     PIECE,
@@ -138,8 +138,8 @@ def read_table(
     Parameters
     ----------
     source : path or Columns
-        A file whose name ends in .npz, .mat, .xdf or .xdfz is read as such, any other
-        as text, packed by gzip or not; or arrays of equal length under their names.
+        A file whose name ends in .npz, .mat, .c3d, .xdf or .xdfz is read as such, any
+        other as text, packed by gzip or not; or arrays of equal length by name.
     sha256 : str, optional
         First 8 to 64 hex digits of the SHA-256 of the file, or of the table's names and
         values, which must match.
@@ -187,8 +187,8 @@ def read_table(
     if file.lower().endswith(".npz"):
         names, most, batches = read_npz(file, data)
         return TableFile(file, digest, names, most, batches)
-    if found := re.search(r"\.(mat|xdf|xdfz|xdf\.gz)\Z", file.lower()):
-        read = read_mat if found[1] == "mat" else read_xdf
+    if found := re.search(r"\.(mat|c3d|xdf|xdfz|xdf\.gz)\Z", file.lower()):
+        read = {"mat": read_mat, "c3d": read_c3d}.get(found[1], read_xdf)
         names, most, batches, notes = read(file, data, known)
         return TableFile(file, digest, names, most, batches, read=notes)
     stem = re.sub(r"\.tsv(\.gz)?\Z", "", file)

@@ -13,7 +13,7 @@ EXTRAS = {
     "sweep": ("pyarrow", "cloudpickle", "distributed"),
     "live": ("starlette", "uvicorn", "websockets"),
     "experiments": ("statsmodels", "pandas"),
-    "lab": ("pylsl", "serial", "pyxdf"),
+    "lab": ("pylsl", "serial", "pyxdf", "c3d"),
 }
 """Modules that ``pip install 'stimlib[NAME]'`` brings, of what `package` imports."""
 

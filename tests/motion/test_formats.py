@@ -1,5 +1,6 @@
 """One contract for every reader: text, npz, .mat and XDF give the same motion for the
-same table and options, and what is damaged or hostile is refused by name.
+same table and options, and what is damaged or hostile is refused by name. C3D, whose
+numbers are of 16 or 32 bits and whose times are even, has tests of its own.
 """
 
 import gzip
@@ -87,6 +88,9 @@ def write(path, table):
         case ".xdf":
             pytest.importorskip("pyxdf")
             path.write_bytes(xdf(xdf_of(table, 2**24 + 1), header(2, "Marks", ["m"], "string")))
+        case ".c3d":
+            pytest.importorskip("c3d")
+            path.write_bytes(c3d_of(labels=["x"], frames=len(table["x"])))
     return path
 
 
@@ -321,10 +325,168 @@ def test_odd_xdf_files(tmp_path, what):
     refused(RecordingError, why, recording, tmp_path / "a.xdf", {"x": "x"})
 
 
-# -- both
+# C3D ----------------------------------------------------------------------------------
+RATE, STEP = 100.0, 10  # Hz; samples of a channel in a frame
+TIP = np.round(500 * np.stack([np.sin(T), np.cos(T), T / 1e4], axis=1))  # mm
+PLATE = np.round(50 * np.sin(np.arange(2 * N * STEP) / 70)).reshape(N, STEP, 2)  # counts
+HIDDEN = np.arange(N) % 50 == 20
+LABELS = ("P1:Tip", "", "P1:Tip")
 
 
-@pytest.mark.parametrize("form", [".mat", ".xdf"])
+def c3d_of(
+    order="<",
+    integer=False,
+    count=None,
+    labels=LABELS,
+    channels=("Fz", "P1:Tip.X"),
+    frames=N,
+    **lies,
+):
+    """Return a file by the format's description: header, parameters, frames."""
+    scale = 0.5 if integer else -0.5
+    each = STEP if channels else 0
+
+    def parameter(group, name, kind, shape, content):
+        content = struct.pack("<bB", kind, len(shape)) + bytes(shape) + content + b"\0"
+        return (
+            struct.pack("<bb", len(name), group)
+            + name.encode()
+            + struct.pack(f"{order}h", len(content) + 2)
+            + content
+        )
+
+    def group(number, name):
+        head = struct.pack("<bb", len(name), -number) + name.encode()
+        return head + struct.pack(f"{order}h", 3) + b"\0"
+
+    def number(n, name, form, *values):
+        shape = (len(values),) if len(values) > 1 else ()
+        size = 4 if form == "f" else 2
+        return parameter(n, name, size, shape, struct.pack(f"{order}{len(values)}{form}", *values))
+
+    def texts(n, name, given):
+        return parameter(
+            n, name, -1, (12, len(given)), b"".join(t.encode().ljust(12) for t in given)
+        )
+
+    facts = {"points": len(labels), "analogs": len(channels), "rate": RATE} | lies
+    count = frames if count is None else count
+    parts = group(1, "POINT") + number(1, "USED", "h", facts["points"])
+    parts += number(1, "SCALE", "f", scale) + number(1, "RATE", "f", facts["rate"])
+    for at in range(0, max(len(labels), 1), 255):
+        parts += texts(1, f"LABELS{at // 255 + 1 if at else ''}", labels[at : at + 255])
+    parts += texts(1, "UNITS", ["mm"])
+    parts += group(2, "ANALOG") + number(2, "USED", "h", facts["analogs"])
+    parts += number(2, "RATE", "f", facts["rate"] * each) + number(2, "GEN_SCALE", "f", 0.25)
+    if channels:
+        parts += number(2, "SCALE", "f", 2.0, 4.0) + number(2, "OFFSET", "h", 3, -5)
+        parts += texts(2, "LABELS", channels) + texts(2, "UNITS", ["N", "Nm"])
+    blocks = -(-(len(parts) + 4) // 512)
+    parts = struct.pack("<BBBB", 1, 80, blocks, 84 if order == "<" else 86) + parts
+    head = struct.pack("<BB", 2, 80)
+    head += struct.pack(f"{order}5H", len(labels), len(channels) * each, 7, count + 6, 10)
+    head += struct.pack(f"{order}fHHf", scale, blocks + 2, each, RATE)
+    rows = []
+    for k in range(frames):
+        for point in range(len(labels)):
+            xyz = TIP[k] + point if not integer else (TIP[k] + point) / scale
+            last = -1 if HIDDEN[k] else 3
+            rows.append(
+                struct.pack(f"{order}4{'h' if integer else 'f'}", *_plain(xyz, integer), last)
+            )
+        if channels:
+            rows.append(PLATE[k].astype(f"{order}{'i2' if integer else 'f4'}").tobytes())
+    return head.ljust(512, b"\0") + parts.ljust(512 * blocks, b"\0") + b"".join(rows)
+
+
+def _plain(values, integer):
+    return [int(v) if integer else float(v) for v in values]
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("integer", [False, True])
+def test_points_and_channels_of_a_c3d_file(tmp_path, order, integer):
+    pytest.importorskip("c3d")
+    path = tmp_path / "hand.c3d"
+    path.write_bytes(c3d_of(order, integer))
+    names = [f"{n}.{axis}" for n in ("P1:Tip", "point2", "point3") for axis in "XYZ"]
+    assert read_table(path).names == ("t_s", *names, "Fz", "channel2")
+    table = {"t_s": np.arange(N) / RATE, "x": np.where(HIDDEN, np.nan, TIP[:, 0])}
+    table |= {"y": np.where(HIDDEN, np.nan, TIP[:, 1] + 2)}
+    words = {"missing": "interpolate"}
+    columns = {"x": "'P1:Tip.X'*1e-3", "y": "'point3.Y'*1e-3"}
+    found = recording(path, columns, **words)
+    wanted = recording(table, {"x": "x*1e-3", "y": "y*1e-3"}, **words)
+    t = np.linspace(0, wanted.duration, 3001)
+    for name in columns:
+        assert np.array_equal(found.motion[name](t), wanted.motion[name](t))
+    assert found.info["read"][:2] == [
+        "3 points in mm, 200 frames at 100 Hz",
+        "2 channels in N, Nm at 1000 Hz",
+    ]
+    why = "(nan is not finite|no number).*missing="
+    refused(RecordingError, why, recording, path, columns)
+    # a channel has a row for each of its samples, and a point one in ten
+    force = (PLATE.reshape(-1, 2) - (3, -5)) * (0.5, 1.0)
+    both = {"x": "'P1:Tip.X'*1e-3", "f": "Fz", "g": "channel2"}
+    found = recording(path, both, max_speed=None, **words)
+    at = np.arange(N * STEP) / (RATE * STEP)
+    assert np.array_equal(found.motion["f"](at), force[:, 0])
+    assert np.array_equal(found.motion["g"](at), force[:, 1])
+    frames = at[::STEP][~HIDDEN]
+    assert np.array_equal(found.motion["x"](frames), TIP[~HIDDEN, 0] * 1e-3)
+
+
+def test_c3d_files_of_points_or_channels_alone(tmp_path):
+    pytest.importorskip("c3d")
+    path = tmp_path / "a.c3d"
+    path.write_bytes(c3d_of(labels=()))
+    found = recording(path, {"f": "Fz"}, max_speed=None)
+    assert found.info["reports"] == N * STEP and "0 points" in str(found)
+    path.write_bytes(c3d_of(channels=()))
+    assert read_table(path).names[-1] == "point3.Z" and len(read_table(path).read) == 1
+    path.write_bytes(c3d_of(labels=[f"M{k}" for k in range(300)], frames=2))
+    assert read_table(path).names[-5:-2] == ("M299.X", "M299.Y", "M299.Z")
+
+
+BAD_C3D = {
+    "no C3D": (b"t_s,x\n0,1\n", "cannot be read as C3D"),
+    "empty": (b"", "cannot be read as C3D .*; export it anew"),
+    "cut off": (c3d_of()[:-1], "199 of 200 frames"),
+    "more frames than there are": (c3d_of(count=60_000), "200 of 60000 frames"),
+    "no frames": (c3d_of(count=0), "0 of 0 frames"),
+    "other points": (c3d_of(points=4), "inconsistent point count"),
+    "other channels": (c3d_of(analogs=1), "inconsistent analog count"),
+    "another rate": (c3d_of(rate=0.0), "inconsistent frame rate"),
+}
+
+
+@pytest.mark.parametrize("what", BAD_C3D)
+def test_odd_c3d_files(tmp_path, what):
+    pytest.importorskip("c3d")
+    data, why = BAD_C3D[what]
+    (tmp_path / "a.c3d").write_bytes(data)
+    refused(RecordingError, why, recording, tmp_path / "a.c3d", {"x": "'P1:Tip.X'"})
+
+
+def test_many_rows_and_columns_of_a_c3d_file_are_refused(tmp_path, monkeypatch):
+    pytest.importorskip("c3d")
+    path = tmp_path / "a.c3d"
+    path.write_bytes(c3d_of())
+    for limit, most, columns in (
+        ("recording_columns", 10, {"x": "'P1:Tip.X'"}),
+        ("recording_rows", N - 1, {"x": "'P1:Tip.X'"}),
+        ("recording_rows", N * STEP - 1, {"f": "Fz"}),
+    ):
+        with monkeypatch.context() as m:
+            m.setattr(stimlib.limits, limit, most)
+            refused(RecordingError, limit, recording, path, columns)
+
+
+# -- all of them
+
+
+@pytest.mark.parametrize("form", [".mat", ".xdf", ".c3d"])
 @settings(max_examples=2000 if STRESS else 60)
 @given(seed=st.integers(0, 2**32))
 def test_damaged_files_are_read_or_refused_by_name(tmp_path_factory, form, seed):
@@ -335,6 +497,7 @@ def test_damaged_files_are_read_or_refused_by_name(tmp_path_factory, form, seed)
         data[rng.randrange(len(data))] = rng.choice([0, 1, 4, 8, 127, 255, rng.randrange(256)])
     path.write_bytes(data[: rng.choice([len(data), rng.randrange(len(data))])])
     try:
-        recording(path, {"x": "x"}, contact=False, max_speed=None)
+        column = "x.X" if form == ".c3d" else "x"
+        recording(path, {"x": column}, contact=False, max_speed=None)
     except BadValue:
         pass
