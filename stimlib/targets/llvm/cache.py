@@ -43,7 +43,7 @@ LONG = "runtime_", "pump_"
 a tenth.
 """
 PARTS = (
-    "../walk machine values walk known rows clocks instructions lanes kernels vectors segments"
+    "../walk machine values walk known rows enabled instructions lanes kernels vectors segments"
 ).split()
 """Files beside this one that are compiled into entries, or say how."""
 

@@ -6,7 +6,7 @@ Its text is compiled once and kept in the cache, named by content, like a segmen
 from functools import partial
 
 from stimlib.targets.llvm import kernels, rows, vectors
-from stimlib.targets.llvm.clocks import open_clock
+from stimlib.targets.llvm.enabled import open_clock
 from stimlib.targets.llvm.known import (
     FIR,
     MODES,
