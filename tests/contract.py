@@ -1279,6 +1279,7 @@ TABLE += [
         (normal, sparse),
         edges=True,
     ),
+    Entry("deadband", "Loop", lambda x, f: b.deadband(x, 0.1, abs(f)), (normal, held), edges=True),
     Entry("once_within", "OnceWithin", lambda e: b.once_within(e, 0.01), (sparse,), edges=True),
     Entry("elapsed", "Time", lambda: b.elapsed()),
     Entry(
@@ -1736,6 +1737,7 @@ DEAF = {
     "bumps": ("x", "contact"),
     "rising": ("x", "y"),
     "sample_and_hold": ("x", "e"),
+    "deadband": ("x", "f"),
     "envelope": "g",
     "pulse_train": ("x", "j"),
     "wall_live": "k",

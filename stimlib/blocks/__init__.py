@@ -13,7 +13,7 @@ from .contact import button, detents, squeeze_film, wall
 from .cursors import cursor
 from .envelopes import burst, envelope
 from .equalization import equalize
-from .events import count, crossing, falling, once_within, rising, sample_and_hold
+from .events import count, crossing, deadband, falling, once_within, rising, sample_and_hold
 from .filters import bandpass, bandstop, delay, envelope_follower, highpass, lowpass, sos
 from .fir_filters import differentiator, fir, moving_average
 from .fractional import equal_force, springpot, springpot_stiffness
@@ -62,6 +62,7 @@ __all__ = [
     "count",
     "crossing",
     "cursor",
+    "deadband",
     "deformation",
     "delay",
     "delay_avatar",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core import units as un
+from ..core import pointwise, units as un
 from ..core.graph import (
     NONE,
     ONE,
@@ -22,10 +22,11 @@ from ..core.graph import (
     same_unit,
     unitless,
 )
+from ..core.loops import loop
 from ..core.maths import floor, where
 from ..core.parameter import Param
 from ..errors import Above0, BadValue, From0, public
-from .impedance import Gate, with_unit
+from .impedance import Gate, signal_in, with_unit
 
 U = np.uint64
 
@@ -437,6 +438,68 @@ def sample_and_hold(x: Block | float, event: Block | float) -> Block:
     array([[0., 2., 2., 4.]])
     """
     return SampleAndHold(as_block(x), as_event("sample_and_hold", event))
+
+
+@public
+def deadband(x: Block | float, weber: Block | float, floor: Block | float = 0.0) -> Block:
+    """Hold a signal until it has changed by more than a just-noticeable difference.
+
+    y = x where abs(x - y_last) > max(weber abs(y_last), floor), else y_last: what a
+    person cannot tell from the value before is not sent.  So y is never further from x
+    than that difference, and each change of y is a packet of a reduced transmission.
+
+    Parameters
+    ----------
+    x : Block
+    weber : Block or float
+        Just-noticeable difference as a part of the value that is held (Weber fraction),
+        0 or above; of forces and stiffnesses about 0.1, see
+        :doc:`/reference/experiments_firmness`.
+    floor : Block or float
+        Least difference, in the unit of x: Weber's law ends near 0.
+
+    Returns
+    -------
+    Block
+        In the unit of x.  Before the first change it is 0.
+
+    Raises
+    ------
+    BadValue
+        A number below 0.
+    UnitError
+        A Weber fraction with a unit, or a floor in another unit than x.
+
+    References
+    ----------
+    P. Hinterseer, S. Hirche, S. Chaudhuri, E. Steinbach and M. Buss, "Perception-based
+    data reduction and transmission of haptic data in telepresence and teleaction
+    systems", IEEE Trans. Signal Process. 56 (2008); Çaldıran's thesis, chapter 1, names
+    such reduction by JNDs as a use of thresholds and gives no formula.
+
+    Examples
+    --------
+    >>> import numpy as np, stimlib
+    >>> from stimlib.blocks import deadband
+    >>> proc = stimlib.compile(
+    ...     stimlib.Scene({"y": deadband(stimlib.Input("x", "N"), 0.1)}), fs=1000
+    ... )
+    >>> proc.process(np.array([[1.0, 1.05, 1.09, 1.11, 1.2, 1.25]]))
+    array([[1.  , 1.  , 1.  , 1.11, 1.11, 1.25]])
+    """
+    signal = as_block(x)
+    part = signal_in("deadband", "weber", weber, "")
+    least = signal_in("deadband", "floor", with_unit(floor, str(signal.dim)), str(signal.dim))
+    for name, given in (("weber", part), ("floor", least)):
+        if isinstance(given, Const) and given.value < 0:
+            raise BadValue(f"deadband: {name} = {given.value:g} must be 0 or above")
+
+    def held(last: Block) -> Block:
+        # in this order a sample that is no number passes, for the guard of the output
+        within = abs(signal - last) <= pointwise.maximum(part * abs(last), least)
+        return pointwise.where(within, last, signal)
+
+    return loop(held, unit=str(signal.dim))
 
 
 # The number of samples that must pass between two events.

@@ -5,12 +5,14 @@ import tracemalloc
 import numpy as np
 import pytest
 from laws import lawful, played, refuses
+from refusals import refused
 
 import stimlib
 from stimlib import Input, Param, Scene, UnitError, blocks as b
 from stimlib.blocks.clock import Every
 from stimlib.blocks.events import is_event
 from stimlib.design.filters import resampled
+from stimlib.errors import BadValue
 
 X, E = Input("x"), Input("e")
 
@@ -58,6 +60,16 @@ HAND = {  # block, rows of its inputs or a number of samples, samples worked out
     "no fall at the first sample": (b.falling(X), [[-1.0, 1.0, -1.0]], [0, 0, 1]),
     "both signs are counted": (b.count(E), [[1, -1, 2]], [1, 0, 2]),
     "both signs hold": (b.sample_and_hold(X, E), [[5, 6, 7], [0, -1, 0]], [0, 6, 6]),
+    "less than a tenth is held": (
+        b.deadband(X, 0.1),
+        [[1, 1.09, 1.11, 1, 0, -1]],
+        [1, 1, 1.11, 1.11, 0, -1],
+    ),
+    "near 0 a floor": (
+        b.deadband(X, 0.1, 0.5),
+        [[0.5, -0.5, 0.6, 0.2, 0.0]],
+        [0, 0, 0.6, 0.6, 0.0],
+    ),
     "none before sample 0": (b.count(b.every(0.01)), 2, [1, 1]),
     "times at the nearest sample": (
         b.at([0.0, 0.0104, 0.0106, 0.0107]),
@@ -106,6 +118,7 @@ LAWFUL = [  # tiles have 64 samples
     (b.grain(X, SHAPE, rate=1000), HEIGHTS),
     (b.grain(X, SHAPE, rate=1000), np.zeros(400)),
     (b.burst(X, 0.16, 0.04), 2.0 * impulse(400, 3, 50)),
+    (b.deadband(X, 0.1, 0.02), NOISE),
     (b.integrate(X, 5.0), NOISE),
     (b.integrate(X, 1500.0), NOISE),
     *((X * b.timeline(BENT, kind), np.ones(400)) for kind in ("linear", "step", "cosine")),
@@ -124,6 +137,23 @@ def test_samples_are_those_worked_out_by_hand(name):
     for target in ("llvm", "python"):
         y = played(block, *([x] if isinstance(x, int) else x), target=target)
         np.testing.assert_allclose(y, wanted, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize(("weber", "floor"), [(0.1, 0.0), (0.3, 0.2), (0.0, 0.5), (0.0, 0.0)])
+def test_a_deadband_sends_each_sample_that_differs_and_no_other(weber, floor):
+    """The next packet is found by a search over the samples after the last one."""
+    x = np.cumsum(np.random.default_rng(3).standard_normal(3000)) * 0.1
+    sent, at, value = [], -1, 0.0
+    while (far := np.abs(x[at + 1 :] - value) > max(weber * abs(value), floor)).any():
+        at += 1 + int(far.argmax())
+        value = x[at]
+        sent.append(at)
+    y = played(b.deadband(X, weber, floor), x)
+    assert np.flatnonzero(np.diff(y, prepend=0.0)).tolist() == sent and (y[sent] == x[sent]).all()
+    assert (np.abs(x - y) <= np.maximum(weber * np.abs(y), floor)).all()
+    assert (len(sent) == 3000) == (weber == floor == 0)
+    for wrong in ({"weber": -0.1}, {"weber": 0.1, "floor": -1.0}):
+        refused(BadValue, "deadband: .* must be 0 or above", b.deadband, X, **wrong)
 
 
 def test_a_period_does_not_drift():
