@@ -30,7 +30,13 @@ from stimlib.experiments import (
 )
 from stimlib.experiments.papers import bounciness as bouncy, firmness as firm
 from stimlib.experiments.papers.firmness import PAIRS, firmness, pair_of, person, weber_fractions
-from stimlib.experiments.papers.springpots import by_cues, cues_of_stimulus, touched
+from stimlib.experiments.papers.springpots import (
+    by_cues,
+    cues_of_stimulus,
+    explained,
+    touched,
+    varying_hand,
+)
 from stimlib.scenes import viscoelastic
 
 
@@ -139,6 +145,26 @@ def test_from_the_session_to_the_report(tmp_path):
     assert len(right) == 30 and all(right)
     write_report(tmp_path / "report.html", "Firmness", "One person.", columns(saved))
     assert "0.25 and +10 %" in (tmp_path / "report.html").read_text()
+
+
+def test_no_ratio_is_above_1_if_people_go_by_firmness_and_their_own_cue_is_if_not():
+    """Figure 4.3 with a hand that varies; a cue with one value for each of the materials
+    (a spring's stiffness, a dashpot's damping) has d' itself.
+    """
+    pairs = ["0 and +20 %", "0.5 and +20 %", "1 and +20 %"]
+
+    def ratios(felt):
+        trials = varying_hand(pairs, firm.pair_stimuli, felt, 0.12, trials=80)
+        found = explained(trials).ratio
+        return {key: ratio for key, (ratio, _, n) in found.items() if n}
+
+    by_firmness = ratios(lambda stimulus, cues: stimulus.params["firmness"])
+    assert max(by_firmness.values()) == pytest.approx(1.0, abs=1e-3)
+    assert by_firmness[0.0, "k_S"] == pytest.approx(1.0, abs=1e-6) != by_firmness[0.5, "k_S"]
+    assert all(by_firmness[a, "f_max"] < 0.6 for a in (0.0, 0.5, 1.0))
+    by_force = ratios(lambda stimulus, cues: cues.f_max)
+    assert all(by_force[a, "f_max"] > 1.6 for a in (0.0, 0.5, 1.0))
+    refused(BadValue, "vary = 0.4", varying_hand, pairs, firm.pair_stimuli, len, 0.1, 0.4)
 
 
 @pytest.mark.parametrize("make", [firm.firmness, bouncy.bounciness])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from math import inf, isfinite, nan
 from statistics import fmean, stdev
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from ...run.rendering import render
 from ...scenes import viscoelastic
 from ..cue_distances import distances, recorded
 from ..designs import ConstantStimuli, Sequential, turn_of
+from ..random_streams import stream
 from ..reader import Saved
 from ..signal_detection import detection
 from ..tables import Columns, grouped
@@ -194,6 +196,76 @@ def by_cues(
         return Answer({question: "green" if evidence > 0 else "red"})
 
     return answers
+
+
+@public
+def varying_hand(
+    pairs: Sequence[str],
+    known: Callable[[str], tuple[Stimulus, Stimulus]],
+    felt: Callable[[Stimulus, Cues], float],
+    error: float,
+    vary: float = 0.2,
+    trials: int = 50,
+    seed: int = 0,
+) -> dict[str, list[Any]]:
+    """Simulate trials in which the hand moves each time at another size and rate.
+
+    A hand that moves alike in all trials gives each cue one value for each material,
+    and `explained` then finds a ratio of 1 whatever people go by.  Here amplitude and
+    frequency of a sinusoid of 10 mm and 1 Hz are drawn for each trial, and the person
+    answers green where log(felt) + error N(0, 1) is above the middle between the mean
+    log(felt) of both materials.
+
+    Parameters
+    ----------
+    pairs : sequence of str
+        Conditions.
+    known : callable
+        Function of a condition that returns both materials, red and green.
+    felt : callable
+        Function of a stimulus and of the cues of its trial that returns what the person
+        goes by, above 0: ``lambda stimulus, cues: cues.f_max``.
+    error : float
+        Standard deviation of the judgement, of the natural logarithm.
+    vary : float
+        Both lie within this part of their mean; up to 0.3, for two periods in 3 s.
+    trials : int
+        Of each material in each condition.
+    seed : int
+
+    Returns
+    -------
+    dict of str to list
+        Columns for `explained`.
+
+    Raises
+    ------
+    BadValue
+        vary not from 0 to 0.3.
+
+    Examples
+    --------
+    See :doc:`/reference/experiments_firmness`.
+    """
+    if not 0 <= vary <= 0.3:
+        raise BadValue(f"varying_hand: vary = {vary!r} must be from 0 to 0.3")
+    rows: list[tuple[Any, ...]] = []
+    for condition in pairs:
+        rng, shown = stream(seed, "hand", condition), []
+        for stimulus in known(condition) * trials:
+            size, rate = rng.uniform(1 - vary, 1 + vary, 2)
+            y = sinusoid(0.01 * size, rate)(np.arange(3000) / 1000.0)
+            scene = viscoelastic(float(stimulus.scene))
+            force = render(scene, {"y": y}, 1000.0, params=stimulus.params)["force"]
+            shown.append((stimulus, cues(y, force, 1000.0)))
+        logs = np.log([felt(*trial) for trial in shown])
+        said = logs + error * rng.normal(size=logs.size) > logs.mean()
+        rows += [
+            ("P01", condition, float(k % 2), float(said[k]), *found)
+            for k, (_, found) in enumerate(shown)
+        ]
+    names = "participant", "condition", "level", "outcome", *Cues._fields
+    return dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
 
 
 # What they went by --------------------------------------------------------------------
