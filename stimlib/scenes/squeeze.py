@@ -63,6 +63,7 @@ def squeeze(
     Z_c: Callable[..., Any] | None = None,
     Z_n: Callable[..., Any] | None = None,
     travel: float | None = 0.04,
+    as_printed: bool = False,
 ) -> Scene:
     """Compose the forces of a squeezed object: a spring, and vibration while loading.
 
@@ -115,11 +116,16 @@ def squeeze(
     travel : float, optional
         How far a plate can move, in m; a motion beyond it is a warning, and a line in
         the report of ``verify``.  By default the paper's 4 cm; None: any.
+    as_printed : bool
+        Take Z_n = k/s to the letter: r = Z_n v = k x, so that the amplitude grows with
+        the position, against figure 4 and the formula after it.  It is k x/(k tau v)
+        times as strong, 800 times at 10 mm and 0.1 m/s: give a ``level`` for that.
 
     Raises
     ------
     BadValue
-        travel not above 0; an impedance that returns no block.
+        travel not above 0; an impedance that returns no block; ``Z_n`` and
+        ``as_printed`` together.
     UnitError
         An impedance that gives no force.
 
@@ -155,6 +161,8 @@ def squeeze(
     if travel is not None:
         above_zero("squeeze", travel=travel)
     k_, A_, level_ = Param("k", k, "N/m"), Param("A", A), Param("level", level)
+    if as_printed and Z_n is not None:
+        raise BadValue("squeeze: as_printed has a Z_n of its own; leave Z_n out")
     tau = constant(1 / 8000, "s")  # the paper's sample period
     touching = Input("contact") if contact else 1.0
     outputs = {}
@@ -166,7 +174,7 @@ def squeeze(
         noise = enabled(dp, by=loading(v, resolution=resolution) * nonzero(A_ * level_))
         mean = spring(x, k_) if Z_c is None else _impedance("Z_c", Z_c, x)
         mean = mean * (touching > 0.0) if isinstance(touching, Input) else mean
-        rate = k_ * tau * v if Z_n is None else _impedance("Z_n", Z_n, v)
+        rate = k_ * x if as_printed else k_ * tau * v if Z_n is None else _impedance("Z_n", Z_n, v)
         force = mean + (A_ * level_) * rate * (tau * noise)
         force = static_limit(force_limit(force)) if limits else force
         outputs[f"force{i}"] = force

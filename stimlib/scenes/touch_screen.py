@@ -53,6 +53,7 @@ def touch_screen(
     finger: bool = False,
     rectify: str | None = None,
     model: Plate | None = None,
+    as_printed: bool = False,
 ) -> Scene:
     """Compose the displacement under a finger that explores bumps.
 
@@ -86,6 +87,10 @@ def touch_screen(
         With patches, which say the voltages that they take; default
         ``Plate.paper(measured=True)``.
 
+    as_printed : bool
+        The thesis' own drive: a half-wave carrier and no pole swap, whatever
+        ``rectify`` and ``swap`` say.
+
     Returns
     -------
     Scene
@@ -118,6 +123,7 @@ def touch_screen(
     >>> touch_screen(swap=4)
     Scene(x [m], A [V], duty [1], freq [1/s] -> voltage [V], displacement [m])
     """
+    rectify, swap = ("half", 1.0) if as_printed else (rectify, swap)
     above_zero("touch_screen", bumps=bumps, length=length, gain=gain)
     glass = Plate.paper(measured=True) if model is None else model
     resonance, origin, y = glass.carrier(), (glass.length - length) / 2, glass.width / 2
@@ -135,7 +141,9 @@ def touch_screen(
     load = Finger(1e-4, 1.0, 500.0) if finger else None
     under = plate(x + constant(origin, "m"), constant(y, "m"), V, glass, modes, finger=load)
     outputs = {"voltage": V, "displacement": under}
-    return Scene(outputs, law="touch_screen", given={"model": glass})
+    return Scene(
+        outputs, law="touch_screen", given={"model": glass, "rectify": rectify, "swap": swap}
+    )
 
 
 def _warn_if_held(

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from math import log, pi
 
-from ..blocks import equal_force, exp, springpot, track
+from ..blocks import equal_force, exp, spring, springpot, track
 from ..core.graph import Block, Input
 from ..core.parameter import Param
 from ..core.scene import Scene
+from ..errors import Above0
 from .shipped import shipped
 
 REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -40,6 +41,7 @@ def viscoelastic(
     contact: bool = False,
     live: bool = False,
     smoothing: float | None = None,
+    guide: Above0 | None = None,
 ) -> Scene:
     """Compose the force of a springpot with a given stiffness at one frequency.
 
@@ -72,6 +74,11 @@ def viscoelastic(
     smoothing : float, optional
         Bandwidth in Hz of ``track`` before the springpot. Use it for positions in steps
         or with noise: an order near 1 makes a force of every step.
+    guide : float, optional
+        Stiffness in N/m of the light force that brings a hand back to the line x = z =
+        0 along y (section 3.5, "snap line"): inputs ``x`` and ``z`` in m, outputs
+        ``guide_x`` = guide x and ``guide_z`` = guide z in N.  The thesis prints no
+        number; 50 N/m, which is 0.25 N at 5 mm, is light.  It acts off contact, too.
 
     Returns
     -------
@@ -80,7 +87,7 @@ def viscoelastic(
 
     References
     ----------
-    Çaldıran's thesis, eqs. (3.1), (3.2), (4.1), sections 3.4 and 4.1; 1 kHz in the
+    Çaldıran's thesis, eqs. (3.1), (3.2), (4.1), sections 3.4, 3.5 and 4.1; 1 kHz in the
     thesis.
 
     Examples
@@ -88,6 +95,8 @@ def viscoelastic(
     >>> from stimlib.scenes import viscoelastic
     >>> viscoelastic(alpha=0.25)
     Scene(y [m], firmness [1] -> force [N])
+    >>> viscoelastic(alpha=0.25, guide=50.0)
+    Scene(y [m], x [m], z [m], firmness [1] -> force [N], guide_x [N], guide_z [N])
     """
     y: Block = Input("y", "m")
     touching = Input("contact") if contact else None
@@ -99,4 +108,7 @@ def viscoelastic(
     # the downsampled method keeps all of it
     horizon = 60.0 if scheme == "gl-downsampled" else 86400.0
     unit = springpot(y, strength, order, scheme, tol, horizon, contact=touching)
-    return Scene({"force": Param("firmness", firmness) * unit})
+    outputs = {"force": Param("firmness", firmness) * unit}
+    if guide is not None:
+        outputs |= {f"guide_{name}": spring(Input(name, "m"), guide) for name in ("x", "z")}
+    return Scene(outputs)

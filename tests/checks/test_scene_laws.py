@@ -48,18 +48,31 @@ def test_viscoelastic_is_proved(case):
 
 @pytest.mark.parametrize(
     ("live", "words"),
-    [(True, {}), (True, {"contact": True, "smoothing": 50.0}), (False, {"smoothing": 80.0})],
+    [
+        (True, {}),
+        (True, {"contact": True, "smoothing": 50.0}),
+        (False, {"smoothing": 80.0}),
+        (False, {"guide": 50.0}),
+    ],
 )
 def test_viscoelastic_with_options_is_proved(live, words):
     """Positions that are tracked, contact, and a live order, also while it ramps."""
     scene = viscoelastic(0.3, live=live, **words)
     motion = {"y": sinusoid(0.01, 1.0), "contact": lambda t: 1.0 * (np.sin(9 * t) > -0.5)}
+    motion |= {"x": sinusoid(0.004, 2.0), "z": lambda t: 0.002 - 0.001 * t}
     motion = {name: motion[name] for name in scene.inputs}
     r = report(scene, motion, 1.0, 1000)
     assert r.passed and any("full sum" in c.name for c in r.checks), str(r)
     want, tol = r.evidence.wanted["force"]()  # the report draws the full sum
     assert np.abs(want - r.evidence.y[0]).max() <= tol
     assert 1e-12 < tol / np.abs(want).max() < 1e-5
+    if "guide" in words:  # to the line from each side, and the law sees a stiffer one
+        t, sides = np.arange(1000) / 1000, r.evidence.y[1:]
+        across = [0.2 * np.sin(4 * np.pi * t), 50 * (0.002 - t / 1000)]
+        np.testing.assert_allclose(sides, across, rtol=0, atol=1e-12)
+        stiff = stimlib.Scene(viscoelastic(0.3, guide=50.1).outputs, scene.parts)
+        (bad, other) = [c for c in report(stiff, motion, 1.0, 1000).checks if not c.passed]
+        assert "guide_x" in bad.name and "guide_z" in other.name
     if live:
         e = r.evidence
         e.changes = [Change(200, "alpha", 0.9, 0.3)]

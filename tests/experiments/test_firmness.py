@@ -148,8 +148,8 @@ def test_from_the_session_to_the_report(tmp_path):
 
 
 def test_no_ratio_is_above_1_if_people_go_by_firmness_and_their_own_cue_is_if_not():
-    """Figure 4.3 with a hand that varies; a cue with one value for each of the materials
-    (a spring's stiffness, a dashpot's damping) has d' itself.
+    """Figure 4.3 with a hand that varies; a cue with one value for each material (a
+    spring's stiffness, a dashpot's damping) has d' itself.
     """
     pairs = ["0 and +20 %", "0.5 and +20 %", "1 and +20 %"]
 
@@ -175,6 +175,12 @@ def test_a_trial_can_begin_after_half_a_second_of_contact(make):
     y = 0.01 * (np.arange(2000) >= 500)
     begins = stimlib.compile(stimlib.Scene({"begins": timing.starts}), 1000).process(y[None])[0]
     assert np.flatnonzero(begins >= 0.5)[0] == pytest.approx(1000, abs=2)
+    printed = make(as_printed=True)
+    assert printed.timing.starts is not None and printed.timing.wait == 10.0
+    assert printed.scenes["0.5"] == viscoelastic(0.5, scheme="gl-downsampled")
+    hand = printed.motion["y"](np.arange(2000) / 1000)  # touches from the beginning
+    begins = stimlib.compile(stimlib.Scene({"begins": timing.starts}), 1000).process(hand[None])[0]
+    assert np.flatnonzero(begins >= 0.5)[0] == pytest.approx(500, abs=2)
 
 
 def test_a_roved_parameter_is_no_cue():

@@ -15,6 +15,7 @@ from laws import STRESS
 from refusals import refused
 from typer.testing import CliRunner
 
+import stimlib
 from stimlib.cli import app
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
@@ -62,8 +63,9 @@ from stimlib.experiments.papers.ugrip import (
     text,
     ugrip,
 )
+from stimlib.motion import constant_speed
 from stimlib.scenes import soft_surface, squeeze, viscoelastic
-from stimlib.soft import block, buried
+from stimlib.soft import block, buried, sides
 
 
 def ideal(alpha):
@@ -258,10 +260,22 @@ def test_roughness_can_show_all_stimuli_in_one_order_to_all():
 
 @pytest.mark.parametrize("mode", ["cursor", "deformation", "combined", "vibration"])
 def test_sizes_can_be_told_by_other_modes(mode):
-    experiment = size.nodule_sizes(mode)
+    experiment = size.nodule_sizes(mode, as_printed=mode == "cursor")
     (scene, *_) = experiment.scenes.values()
     assert set(experiment.safety.full_scale) == set(scene.outputs)
     assert ("vibration" in scene.outputs) == (mode == "vibration")
+    assert scene == soft_surface(mode, S=block(0.0), frames=mode == "cursor")
+
+
+def test_as_printed_nodules_follow_the_equations_once_a_frame():
+    name = "cursor, A1 and C1"
+    fast, slow = (nod.nodules(as_printed=printed).scenes[name] for printed in (False, True))
+    letter = soft_surface("cursor", device="mouse", S=sides("A1", "C1"), frames=True)
+    way = {"x": constant_speed(0.1, 0.12), "y": lambda t: 0.06 + 0 * t}
+    y, z, want = (stimlib.render(s, way, 1000, 1.0).y[0] for s in (fast, slow, letter))
+    assert (z == want).all() and np.abs(y - z).max() > 1e-4
+    (surface, *_) = place.nodule_places(as_printed=True).scenes.values()
+    assert surface == soft_surface("combined", S=block(radians(30)), frames=True)
 
 
 def test_roughness_gives_the_thesis_tables_and_law(rated):

@@ -20,6 +20,7 @@ from stimlib.blocks.fir_filters import Differentiator
 from stimlib.blocks.impedance import Loading
 from stimlib.blocks.noise import PinkNoise
 from stimlib.checks import laws
+from stimlib.errors import BadValue
 from stimlib.motion.generators import minimum_jerk, ramp_and_hold
 from stimlib.motion.recorded import recording
 from stimlib.scenes import squeeze
@@ -253,6 +254,27 @@ def test_another_impedance_of_the_noise_gives_it_a_memory():
     report = stimlib.verify(scene, motion, y)
     (law,) = [c for c in report.checks if c.name == "force1: vibration law"]
     assert report.passed and law.text == "A Z_n(v) tau dp/dt, relative"
+
+
+def test_as_printed_the_vibration_grows_with_the_position():
+    """r = Z_n v with Z_n = k/s, where the default has k tau v: the same noise, times x
+    over tau v.
+    """
+    motion = {"x1": lambda t: 0.1 * np.minimum(t, 0.2)}
+    made = squeeze(fingers=1, as_printed=True)
+    y, spring = (stimlib.render(s, motion, 8000, 0.3) for s in (made, squeeze(fingers=1)))
+    x = motion["x1"](y.t)
+    pole = np.exp(-2 * np.pi * 100 / 8000)
+    v = np.diff(x, prepend=0.0) * 8000
+    for _ in range(2):
+        v = lfilter([1 - pole], [1, -pole], v)
+    F, f = y["force1"] - 2000 * x, spring["force1"] - 2000 * x
+    np.testing.assert_allclose(F * TAU * v, f * x, atol=1e-12)
+    assert np.abs(F).max() > 500 * np.abs(f).max()
+    assert stimlib.verify(made, motion, y).passed
+    bad = Scene(squeeze(fingers=1).outputs, made.parts)
+    assert not stimlib.verify(bad, motion, stimlib.render(bad, motion, 8000, 0.3)).passed
+    refused(BadValue, "leave Z_n out", squeeze, as_printed=True, Z_n=remembered)
 
 
 @pytest.mark.parametrize("wrong", [1.001, -1.0])

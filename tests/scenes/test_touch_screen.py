@@ -65,7 +65,18 @@ def test_a_drive_that_the_patches_cannot_take_warns_and_says_what_is_lost(more):
     assert 100 * (1 - kept) == pytest.approx(lost, abs=2)
 
 
-@pytest.mark.parametrize("more", [{}, {"rectify": "half"}, {"rectify": "half", "swap": 1.0}])
+def test_as_printed_is_a_half_wave_without_a_swap():
+    motion = {"x": constant_speed(0.1, 0.1)}
+    one, other = (
+        touch_screen(model=GLASS, as_printed=True),
+        touch_screen(model=GLASS, rectify="half", swap=1.0),
+    )
+    y, z = (stimlib.render(s, motion, 8000, 0.5) for s in (one, other))
+    assert (y["voltage"] == z["voltage"]).all() and y["voltage"].min() == 0.0
+    assert all(c.passed for c in scene_law(gather(one, motion, y)))
+
+
+@pytest.mark.parametrize("more", [{}, {"rectify": "half"}, {"as_printed": True}])
 def test_the_warning_says_which_amplitude_fits(more):
     with pytest.warns(RuntimeWarning, match="give an amplitude of up to") as told:
         touch_screen(model=GLASS, amplitude=9.0, **more)

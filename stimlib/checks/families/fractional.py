@@ -126,9 +126,14 @@ def _viscoelastic(a: Asked) -> list[Check]:
         "force", a.live("firmness") * a.render(block), 1e-14, "springpot of these numbers"
     )
     name, silent = a.title("force"), a.silent("force", ~touching)
+    guided = [
+        a.near(f"guide_{across}", g["guide"] * a.x[across], 1e-15, "guide times the distance")
+        for across in ("x", "z")
+        if g.get("guide") is not None  # not in scenes that were kept before 0.2
+    ]
     if g["scheme"] not in ("gl", "l1"):
         a.e.skipped.append(f"{name}: only the full sum's own schemes, gl and l1, have a law")
-        return [same, silent]
+        return [same, silent, *guided]
     starts = np.flatnonzero(touching & ~np.r_[False, touching[:-1]])
     stops = np.flatnonzero(touching & ~np.r_[touching[1:], False]) + 1
     over, tol = np.zeros(n), g["tol"]
@@ -153,4 +158,9 @@ def _viscoelastic(a: Asked) -> list[Check]:
     if np.ptp(order) == 0:  # else every sample would need a sum of its own
         a.expect("force", everywhere, float(np.abs(gain).max(initial=0.0) * (tol + 1e-13) * most))
     text = f"tol = {tol:g}, alpha = {g['alpha']:g}, {g['scheme']}: error over its certificate"
-    return [same, Check("d", f"{name}: full sum over the history", a.far(over), 1.0, text), silent]
+    return [
+        same,
+        Check("d", f"{name}: full sum over the history", a.far(over), 1.0, text),
+        silent,
+        *guided,
+    ]

@@ -87,7 +87,8 @@ def _squeeze(a: Asked) -> list[Check]:
         pink = pink_noise(1 / math.pi, g["seed"], stream=i, f_low=g["f_low"], tol_db=g["tol_db"])
         source = differentiator(pink, passband=g["passband"], stopband=g["passband"] + 500.0)
         noise[runs] = a.render(source, int(runs.sum()), f"noise of {name}")  # on a clock of its own
-        rate = _alone(a, Z_n, f"Z_n of {name}", v=still.v) if Z_n else k / 8000 * still.v
+        printed = k * x if g.get("as_printed") else k / 8000 * still.v
+        rate = _alone(a, Z_n, f"Z_n of {name}", v=still.v) if Z_n else printed
         finger = laws.vibrating(still, noise, rate, A)
         del still  # whose force takes memory
         if a.part.span is None and not a.part.terms:

@@ -16,16 +16,23 @@ import numpy as np
 from ...core.graph import Block
 from ...errors import one_of, public
 from ...run.safety import Safety
-from ...scenes import viscoelastic
 from ..designs import Sequential
-from ..experiment import Cursor, Experiment, Timing
+from ..experiment import Cursor, Experiment
 from ..questions import choice
 from ..reader import Saved, columns
 from ..scaling import Line, jnd_from_dprime, line
 from ..tables import Columns
 from ..tasks import OneInterval, Roved, Task
 from ..trial import Answer, Observer, Stimulus, Trial
-from .springpots import HAND, cues_of_stimulus, cues_report, halves, place_of, sensitivities
+from .springpots import (
+    begun,
+    cues_of_stimulus,
+    cues_report,
+    halves,
+    place_of,
+    printed,
+    sensitivities,
+)
 
 REFERENCES = {"β": 0.0, "γ": 0.25, "ζ": 0.5, "θ": 0.75}
 SQUARE = "βA γD ζB θC", "γB βC θA ζD", "ζC θB βD γA", "θD ζA γC βB"
@@ -38,7 +45,9 @@ PAIRS = {
 
 
 @public
-def bounciness(rove: float = 0.0, starts: Block | None = None) -> Experiment:
+def bounciness(
+    rove: float = 0.0, starts: Block | None = None, as_printed: bool = False
+) -> Experiment:
     """Make the experiment: identify a stimulus as one of two materials.
 
     There are twelve sessions of 120 trials, one for each pair of reference and
@@ -55,6 +64,10 @@ def bounciness(rove: float = 0.0, starts: Block | None = None) -> Experiment:
         Condition on ``y`` that begins the exploration, see
         `stimlib.experiments.Timing`, within 10 s; `springpots.touched` is the thesis'
         half a second of contact.  None: it begins at once.
+    as_printed : bool
+        The thesis' procedure where its text differs from the law: the derivative from
+        100 points of the history (section 3.4, ``scheme="gl-downsampled"``), and an
+        exploration that begins after half a second of contact (section 3.5).
 
     Returns
     -------
@@ -82,7 +95,9 @@ def bounciness(rove: float = 0.0, starts: Block | None = None) -> Experiment:
     return Experiment(
         name="bounciness",
         version="1",
-        scenes={f"{alpha:g}": viscoelastic(alpha) for pair in PAIRS.values() for alpha in pair},
+        scenes={
+            f"{alpha:g}": printed(alpha, as_printed) for pair in PAIRS.values() for alpha in pair
+        },
         design=partial(session, rove=rove) if rove else session,
         questions=(
             choice(
@@ -95,8 +110,7 @@ def bounciness(rove: float = 0.0, starts: Block | None = None) -> Experiment:
         ),
         fs=1000.0,
         safety=Safety(full_scale=20.0),
-        motion=HAND,
-        timing=Timing(interval=3.0, starts=starts, wait=10.0 if starts is not None else 0.0),
+        **begun(starts, as_printed),
         familiarisation=known,
         sessions=12,
         cursor=Cursor("y", 0.01, 1.0),

@@ -16,10 +16,9 @@ from scipy.stats import t
 from ...core.graph import Block
 from ...errors import one_of, public
 from ...run.safety import Safety
-from ...scenes import viscoelastic
 from ..compare import Effect, paired, repeated
 from ..designs import Sequential
-from ..experiment import Experiment, Timing
+from ..experiment import Experiment
 from ..latin_squares import graeco_latin
 from ..questions import choice
 from ..reader import Saved, columns
@@ -27,7 +26,15 @@ from ..scaling import jnd_from_dprime
 from ..tables import Columns
 from ..tasks import OneInterval
 from ..trial import Answer, Observer, Stimulus, Trial
-from .springpots import HAND, cues_of_stimulus, cues_report, halves, place_of, sensitivities
+from .springpots import (
+    begun,
+    cues_of_stimulus,
+    cues_report,
+    halves,
+    place_of,
+    printed,
+    sensitivities,
+)
 
 REFERENCES = {"α": 0.0, "β": 0.25, "γ": 0.5, "δ": 0.75, "ε": 1.0}
 """Orders alpha of the references, section 4.1, by the letter of the square."""
@@ -45,7 +52,7 @@ WEBER = 0.12  # of the simulated participant; ours: figure 4.2 shows no numbers
 
 
 @public
-def firmness(starts: Block | None = None) -> Experiment:
+def firmness(starts: Block | None = None, as_printed: bool = False) -> Experiment:
     """Make the experiment: identify a stimulus as the firmer of two materials.
 
     There are fifteen sessions of 120 trials, one for each pair of reference and
@@ -59,6 +66,10 @@ def firmness(starts: Block | None = None) -> Experiment:
         Condition on ``y`` that begins the exploration, see
         `stimlib.experiments.Timing`, within 10 s; `springpots.touched` is the thesis'
         half a second of contact.  None: it begins at once.
+    as_printed : bool
+        The thesis' procedure where its text differs from the law: the derivative from
+        100 points of the history (section 3.4, ``scheme="gl-downsampled"``), and an
+        exploration that begins after half a second of contact (section 3.5).
 
     Returns
     -------
@@ -87,7 +98,7 @@ def firmness(starts: Block | None = None) -> Experiment:
     return Experiment(
         name="firmness",
         version="1",
-        scenes={f"{alpha:g}": viscoelastic(alpha) for alpha in REFERENCES.values()},
+        scenes={f"{alpha:g}": printed(alpha, as_printed) for alpha in REFERENCES.values()},
         design=session,
         questions=(
             choice(
@@ -100,8 +111,7 @@ def firmness(starts: Block | None = None) -> Experiment:
         ),
         fs=1000.0,
         safety=Safety(full_scale=20.0),
-        motion=HAND,
-        timing=Timing(interval=3.0, starts=starts, wait=10.0 if starts is not None else 0.0),
+        **begun(starts, as_printed),
         familiarisation=known,
         sessions=15,
         instructions="Explore the material. Then say which of the two materials it was.",

@@ -63,8 +63,15 @@ choice): nodules are 52 mm apart.
 
 
 @public
-def nodule_places() -> Experiment:
+def nodule_places(as_printed: bool = False) -> Experiment:
     """Make the experiment: mark three nodules, with each of three kinds of feedback.
+
+    Parameters
+    ----------
+    as_printed : bool
+        Eqs. (1) and (3) to the letter, once for each frame of 30 ms
+        (``soft_surface(frames=True)``); by default the laws that mean the same at every
+        rate, see :doc:`/reference/blocks/soft`.
 
     Returns
     -------
@@ -95,7 +102,7 @@ def nodule_places() -> Experiment:
         name="nodule_places",
         version="1",
         scenes={
-            name: soft_surface(FEEDBACK[how], S=block(radians(turn)))
+            name: soft_surface(FEEDBACK[how], S=block(radians(turn)), frames=as_printed)
             for name, (how, turn) in SURFACES.items()
         },
         design=one_after_another,

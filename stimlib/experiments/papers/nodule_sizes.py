@@ -56,7 +56,7 @@ PEN = HAND | {"press": held}  # of a simulated pen; ours
 
 
 @public
-def nodule_sizes(mode: str = "combined") -> Experiment:
+def nodule_sizes(mode: str = "combined", as_printed: bool = False) -> Experiment:
     """Make the experiment: sort three marked places, the hardest first.
 
     There is one trial for each participant.
@@ -67,6 +67,10 @@ def nodule_sizes(mode: str = "combined") -> Experiment:
         What tells of the stiffness, of a pen with one avatar: see
         `stimlib.scenes.soft_surface`.  "combined" is the paper's; whether "vibration"
         tells of size is its future work.
+    as_printed : bool
+        Eqs. (1) and (3) to the letter, once for each frame of 30 ms
+        (``soft_surface(frames=True)``); by default the laws that mean the same at every
+        rate, see :doc:`/reference/blocks/soft`.
 
     Returns
     -------
@@ -92,7 +96,10 @@ def nodule_sizes(mode: str = "combined") -> Experiment:
     {'order': ['2', '3', '1']}
     """
     sizes = {"x1": 0.14, "y1": 0.14, "depth1": 0.02, "force": 10.0, "vibration": 1.0}
-    scenes = {name: soft_surface(mode, S=block(k * 2 * pi / 3)) for k, name in enumerate(UNDER)}
+    scenes = {
+        name: soft_surface(mode, S=block(k * 2 * pi / 3), frames=as_printed)
+        for k, name in enumerate(UNDER)
+    }
     shown = next(iter(scenes.values())).outputs
     return Experiment(
         name="nodule_sizes",

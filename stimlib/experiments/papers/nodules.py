@@ -62,7 +62,7 @@ HAND = {"x": constant_speed(0.1, 0.12), "y": constant_speed(0.007, 0.12)}
 
 
 @public
-def nodules(self_paced: bool = True) -> Experiment:
+def nodules(self_paced: bool = True, as_printed: bool = False) -> Experiment:
     """Make the experiment: report whether a nodule is under each of two sides.
 
     There are thirteen surfaces with each of three techniques: depth of the cursor,
@@ -74,6 +74,10 @@ def nodules(self_paced: bool = True) -> Experiment:
     self_paced : bool
         Whether a surface is there until both sides are answered, as in the paper, which
         measures this time, for 120 s at most; otherwise for 30 s.
+    as_printed : bool
+        Eqs. (1) and (3) to the letter, once for each frame of 30 ms
+        (``soft_surface(frames=True)``); by default the laws that mean the same at every
+        rate, see :doc:`/reference/blocks/soft`.
 
     Returns
     -------
@@ -101,7 +105,7 @@ def nodules(self_paced: bool = True) -> Experiment:
     return Experiment(
         name="nodules",
         version="1",
-        scenes={name: _scene(*surface) for name, surface in SURFACES.items()},
+        scenes={name: _scene(*surface, as_printed) for name, surface in SURFACES.items()},
         design=techniques,
         questions=tuple(
             choice(side, f"Is there a nodule under the {side} side?", "nodule", "none", keys="yn")
@@ -126,9 +130,9 @@ def nodules(self_paced: bool = True) -> Experiment:
     )
 
 
-def _scene(mode: str, left: str, right: str) -> Scene:
+def _scene(mode: str, left: str, right: str, frames: bool) -> Scene:
     """Return the scene of the screen, with a depth of 0 if the technique shows none."""
-    shown = soft_surface(mode, device="mouse", S=sides(left, right)).outputs
+    shown = soft_surface(mode, device="mouse", S=sides(left, right), frames=frames).outputs
     depth = shown["depth1"] if "depth1" in shown else 0.0 * shown["x1"]
     return Scene({"x": shown["x1"], "y": shown["y1"], "depth": depth})
 

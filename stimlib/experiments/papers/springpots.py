@@ -19,12 +19,14 @@ import numpy as np
 from ...analysis.physical_cues import Cues, cues
 from ...blocks import envelope
 from ...core.graph import Block, Input, constant
+from ...core.scene import Scene
 from ...errors import BadValue, public
 from ...motion.generators import sinusoid
 from ...run.rendering import render
 from ...scenes import viscoelastic
 from ..cue_distances import distances, recorded
 from ..designs import ConstantStimuli, Sequential, turn_of
+from ..experiment import Timing
 from ..random_streams import stream
 from ..reader import Saved
 from ..signal_detection import detection
@@ -36,6 +38,7 @@ ORDERS = {"A": (1, 2, 3), "B": (2, 3, 1), "C": (3, 1, 2), "D": (3, 2, 1), "E": (
 """Orders of the three comparisons, table 3.1; E is of section 4.1."""
 # of a simulated hand that follows the reference; its amplitude is ours
 HAND = {"y": sinusoid(0.01, 1.0)}
+TOUCHING = {"y": sinusoid(0.01, 1.0, 0.01)}  # the same, between the plate and 20 mm below
 
 
 @public
@@ -59,6 +62,19 @@ def touched(seconds: float = 0.5) -> Block:
     """
     contact = Input("y", "m") > constant(0.0, "m")
     return envelope(contact, attack=seconds, release=0.0) >= 1.0
+
+
+def printed(alpha: float, as_printed: bool) -> Scene:
+    """Return the scene of a material, or the one that the thesis computed (3.4)."""
+    return viscoelastic(alpha, scheme="gl-downsampled" if as_printed else "gl")
+
+
+def begun(starts: Block | None, as_printed: bool) -> dict[str, Any]:
+    """Return times and simulated hand of trials, as printed after 0.5 s of contact."""
+    starts = touched() if as_printed and starts is None else starts
+    if starts is None:
+        return {"timing": Timing(interval=3.0), "motion": HAND}
+    return {"timing": Timing(interval=3.0, starts=starts, wait=10.0), "motion": TOUCHING}
 
 
 def place_of(square: Sequence[str], participant: str, session: int) -> tuple[str, int]:
