@@ -7,7 +7,7 @@ import pytest
 from refusals import refused
 
 import stimlib
-from stimlib.analysis import detection_threshold, sensation_level
+from stimlib.analysis import detection_threshold, difference_steps, sensation_level
 from stimlib.design.levels import amplitude
 from stimlib.errors import BadValue, UnitError, UnknownName
 from stimlib.motion import constant_speed, minimum_jerk
@@ -25,10 +25,30 @@ def tone(freq, peak, seconds=2.0):
     return peak * np.sin(2 * np.pi * freq * T) * (np.abs(T - 1) <= seconds / 2)
 
 
+@pytest.mark.parametrize(("a", "b"), [(0.5, 4.0), (7.5, 4.0), (158.0, 185.0), (3e-7, 3e300)])
+def test_differences_are_counted_in_steps_of_a_fifth_and_of_three_tenths(a, b):
+    found = difference_steps(a, b)
+    assert found == pytest.approx(difference_steps(b, a), rel=1e-12)
+    for w, steps in ((0.3, found.least), (0.2, found.most)):
+        low, n = min(a, b), 0
+        while low * (1 + w) <= max(a, b):
+            low, n = low * (1 + w), n + 1
+        assert n == int(steps)  # steps of w that fit between
+        assert low * (1 + w) ** (steps - n) == pytest.approx(max(a, b), rel=1e-9)
+
+
+def test_what_differs_by_less_than_a_fifth_is_not_told_apart():
+    words = {1.19: "not told apart", 1.25: "unsure", 1.31: "told apart"}
+    for ratio, word in words.items():
+        assert str(difference_steps(2.0, 2.0 * ratio)).endswith(f": {word}")
+    assert difference_steps(1.0, 1.0) == (0.0, 0.0)
+    refused(BadValue, "b = 0 must be a number above 0", difference_steps, 1.0, 0)
+
+
 # Published figures --------------------------------------------------------------------
 def test_the_threshold_at_250_hz_is_20_db_below_1_um():
-    """Verrillo 1963, 2.9 cm^2 on the thenar eminence; exact here. It falls by 12 dB in
-    each octave from 40 Hz on (after Gescheider and Verrillo 1979): 12.04 here.
+    """The anchor, assumed, for 2.9 cm^2 on the thenar eminence; exact here. It falls by
+    12 dB in each octave from 40 Hz on (after Gescheider and Verrillo 1979): 12.04 here.
     """
     assert detection_threshold(250.0) == pytest.approx(amplitude("-20 dB re 1 um", "m"), rel=1e-12)
     assert detection_threshold(320.0) == detection_threshold(250.0)

@@ -5,8 +5,10 @@ from .passivity import damping_of as damping_of, needed_damping as needed_dampin
 from .physical_cues import Cues as Cues, cues as cues, cues_of as cues_of
 from .spectra import judged as judged, tail as tail
 from .thresholds import (
+    Apart as Apart,
     Felt as Felt,
     detection_threshold as detection_threshold,
+    difference_steps as difference_steps,
     felt as felt,
     sensation_level as sensation_level,
 )

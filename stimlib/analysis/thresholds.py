@@ -1,4 +1,4 @@
-"""Detection thresholds of vibration on the hand, and levels above them.
+"""Thresholds of vibration on the hand: of detection, and of a difference.
 
 The sources give few figures with certainty, so the thresholds are laws with one anchor
 in place of a digitised curve.  Each channel has a range of frequency, outside of which
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..core.scene import Scene
 from ..core.units import unit as unit_of
-from ..errors import BadValue, UnitError, public
+from ..errors import Above0, BadValue, UnitError, public
 from ..motion.source import unmasked
 from ..run.rendering import Rendering
 from ..scenes import ROWS
@@ -33,8 +33,9 @@ class Channel(NamedTuple):
 
 # the Pacinian and the non-Pacinian channel
 CHANNELS = {
-    # Verrillo 1963, contactors of 2.9 cm^2 on the thenar eminence, 1 s: -20 dB re 1 um
-    # at 250 Hz, 12 dB per octave below, 3 dB less for each doubling of the area
+    # Verrillo 1963, contactors of 2.9 cm^2 on the thenar eminence, 1 s: 12 dB per
+    # octave below 250 Hz, 3 dB less for each doubling of the area; the anchor of -20 dB
+    # re 1 um is assumed, docs/reference/felt.rst
     "P": Channel(40.0, 250.0, 1e-7, 0.5),
     # the same source: flat up to 40 Hz, where both channels meet; no summation
     "NP": Channel(25.0, 25.0, 1e-7 * (250 / 40) ** 2, 0.0),
@@ -42,10 +43,13 @@ CHANNELS = {
 HIGH = 320.0  # Hz, the highest frequency at which the effect of the area is known
 # m^2: area of contact of the thresholds, and the range of the law of area
 AREA, AREAS = 2.9e-4, (0.02e-4, 2.9e-4)
-TAU = 0.2  # s, of summation over time in the Pacinian channel (Zwislocki 1960)
+TAU = 0.2  # s, of summation over time in the Pacinian channel: assumed, as above
 FADE = 0.04  # s, at both ends of a record
 MASKER = 44.0  # dB SL, the strongest masker with which channels were independent
 SPREAD = 5.0  # dB, a standard deviation between persons: assumed, docs/reference/felt.rst
+# Weber fractions of amplitude and of frequency: "at least 20-30 % for robust
+# discrimination", the touch-screen thesis, section 4.2, after Choi and Kuchenbecker
+DIFFERENCES = 0.2, 0.3
 ORDERS = {"m": 0, "m/s": 1, "m/s**2": 2, "N": 2}
 
 
@@ -85,6 +89,73 @@ class Felt(NamedTuple):
         )
         p, n = (f"{v:.1f} dB SL" if v == v else "unknown" for v in self[:2])
         return f"Pacinian {p}, non-Pacinian {n}: {word}"
+
+
+class Apart(NamedTuple):
+    """How many difference thresholds lie between two vibrations.
+
+    ``str`` of it gives both numbers, and what they mean.
+
+    Attributes
+    ----------
+    least, most : float
+        Counted in steps of 30 %, and of 20 %.
+    """
+
+    least: float
+    most: float
+
+    def __str__(self):
+        word = "told apart" if self.least >= 1 else "not told apart" if self.most < 1 else "unsure"
+        return f"{self.least:.1f} to {self.most:.1f} difference thresholds: {word}"
+
+
+@public
+def difference_steps(a: Above0, b: Above0) -> Apart:
+    """Return how many difference thresholds lie between two vibrations.
+
+    Parameters
+    ----------
+    a, b : float
+        Amplitudes in any unit, or frequencies.  Of two sensation levels in dB, give
+        10^(level/20).
+
+    Returns
+    -------
+    Apart
+
+    Raises
+    ------
+    BadValue
+        A number not above 0.
+
+    Notes
+    -----
+    The number is abs(ln(b/a))/ln(1 + w) with the Weber fractions w = 0.3 and 0.2: so
+    many steps of w lead from a to b.  Nearer than about 10 dB to the threshold of
+    detection the fractions are larger.
+
+    References
+    ----------
+    The touch-screen thesis, section 4.2: at least 20 to 30 % of frequency and amplitude
+    for robust discrimination, after S. Choi and K. J. Kuchenbecker, "Vibrotactile
+    display: perception, technology, and applications", Proc. IEEE 101 (2013).  N. G.
+    Forta, M. J. Griffin and M. Morioka, "Vibrotactile difference thresholds: effects of
+    vibration frequency, vibration magnitude, contact area, and body location",
+    Somatosens. Mot. Res. 29 (2012), found medians from 0.20 (125 Hz) to 0.58 (10 Hz).
+
+    Examples
+    --------
+    The amplitudes of the thesis, and two that hardly differ:
+
+    >>> from stimlib.analysis import difference_steps
+    >>> print(difference_steps(0.5, 4.0))
+    7.9 to 11.4 difference thresholds: told apart
+    >>> print(difference_steps(158.0, 185.0))
+    0.6 to 0.9 difference thresholds: not told apart
+    """
+    few, many = (abs(float(np.log(b / a))) / float(np.log1p(w)) for w in DIFFERENCES[::-1])
+    return Apart(few, many)
 
 
 @public

@@ -41,8 +41,10 @@ def integrated(values: ArrayLike, sds: ArrayLike) -> Integrated:
 
     References
     ----------
-    The formula is that of inverse-variance weighting; Ernst and Banks, Nature 415
-    (2002), compared people with it (cited from memory).
+    The value is the maximum over m of the likelihood, the product over all cues of
+    exp(-(value - m)^2/(2 sd^2)).  M. O. Ernst and M. S. Banks, "Humans integrate visual
+    and haptic information in a statistically optimal fashion", Nature 415 (2002),
+    429-433, compared people with it.
 
     Examples
     --------

@@ -123,9 +123,11 @@ class Patch:
         """Return the patch of the touch-screen thesis, P-876.SP1.
 
         It may be ``turned`` by 90 degrees. The manufacturer gives 16 x 13 x 0.5 mm
-        outside, d31 = -180 pm/V and 62 GPa of the soft ceramic PIC255, and -100 .. 400
-        V. No public source gives the rest, so it is assumed: a layer of 0.2 mm, an
-        electrode 1 mm inside, covers of 4 GPa, 0.5 g.
+        outside and -100 .. 400 V (user manual P876T0001), d31 = -180 pm/V, a compliance
+        S11 of 16.1e-12 m^2/N, which is 62 GPa, and a permittivity of 1750 eps0 of the
+        soft ceramic PIC255 (PI Ceramic, "Piezo Material Data"), and layers of 0.2 to
+        0.5 mm. No public source gives the rest, so it is assumed: a layer of 0.2 mm, an
+        electrode 1 mm inside, covers of 4 GPa, 0.5 g, Poisson's ratios.
         """
         length, width = (13e-3, 16e-3) if turned else (16e-3, 13e-3)
         more = {
