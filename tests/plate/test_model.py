@@ -87,6 +87,21 @@ def test_shapes_are_orthonormal_and_the_response_is_reciprocal():
     assert k == pytest.approx(plate.shape(0, *a) ** 2 / plate.damping, rel=0.03)
 
 
+def test_one_patch_moves_the_plate_by_a_quarter_of_what_four_do_and_not_its_own_place():
+    """The four are mirrored, and the plate is driven at the mode that moves all of it:
+    by the shape of that mode the place of a patch moves 27 times less than the centre.
+    """
+    glass, centre = Plate.paper(measured=True), (0.103, 0.0735)
+    own = glass.patches[0].x, glass.patches[0].y
+    four, one, beside = (
+        abs(glass.frf("patches", at, 158.0, weights=w))
+        for at, w in ((centre, [1, 1, 1, 1]), (centre, [1, 0, 0, 0]), (own, [1, 0, 0, 0]))
+    )
+    assert one == pytest.approx(four / 4, rel=1e-9)
+    shapes = abs(glass.shape(0, *own) / glass.shape(0, *centre))
+    assert beside / one == pytest.approx(shapes, rel=0.1) and shapes < 1 / 25
+
+
 def test_a_patch_is_a_moment_along_its_edges():
     """The modal force is the closed integral of d(phi)/dn along the electrode, here by
     differences of the shape.
