@@ -18,7 +18,7 @@ from stimlib.errors import SceneError
 from stimlib.export import export_c
 from stimlib.export.translate import Unit
 
-EDGES = [0.0, -0.0, 1.0, -1.0, 1.5, -2.0, 2.5, -2.5, -3.0, 5.0, -7.5, 1e-190, -1e-190, 1e-191]
+EDGES = [0.0, -0.0, 1.0, -1.0, 1.5, -2.0, 2.5, -2.5, -3.0, 5.0, -7.5, 1e-250, -1e-250, 1e-251]
 EDGES += [-1e-189, -0.3, 0.3, 99.5, -99.5, -6.0, 6.0, 2.0, 3.0]
 needs_gcc = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -125,8 +125,8 @@ def cues(
     carries the transient of the movement's start; "none" weights all samples equally,
     as the DFT of the paper does.
 
-    Force and displacement beyond 1e150, or below 1e-150, have squares and products that
-    float64 cannot hold: ``W``, ``k_fit`` and ``b_fit`` are then infinite, 0 or nan.
+    Squares and products are taken of records that are scaled by powers of 2, so a cue
+    is infinite, or 0, only where float64 cannot hold the cue itself.
 
     References
     ----------
@@ -195,8 +195,9 @@ def _prepared(
     """Return a function that computes the cues of forces, with what is known of y."""
     if not 0 < prominence <= 1:
         raise BadValue(f"cues: prominence = {prominence!r} must be above 0 and at most 1")
-    pos = _record("y", y)
-    rate = _record("v", v) if v is not None else np.gradient(pos, 1 / fs)
+    pos, up = _scaled(_record("y", y))
+    rate, fast = _scaled(_record("v", v) if v is not None else np.gradient(pos, 1 / fs))
+    fast += up if v is None else 0
     if rate.size != pos.size:
         raise BadValue(f"cues: y has {pos.size} samples and v has {rate.size}")
     if np.ptp(pos) <= 1e-12 * np.abs(pos).max():
@@ -206,39 +207,45 @@ def _prepared(
         if single
         else _component(pos, fs, window)
     )
-    y_peaks, v_peaks = _mean_of(pos, prominence), _mean_of(rate, prominence)
+    y_peaks, v_peaks = (
+        _times(_mean_of(pos, prominence), up),
+        _times(_mean_of(rate, prominence), fast),
+    )
     y_power, v_power = float(np.sum(pos * pos)), float(np.sum(rate * rate))
 
     def of(f: ArrayLike) -> Cues:
-        force = _record("f", f)
+        force, hard = _scaled(_record("f", f))
         if force.size != pos.size:
             raise BadValue(f"cues: y has {pos.size} samples and f has {force.size}")
         k = stiffness(force)
+        k_S, k_L = _times([k.real, k.imag], hard - up)
         first = _peaks(force, prominence)[:1]
         (f_max, f_mean), (y_max, y_mean), (v_max, v_mean) = (
-            _mean_of(force, prominence),
+            _times(_mean_of(force, prominence), hard),
             y_peaks,
             v_peaks,
         )
         return Cues(
             frequency=w / (2 * math.pi),
-            k_S=k.real,
-            k_L=k.imag,
+            k_S=k_S,
+            k_L=k_L,
             loss_factor=_over(k.imag, k.real),
             eta_as_printed=_over(k.real, k.imag),
-            b_L=k.imag / w,
+            b_L=k_L / w,
             phi=math.atan2(k.imag, k.real),
-            W=float(np.trapezoid(np.maximum(force * rate, 0.0)) / fs),
+            W=_times(np.trapezoid(np.maximum(force * rate, 0.0)) / fs, hard + fast),
             f_max=f_max,
             f_mean=f_mean,
             y_max=y_max,
             y_mean=y_mean,
             v_max=v_max,
             v_mean=v_mean,
-            k_I=_over(force[first[0]], pos[first[0]]) if first.size else math.nan,
-            k_fit=_over(np.sum(force * pos), y_power),
-            b_fit=_over(np.sum(force * rate), v_power),
-            k_peak=_over(force.max(), pos.max()),
+            k_I=_times(_over(force[first[0]], pos[first[0]]), hard - up)
+            if first.size
+            else math.nan,
+            k_fit=_times(_over(np.sum(force * pos), y_power), hard - up),
+            b_fit=_times(_over(np.sum(force * rate), v_power), hard - fast),
+            k_peak=_times(_over(force.max(), pos.max()), hard - up),
         )
 
     return of
@@ -274,6 +281,18 @@ def _record(name: str, a: ArrayLike) -> np.ndarray:
     if not np.isfinite(a).all():
         raise BadValue(f"cues: {name}[{int(np.argmin(np.isfinite(a)))}] is not finite")
     return a
+
+
+def _scaled(a: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return a record over a power of 2, at most 1, and the power."""
+    power = int(np.frexp(np.abs(a).max())[1])
+    return np.ldexp(a, -power), power
+
+
+def _times(v: Any, power: int) -> Any:
+    """Return numbers times a power of 2."""
+    with np.errstate(all="ignore"):
+        return np.ldexp(v, power).tolist()
 
 
 def _over(a: float, b: float) -> float:

@@ -151,7 +151,8 @@ class Differentiator(Fir):
         return u[0] * RATE
 
     def design(self, fs):
-        order = min(2 * round(64 * fs / 8000), MAX_ORDER) if self.order is None else self.order
+        usual = max(2, min(2 * round(64 * fs / 8000), MAX_ORDER))
+        order = usual if self.order is None else self.order
         passband = 0.45 * fs if self.passband is None else self.passband
         if passband < 1e-9 * fs:
             raise BadValue(
@@ -225,8 +226,8 @@ def differentiator(
         Lower edge of the stop band in Hz; there is none where this is above fs/2.
         Default: 1.5 passband where a passband is given.
     order : int, optional
-        Even.  Default 2 round(64 fs / 8000), at most 8192, which is reached at 512 kHz:
-        order 128 at 8 kHz, as in the paper.
+        Even.  Default 2 round(64 fs / 8000), from 2 to 8192, which is reached at 512
+        kHz: order 128 at 8 kHz, as in the paper.
     tol : float
         Largest relative error in the pass band; an order that cannot meet it is an
         error.

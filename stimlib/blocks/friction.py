@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..core.graph import Block, Const, as_block, scratch
-from ..core.maths import TINY, each, exp, floor, log, where
+from ..core.maths import each, exp, floor, log, where
 from ..core.parameter import Param
 from ..core.response import backward
 from ..errors import Above0, BadValue, From0, UnitError, public
@@ -25,6 +25,7 @@ from .movement import Over, PlaceState
 # a straight one. So the work of any motion, sum F dx, is at least the energy k z^2/2
 # that is stored.
 FARTHEST = 1e100  # m before anything slips: a spring without any stiffness
+LEAST = 1e-150  # m of a slip: shorter ones count as none, as their squares underflow
 
 
 def amount(who: str, name: str, v, text: str, zero: bool = True, why: str = "") -> Block:
@@ -96,10 +97,14 @@ def over(a, b):
 
 
 def relax(a):
-    """Return exp(-a) and the mean of the decay, (1 - exp(-a))/a, for a >= 0."""
+    """Return exp(-a) and the mean of the decay, (1 - exp(-a))/a, for a >= 0.
+
+    The third is what is missing from the mean to 1, which is small where a is.
+    """
     e = exp(-a)
-    near = 1.0 - a * (1 / 2 - a * (1 / 6 - a * (1 / 24 - a * (1 / 120 - a / 720))))
-    return e, where(a < 0.01, near, over(1.0 - e, a))
+    missing = a * (1 / 2 - a * (1 / 6 - a * (1 / 24 - a * (1 / 120 - a / 720))))
+    mean = where(a < 0.01, 1.0 - missing, over(1.0 - e, a))
+    return e, mean, where(a < 0.01, missing, 1.0 - mean)
 
 
 def averaging(fs, z, k, b=0.0):
@@ -193,7 +198,7 @@ class ElastoPlastic(Friction):
         rest = held(b - u)  # of the elastic way
         e = where(a > rest, rest, a)
         flow, d = a - e, c - (u + e)
-        left, mean = relax(where(c > b, over(flow, c - b), 0.0))
+        left, mean, _ = relax(where(c > b, over(flow, c - b), 0.0))
         after = where(a > rest, c - d * left, u + a)
         r = over(e, a)
         m = where(a <= rest, u + 0.5 * a, r * (u + 0.5 * e) + (1.0 - r) * (c - d * mean))
@@ -201,13 +206,13 @@ class ElastoPlastic(Friction):
 
 
 def drawn(z, c, dx):
-    """Return the final and the mean deflection of Dahl's law along a path.
+    """Return by how much a path of Dahl's law deflects, at its end and in the mean.
 
-    The law is dz = (1 - s z/c) dx.
+    The law is dz = (1 - s z/c) dx. A path that is short beside c keeps its digits.
     """
-    to = sign(dx) * c
-    left, mean = relax(where(c > 0.0, over(abs(dx), c), 0.0))
-    return to + (z - to) * left, to + (z - to) * mean
+    a, room = where(c > 0.0, over(abs(dx), c), 0.0), sign(dx) * c - z
+    left, mean, missing = relax(a)
+    return room * where(a < 0.01, a * mean, 1.0 - left), room * missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,10 +223,9 @@ class Dahl(Friction):
     def step(p, s, x, limit, stiffness):
         k = held(stiffness)
         c = deflection(limit, k)
-        after, mean = drawn(
-            within(softened(s.z, s.k, k), c), c, where(s.cold > 0.0, 0.0, x - s.last)
-        )
-        return k * mean, FrictionState(x, after, k, 0.0)
+        z = within(softened(s.z, s.k, k), c)
+        more, mean = drawn(z, c, where(s.cold > 0.0, 0.0, x - s.last))
+        return k * (z + mean), FrictionState(x, z + more, k, 0.0)
 
 
 # Parameters of `LuGre` at a sample rate.
@@ -271,11 +275,9 @@ class LuGre(Over):
         z = within(softened(s.z, s.k, k), deflection(static, k))
         dx = where(s.cold > 0.0, 0.0, x - s.last)
         c = deflection(limit, k)
-        after, mean = drawn(z, c, dx)
-        after, mean = where(c > 0.0, after, 0.0 * c), where(c > 0.0, mean, 0.0 * c)
-        return k * mean + p.damping * (after - z) + p.viscosity * dx, FrictionState(
-            x, after, k, 0.0
-        )
+        more, mean = drawn(z, c, dx)
+        more, mean = where(c > 0.0, more, 0.0 * c - z), where(c > 0.0, z + mean, 0.0 * c)
+        return k * mean + p.damping * more + p.viscosity * dx, FrictionState(x, z + more, k, 0.0)
 
 
 # Around the laws ----------------------------------------------------------------------
@@ -405,7 +407,7 @@ class StickSlip(Friction):
         dx = where(s.cold > 0.0, 0.0, x - s.last)
         t = z + dx
         more = abs(t) - c
-        sticks = where(q > TINY, 1.0, 0.0)
+        sticks = where(q > LEAST, 1.0, 0.0)
         # whole ones, between the first slip and the last
         teeth = where(more > 0.0, floor(over(more, q)) * q, 0.0)
         rest = between(more - teeth, 0.0, q)

@@ -17,6 +17,7 @@ from ..blocks.filters import Delay, DelayParams, DelayState
 from ..blocks.noise import White
 from ..core.graph import NONE, Block, Const, Input, Map, Pick, named, reach, signals, type_name
 from ..core.loops import Last, Loop, Tap
+from ..core.maths import SILENT
 from ..core.parameter import Param
 from ..core.program import lead
 from ..core.scene import Scene
@@ -34,7 +35,8 @@ from .rows import Rows
 
 # samples that are looked at: the first, and stretches that the seed places
 FIRST, LATER, PLACES = 1 << 13, 1 << 12, 4
-FADED = 1e-180  # what a loop counts as 0
+# no difference: what recursive blocks count as 0, times a gain
+FADED = 1e10 * SILENT
 FAR = 64  # samples between two that are asked for together
 GONE = 1e-18  # of the largest sample of a stretch: what may be left there of what was before
 NOISE = 1e-13  # of two computations of a normal deviate
@@ -558,6 +560,7 @@ def read_only(row: np.ndarray) -> np.ndarray:
 def _error(y: np.ndarray, want: Any, tol: Any) -> float:
     """Return the largest difference over its tolerance; equal NaNs count as 0."""
     want, tol = np.asarray(want, float), np.broadcast_to(tol, y.shape)
+    tol = np.where(tol > 0, np.maximum(tol, FADED), tol)
     with np.errstate(all="ignore"):
         ratio = np.abs(y - want) / tol
     same = (y == want) | (np.isnan(y) & np.isnan(want)) | np.isinf(tol)

@@ -104,7 +104,7 @@ def loop(f: Callable[[Block], Any], start: float = 0.0, unit: str = "") -> Any:
     -----
     What is on the way from the last value to the signal runs sample by sample, as one
     block: a sum of a hundred taps is slower there than outside.  All else stays
-    outside.  A value fed back that has decayed to 1e-190 is 0 from then on.
+    outside.  A value fed back that has decayed to 1e-250 is 0 from then on.
 
     Examples
     --------

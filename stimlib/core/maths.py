@@ -23,12 +23,15 @@ import types
 
 import numpy as np
 
-TINY = 1e-200
+TINY = 1e-260
 """Added to what drives a recursion: far below any signal, it keeps a decaying state off
 the denormals, at no cost in latency; the output is then flushed, so that silence is 0.
 """
 
-SILENT = 1e-190
+SILENT = 1e-250
+"""What an output of a recursion counts as 0.  Both are as low as the second words of
+states, down to 2^-106 of them, allow without denormals.
+"""
 
 F = np.float64
 
@@ -91,7 +94,7 @@ def where(c, a, b):
 
 
 def flush(x):
-    """Return x, or 0 where |x| <= 1e-190.
+    """Return x, or 0 where |x| <= 1e-250.
 
     So what TINY leaves behind counts as 0.
     """

@@ -232,8 +232,9 @@ def differentiator_order(fs: float, passband: float, stopband: float | None, tol
     if enough > most:
         raise BadValue(
             f"differentiator_order: an error of {tol:g} up to {passband:g} Hz takes an order above"
-            f" {MAX_ORDER} at fs = {fs:g} Hz: end the pass band further below"
-            f" {fs / 2 if stopband is None else stopband:g} Hz, lower fs, or raise tol"
+            f" {MAX_ORDER} at fs = {fs:g} Hz; lower fs, end the pass band further below"
+            f" {fs / 2 if stopband is None else stopband:g} Hz (where that is 1.5 passband: raise"
+            " passband), or raise tol"
         )
     return 2 * enough
 

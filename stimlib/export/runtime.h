@@ -122,7 +122,7 @@ ST_INLINE uint64_t st_to_word(double x)
     return (uint64_t)(fabs(x) < most ? (int64_t)x : INT64_MIN) ^ (uint64_t)high << 63;
 }
 
-ST_INLINE double st_flush(double x) { return fabs(x) <= 1e-190 ? 0.0 : x; }
+ST_INLINE double st_flush(double x) { return fabs(x) <= 1e-250 ? 0.0 : x; }
 
 /* Shifts by 64 and more, and divisions by 0, as numpy has them. */
 ST_INLINE uint64_t st_left_word(uint64_t u, uint64_t by) { return by < 64 ? u << by : 0; }
@@ -233,7 +233,7 @@ ST_INLINE void st_modes(st_floats p, st_floats r, st_floats q, double d, st_floa
         double a[8], b[8], c[8];
         for (k = 0; k < 8; k++) { a[k] = p.p[j + k]; b[k] = r.p[j + k]; c[k] = q.p[j + k]; }
         for (i = 0; i < y.n; i++) {
-            const double v = x.p[i] + 1e-200;
+            const double v = x.p[i] + 1e-260;
             double *s = w.p + 8 * i;
             for (k = 0; k < 8; k++) {
                 c[k] = fma(a[k], c[k], v);
@@ -259,7 +259,7 @@ ST_INLINE void st_memory(st_floats e, st_floats r, st_floats q, st_floats low, s
             f[k] = j < low.n ? low.p[j + k] : 0.0;
         }
         for (i = 0; i < y.n; i++) {
-            const double v = x.p[i] + 1e-200;
+            const double v = x.p[i] + 1e-260;
             const double *b = r.p + j + (r.n > e.n ? e.n * i : 0);
             double *s = w.p + 8 * i;
             if (j < low.n)

@@ -92,6 +92,21 @@ def test_kelvin_voigt():
     assert (c.k_S, c.k_L, c.b_L) == pytest.approx((k, w * b, b), rel=1e-9)
 
 
+def test_records_of_any_size_have_the_cues_of_their_size():
+    """Exactly, as sizes are powers of 2: no square overflows or vanishes."""
+    t = np.arange(4321) / 1000
+    y, f = 0.01 + 0.01 * np.sin(2 * np.pi * t), 3.0 * np.cos(2 * np.pi * t + 0.4)
+    usual = cues(y, f, 1000)
+    powers = {"W": (1, 1), "frequency": (0, 0), "loss_factor": (0, 0), "eta_as_printed": (0, 0)}
+    powers |= {"phi": (0, 0), **dict.fromkeys(("f_max", "f_mean"), (0, 1))}
+    powers |= dict.fromkeys(("y_max", "y_mean", "v_max", "v_mean"), (1, 0))
+    for up, hard in ((990, 990), (-990, -990), (-500, 400), (600, 0)):
+        for name, v in cues(np.ldexp(y, up), np.ldexp(f, hard), 1000)._asdict().items():
+            i, j = powers.get(name, (-1, 1))
+            with np.errstate(all="ignore"):
+                assert v == np.ldexp(getattr(usual, name), i * up + j * hard), name
+
+
 def test_no_force_is_no_error():
     y, _ = movement(2 * np.pi, 4000, 1000.0)
     c = cues(y, np.zeros(4000), 1000.0)

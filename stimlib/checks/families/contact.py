@@ -181,7 +181,7 @@ def coulomb(_: int, z: float, a: float, c: float) -> tuple[float, float]:
     if z + a <= c:
         return z + a, z + a / 2
     stuck = c - z
-    return c, ((z + stuck / 2) * stuck + c * (a - stuck)) / a if a else z
+    return c, (z + stuck / 2) * (stuck / a) + c * ((a - stuck) / a) if a else z
 
 
 def stick_slip(
@@ -455,7 +455,10 @@ def _exponential(z: float, c: float, over: float, a: float) -> tuple[float, floa
     """Return the end and the mean of dz = (c - z)/over da along a path of length a."""
     if over <= 0 or a == 0:
         return (z, z) if a == 0 else (c, c)
-    return c - (c - z) * math.exp(-a / over), c + (c - z) * math.expm1(-a / over) * over / a
+    r = a / over
+    series = r / 2 - r**2 / 6 + r**3 / 24 - r**4 / 120 + r**5 / 720
+    missing = series if r < 0.01 else 1 + math.expm1(-r) / r
+    return z - (c - z) * math.expm1(-r), z + (c - z) * missing
 
 
 @law("Dahl", since=1)
@@ -472,7 +475,7 @@ def _elasto_plastic(b, fs, x, y):
         free = min(a, max(b.elastic * c - z, 0.0))
         rest = a - free
         end, mean = _exponential(z + free, c, c - b.elastic * c, rest)
-        return end, (free * (z + free / 2) + rest * mean) / a if a else z
+        return end, free / a * (z + free / 2) + rest / a * mean if a else z
 
     return forgotten(lambda z: dragged(x[0], x[2], x[3], x[1], slide, z), x.rest)
 
