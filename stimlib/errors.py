@@ -245,6 +245,23 @@ def public(f: F) -> F:
     >>> doubled("3")
     Traceback (most recent call last):
     stimlib.errors.BadValue: doubled: x = '3' must be a number
+    >>> @public
+    ... def root(x: float) -> float:
+    ...     if x < 0:
+    ...         raise BadValue(f"root: x = {x:g} must be 0 or above")
+    ...     return math.sqrt(x)
+    >>> @public
+    ... def fall(x: float) -> float:
+    ...     return 0.45 * root(x)
+    >>> fall(-3)
+    Traceback (most recent call last):
+    stimlib.errors.BadValue: fall: x = -3 must be 0 or above
+    >>> @public
+    ... def climb(height: float) -> float:
+    ...     return -0.45 * root(-height)
+    >>> climb(3)
+    Traceback (most recent call last):
+    stimlib.errors.BadValue: climb: root: x = -3 must be 0 or above
     """
     if isinstance(f, type):
         f.__init__ = _checked(f.__init__, f.__name__)  # type: ignore[misc]

@@ -364,11 +364,18 @@ def test_any_argument_of_a_shipped_scene_is_a_scene_or_an_error_of_ours(make):
 
 
 # Starts, streams and signals ----------------------------------------------------------
-@pytest.mark.parametrize("words", ["show squeeze", "list"])
-def test_a_reader_that_goes_away_is_no_defect(words):
-    """At once, and in the middle of a table."""
+@pytest.mark.parametrize(
+    ("words", "at_once"),
+    [
+        ("show squeeze", ""), ("list", "1"), ("list --help", "1"),
+        ("--version", "1"), ("--version", ""),
+    ],
+)  # fmt: skip
+def test_a_reader_that_goes_away_is_no_defect(words, at_once):
+    """In the middle of a table, and at the end, when a short text leaves."""
     whole = [sys.executable, "-m", "stimlib", *words.split()]
-    with subprocess.Popen(whole, stdout=-1, stderr=-1, text=True) as job:
+    env = os.environ | {"PYTHONUNBUFFERED": at_once}
+    with subprocess.Popen(whole, stdout=-1, stderr=-1, text=True, env=env) as job:
         job.stdout.close()
         said = job.stderr.read()
     assert job.wait() == 141 and said == ""

@@ -93,6 +93,8 @@ class _Group(_Light, TyperGroup):
 def _in_one_line() -> Iterator[None]:
     try:
         yield
+    except BrokenPipeError:  # typer would end with 1
+        raise typer.Exit(141) from None
     except _UsageError as e:
         if type(e).__name__ == "NoArgsIsHelpError":  # typer has no public name for it
             raise
@@ -206,10 +208,8 @@ def friendly(options: Collection[str] = ()) -> Iterator[None]:
                 yield
             finally:
                 announce.clear()
-    except (typer.Exit, typer.Abort):  # what typer makes an end of
+    except (typer.Exit, typer.Abort, BrokenPipeError):  # of which the group makes an end
         raise
-    except BrokenPipeError:
-        raise typer.Exit(141) from None
     except StimlibError as e:
         failed(_of_options(str(e), options))
         raise typer.Exit(2) from None
@@ -276,15 +276,12 @@ def print_json(data: Any) -> None:
     print(json.dumps(data, indent=1, allow_nan=False))
 
 
-class Output(Console):
-    """Standard output that reports a closed pipe to ``friendly``.
+def _reader_gone(self: Console) -> None:
+    raise BrokenPipeError
 
-    Without it, rich would end the process with status 1.
-    """
 
-    def on_broken_pipe(self) -> None:
-        """Raise BrokenPipeError, which ``friendly`` handles."""
-        raise BrokenPipeError
+# of every console, typer's own too: rich would end the process with status 1
+Console.on_broken_pipe = _reader_gone  # type: ignore[method-assign]
 
 
 def print_wide(data: Any) -> None:
@@ -292,7 +289,7 @@ def print_wide(data: Any) -> None:
 
     Without a terminal, the width is 130 characters.
     """
-    Output(width=None if sys.stdout.isatty() else 130, emoji=False).print(data)
+    Console(width=None if sys.stdout.isatty() else 130, emoji=False).print(data)
 
 
 def print_result(result: Any, json_: bool) -> None:

@@ -6,10 +6,11 @@ from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 import typer
+from rich.console import Console
 
 from ..devices import available
 from . import options as opt
-from .app import Output, command, end, print_json, say
+from .app import command, end, print_json, say
 from .motions import motions_of
 from .scene import SceneText, params_of, run_files, scene_of, touching
 
@@ -30,7 +31,7 @@ def devices(
 
     [bold]stimlib devices --streams[/]
     """
-    out = Output(emoji=False)
+    out = Console(emoji=False)
     if streams:
         from ..devices.transports import lsl_streams
 

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.console import Console
 
 from ..errors import shown
 from . import options as opt
-from .app import Output, command, print_json
+from .app import command, print_json
 from .scene import SceneText, run_files, scene_of, shipped
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def list_(json_: opt.Json = False):
         return print_json(
             {"scenes": scenes, "motions": {name: _call(g) for name, g in GENERATORS.items()}}
         )
-    out = Output(emoji=False)
+    out = Console(emoji=False)
     for name, make in shipped().items():
         out.print(f"[bold]{name}[/]{_words(make)}", soft_wrap=True)
         out.print(f"    {ROWS[name].felt}", soft_wrap=True)
