@@ -199,7 +199,7 @@ def lawful(block, fs, **x):
     inputs = {q.name for q in reach([block]) if isinstance(q, Input)}
     rows_of = {name: np.asarray(row, float) for name, row in x.items() if name in inputs}
     n = len(next(iter(rows_of.values())))
-    found = local.held(local.Run(scene, fs, 0, rows_of, n, params, [], [(0, n)]))
+    found = local.held(local.Run(scene.outputs, fs, 0, rows_of, n, params, [], [(0, n)]))
     assert not [h for h in found if h.why or not h.error <= 1]
 
 

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,8 @@ PI = np.arctan(LONG(1)) * 4
 GONE = 48.0  # of a decay, in time constants: 1e-21
 
 
-class Modes(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Modes:
     """An impulse response as a sum of modes.
 
     h[0] = direct, h[n] = sum of r exp((n - 1) L).
@@ -202,7 +204,20 @@ START = 1e-5  # of a state that is drawn: what its factor may lose
 
 @lru_cache(32)
 def _made(b: Any, fs: float) -> Modes | Callable[[int], Row]:
-    return RESPONSES[type(b).__name__](b, fs)
+    made = RESPONSES[type(b).__name__](b, fs)
+    return _equal(made.direct, *map(tuple, (made.r, made.L))) if isinstance(made, Modes) else made
+
+
+@lru_cache(32)
+def _equal(direct: Any, r: tuple[Any, ...], L: tuple[Any, ...]) -> Modes:
+    """Return one object for equal modes: what follows from them is kept for the next."""
+    return Modes(direct, np.array(r), np.array(L))
+
+
+@lru_cache(8)
+def _first(made: Modes, n: int) -> Row:
+    """Return ``made.response(n)``; nobody may write into it."""
+    return made.response(n)
 
 
 def summed(h: Row, x: Row) -> Row:
@@ -232,7 +247,7 @@ def _linear(b, fs, x, y):
     step = getattr(b, "onset", "steady") == "step" and x.rest
     for k, s in enumerate(touched(x[-1]) if type(b).resettable else [slice(0, y.size)]):
         way = x[0][s] - (x[0][s.start] if type(b).resettable and not (step and k == 0) else 0.0)
-        h = made.response(way.size) if isinstance(made, Modes) else made(way.size)
+        h = _first(made, way.size) if isinstance(made, Modes) else made(way.size)
         want[s] = summed(h, way)
         loss = rounding(b, 3e-15 if callable(made) and h.size <= SHORT else 1e-13)
         tol[s] = (
@@ -243,7 +258,7 @@ def _linear(b, fs, x, y):
         if not isinstance(made, Modes):
             tol[s] = np.inf if type(b).resettable and not (x.rest or s.start) else tol[s]
         elif s.start == 0 and (not x.rest or isinstance(b, FilteredNoise)):
-            before = free(made.L, y[s] - want[s])
+            before = free(made, y[s] - want[s])
             if x.rest:
                 began = stationary(b, made, fs, x.seed, y[s].size)
                 before = (
@@ -261,36 +276,41 @@ def stationary(b: Any, made: Modes, fs: float, seed: int, n: int) -> Row:
     """
     if not isinstance(b.white, White):
         return np.zeros(n)
-    p = np.exp(made.L).real
-    C = 1 / (1 - np.multiply.outer(p, p))
-    lower = np.zeros(C.shape, LONG)  # Cholesky's factor in extended precision
-    for j in range(p.size):
-        column = C[j:, j] - lower[j:, :j] @ lower[j, :j]
-        lower[j:, j] = column / np.sqrt(column[0])
-    q = lower @ laws.white(seed, *b.white.noise_key, 0, p.size, 1)
-    powers = np.exp(np.multiply.outer(np.arange(n), made.L))
+    lower, powers = _past(made, n)
+    q = lower @ laws.white(seed, *b.white.noise_key, 0, made.L.size, 1)
     return (powers @ (made.r * q)).real.astype(float)
 
 
-def free(L: Row, rest: Row) -> Row:
+@lru_cache(2)
+def _past(made: Modes, n: int) -> tuple[Row, Row]:
+    """Return Cholesky's factor of 1/(1 - p p'), and the powers of all modes."""
+    p = np.exp(made.L).real
+    C = 1 / (1 - np.multiply.outer(p, p))
+    lower = np.zeros(C.shape, LONG)  # in extended precision
+    for j in range(p.size):
+        column = C[j:, j] - lower[j:, :j] @ lower[j, :j]
+        lower[j:, j] = column / np.sqrt(column[0])
+    return lower, np.exp(np.multiply.outer(np.arange(n), made.L))
+
+
+def free(made: Modes, rest: Row) -> Row:
     """Return the free decay of these modes that fits a row best.
 
     It is fitted at some samples, most of them early.
     """
-    at = np.unique(
-        np.r_[
-            np.arange(min(64, rest.size)), np.geomspace(1, rest.size, 16 * L.size).astype(int) - 1
-        ]
-    )
-    L = L[L.imag >= -1e-12 * np.abs(L)]
-
-    def columns(n: Row) -> Row:
-        powers = np.exp(np.multiply.outer(n, L))
-        return np.hstack([powers.real, powers.imag]).astype(float)
-
-    size = np.abs(A := columns(at)).max(axis=0) + 1e-300
+    at, decays = _decays(made, rest.size)
+    size = np.abs(A := decays[at]).max(axis=0) + 1e-300
     c = np.linalg.lstsq(A / size, rest[at], rcond=1e-15)[0] / size
-    return columns(np.arange(rest.size)) @ c
+    return decays @ c
+
+
+@lru_cache(2)
+def _decays(made: Modes, n: int) -> tuple[Row, Row]:
+    """Return the samples at which decays are fitted, and n samples of each decay."""
+    L = made.L
+    at = np.unique(np.r_[np.arange(min(64, n)), np.geomspace(1, n, 16 * L.size).astype(int) - 1])
+    powers = np.exp(np.multiply.outer(np.arange(n), L[L.imag >= -1e-12 * np.abs(L)]))
+    return at, np.hstack([powers.real, powers.imag]).astype(float)
 
 
 def rounding(b: Any, least: float) -> float:

@@ -104,6 +104,7 @@ def pairs(e: Evidence) -> list[tuple[Tap, Tap, float, float, float]]:
     The band is in Hz; the correlation is NaN if none is detected.
     """
     enough, found = [t for t in e.taps if t.model is not None and t.stream.size > FEWEST], []
+    share = e.share
     for k, a in enumerate(enough):
         for b in enough[k + 1 :]:
             n, low, high = (
@@ -121,7 +122,7 @@ def pairs(e: Evidence) -> list[tuple[Tap, Tap, float, float, float]]:
                     (
                         math.nan
                         if again
-                        else smallest_share(spectra.bins(n, e.fs, low, high).size, e.share)
+                        else smallest_share(spectra.bins(n, e.fs, low, high).size, share)
                     ),
                 )
             )

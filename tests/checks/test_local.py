@@ -23,7 +23,7 @@ WIRED = {"Input", "Param", "Const", "Pick", "Tap", "Loop", "Last", "Enabled", "S
 def run_of(entry, n=N, changes=(), fs=FS):
     scene, x = entry.scene(), dict(zip(entry.inputs, entry.x(n, fs, 5), strict=True))
     params = {name: p.value for name, p in scene.params.items()}
-    return local.Run(scene, fs, 3, x, n, params, changes, local.spans(n, 7))
+    return local.Run(scene.outputs, fs, 3, x, n, params, changes, local.spans(n, 7))
 
 
 def test_every_class_has_a_law():
@@ -254,13 +254,13 @@ def test_a_pulse_before_whose_period_a_stretch_begins_is_held_where_its_jitter_i
     n = local.FIRST + 5 * local.LATER
     for moved, least in ((constant(jitter), n - local.LATER), (jitter * Input("j"), local.FIRST)):
         scene = Scene({"y": b.pulse_train(0.9, moved)})
-        run = local.Run(scene, FS, 3, {"j": np.ones(n)}, n, {}, [], local.spans(n, 7))
+        run = local.Run(scene.outputs, FS, 3, {"j": np.ones(n)}, n, {}, [], local.spans(n, 7))
         (train,) = (h for h in local.held(run) if h.kind == "PulseTrain")
         assert train.error == 0 and least <= train.samples <= n - local.LATER
 
 
 def test_pink_noise_that_starts_from_another_state_is_refused():
-    run = local.Run(Scene({"y": b.pink_noise(1.0, 3)}), FS, 3, {}, 300, {}, [], [(0, 300)])
+    run = local.Run({"y": b.pink_noise(1.0, 3)}, FS, 3, {}, 300, {}, [], [(0, 300)])
     found, (part,) = local._held(run)
     (pink,) = (h.block for h in found if type(h.block).__name__ == "PinkNoise")
     row = part.rows[id(pink)]
@@ -340,7 +340,14 @@ def test_an_error_is_the_largest_distance_over_its_tolerance():
 def test_a_parameter_may_move_in_a_segment_and_as_it_begins(at, ramp):
     scene = Scene({"y": b.segment(Param("k", 1.0) * Input("x"), 0.01, 0.02)})  # samples 80 to 239
     run = local.Run(
-        scene, FS, 3, {"x": np.ones(N)}, N, {"k": 1.0}, [Change(at, "k", 2.0, ramp)], [(0, N)]
+        scene.outputs,
+        FS,
+        3,
+        {"x": np.ones(N)},
+        N,
+        {"k": 1.0},
+        [Change(at, "k", 2.0, ramp)],
+        [(0, N)],
     )
     assert [(h.error, h.why) for h in local.held(run) if type(h.block).__name__ == "Segment"] == [
         (0.0, "")
@@ -402,5 +409,5 @@ def test_a_law_that_proves_nothing_is_refused(law, says):
 def test_a_law_of_stimlibs_own_that_raises_is_not_for_the_user_to_correct(monkeypatch):
     monkeypatch.setitem(rows.LAWS, "Abs", lambda *of: 1 / 0)
     scene, x = Scene({"y": abs(Input("x"))}), {"x": np.ones(N)}
-    run = local.Run(scene, FS, 3, x, N, {}, [], [(0, N)])
+    run = local.Run(scene.outputs, FS, 3, x, N, {}, [], [(0, N)])
     refused(ZeroDivisionError, None, local.held, run)

@@ -84,7 +84,7 @@ def refused(seed: int) -> tuple[list[local.Held], Scene] | None:
             for at in some
         ]
         params = {name: p.value for name, p in scene.params.items()}
-        run = local.Run(scene, fs, seed, x, n, params, moves, local.spans(n, seed))
+        run = local.Run(scene.outputs, fs, seed, x, n, params, moves, local.spans(n, seed))
         return [h for h in local.held(run) if not h.error <= 1], scene
     except StimlibError:  # names, keys of noises or memories that do not fit together
         return None

@@ -228,7 +228,7 @@ class World(NamedTuple):
         moves = [Change(N // 3, name, 0.9 * v, 0.02) for name, v in params.items()]
         with mock.patch.object(local, "compile", partial(local.compile, target="python")):
             found, (seen,) = local._held(
-                local.Run(self.scene, self.fs, 3, self.x, N, params, moves, [(0, N)])
+                local.Run(self.scene.outputs, self.fs, 3, self.x, N, params, moves, [(0, N)])
             )
         # check (e)
         faults = [local.Held(self.scene.outputs["y"], "", N, np.inf if seen.n < N else 0.0)]

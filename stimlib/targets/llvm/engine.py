@@ -577,7 +577,7 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
         if keys[index]:
             alike.setdefault(keys[index], []).append(index)
     most = {
-        key: LANES if key.least or lanes.go_abreast(*key.form) else 2
+        key: LANES if key.least or _trial(key.cls)(*key.form) else 2
         for key, indices in alike.items()
         if len(indices) > 1
     }
@@ -610,6 +610,14 @@ def _order(program: Program, design: list[tuple[Any, Any]]) -> list[tuple[int, .
         for earlier in group[:whole]:
             done[earlier] = True
     return order
+
+
+_tried = cache(lanes.go_abreast)
+
+
+def _trial(cls: type[Block]) -> Callable[..., bool]:
+    """Return the trial of a step in lanes; of a step that cannot change, made once."""
+    return _tried if steps.ours(cls) else lanes.go_abreast
 
 
 LONG, MOST = 4, 512
