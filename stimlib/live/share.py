@@ -42,6 +42,8 @@ PATIENCE = 300.0
 """Seconds after which a compiler that hangs is stopped: the first use of zig builds its
 own library.
 """
+LONGEST = 5.0  # s, of a recorded motion without an end
+SLOW = 1e-6  # of its range, that a motion at rest may move in a sample: a turn is a rest
 ORDERS = 5
 """Differences of recorded motion that are tried, to store it in few bytes."""
 
@@ -104,7 +106,9 @@ def share(
         Recorded motion of every input, as of ``render``, that a reader can play. The
         page computes its samples anew and compares their SHA-256 with that of stimlib.
     seconds : float, optional
-        Length of the recorded motion; by default that of its shortest array, or 5.
+        Length of the recorded motion; by default that of its shortest array. Motions
+        without an end last until all of them rest where they began, for the last time
+        in 5 s; if they never do, 5 s.
     params : mapping of str to float, optional
         Values of parameters at the start.
     seed : int
@@ -148,7 +152,7 @@ def share(
     }
     facts = {"scene": scene.hash, "seed": str(seed), "sample rate": f"{fs:g} Hz"}
     if motion is not None:
-        n = frames_of(_seconds(motion, fs) if seconds is None else seconds, fs)
+        n = frames_of(_seconds(scene, motion, fs) if seconds is None else seconds, fs)
         limits.check("render_bytes", 8 * n * len(scene.outputs), "share: bytes of the recording")
         x = positions(sources_of(motion, tuple(scene.inputs), n), 0, n, fs)
         rows = dict(zip(scene.inputs, x, strict=True))
@@ -183,10 +187,21 @@ def share(
     return Shared(page, len(wasm), data["samples"], data["sha256"])
 
 
-def _seconds(motion: Mapping[str, Any], fs: float) -> float:
-    """Return the length of the shortest recorded input, or 5 s."""
-    arrays = [m for m in motion.values() if not callable(m)]
-    return min((len(m) if np.ndim(m) else 1 for m in arrays), default=5.0 * fs) / fs
+def _seconds(scene: Scene, motion: Mapping[str, Any], fs: float) -> float:
+    """Return the length of the shortest recorded input.
+
+    Without one, it is the time of the last rest in ``LONGEST`` at which all inputs are
+    where they began, or ``LONGEST``: a motion that is cut in a movement would end with
+    a sudden stop.
+    """
+    if arrays := [m for m in motion.values() if not callable(m)]:
+        return min(len(m) if np.ndim(m) else 1 for m in arrays) / fs
+    n = frames_of(LONGEST, fs)
+    x = positions(sources_of(motion, tuple(scene.inputs), n), 0, n, fs)
+    home = (x == x[:, :1]).all(axis=0)
+    slow = np.abs(np.diff(x, prepend=x[:, :1])) <= SLOW * np.ptp(x, axis=1, keepdims=True)
+    rests = np.flatnonzero(home & slow.all(axis=0))
+    return max(rests[rests > home.argmin()], default=n) / fs
 
 
 def packed(x: np.ndarray) -> dict[str, Any]:

@@ -26,8 +26,8 @@ import stimlib
 from stimlib import BadValue, Input, MissingPackage, Param, Scene, SinkError, UnknownName
 from stimlib.live import notebook
 from stimlib.live.describe import full_scales, page_rate
-from stimlib.live.share import WEB, compiled, packed, page_of, share
-from stimlib.motion import sinusoid
+from stimlib.live.share import WEB, _seconds, compiled, packed, page_of, share
+from stimlib.motion import minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.scenes import squeeze
 from stimlib.system import cache_folder
 
@@ -151,6 +151,20 @@ def test_no_page_is_faster_than_it_can_present():
     assert page_rate(768000) == 768000.0
 
 
+@pytest.mark.parametrize(
+    ("motions", "seconds"),
+    [
+        ({"x1": minimum_jerk(), "x2": minimum_jerk(rise=0.25)}, 4.6),  # both rest
+        ({"x1": minimum_jerk(start=0.01, rest=0.0)}, 4.8),  # rests as it turns
+        ({"x1": minimum_jerk(), "x2": sinusoid(0.01, 1.0)}, 5.0),  # never
+        ({"x1": ramp_and_hold(0.01, 0.2, 0.5)}, 5.0),  # does not come back
+        ({"x1": minimum_jerk(), "x2": np.zeros(4000)}, 0.5),
+    ],
+)
+def test_a_motion_without_an_end_is_shared_until_it_rests(motions, seconds):
+    assert _seconds(squeeze(fingers=len(motions)), motions, FS) == seconds
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     need_compiler()
@@ -250,7 +264,7 @@ def test_a_recording_plays_and_a_parameter_changes_it(page):
     page.click("#record")  # after a fade
     ended = "document.querySelector('#log').textContent === 'The recorded motion has ended.'"
     page.until(f"{ended} && taken.length >= {N}")
-    got = numbers(page, f"Float64Array.from(taken.slice(0, {N}))")[0]
+    got = numbers(page, "Float64Array.from(taken)")[0]  # to the last sample, and none after it
     want = stimlib.render(squeeze(), MOTION, FS, N / FS)["force1"]
     assert got.tobytes() == want.tobytes()
     page.js("taken = []")

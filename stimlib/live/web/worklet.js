@@ -149,9 +149,18 @@ class Scene extends AudioWorkletProcessor {
     this.packed = 0;
   }
 
-  /** One more block: into the ring of what is heard, and to the page. */
-  more(n) {
-    const { x, y, inputs, outputs, size } = this;
+  /** Samples of the recorded motion that are still to come, if it drives an input. */
+  left() { return this.length && this.chosen.some(s => s.from === "given") ? this.length - this.at : Infinity; }
+
+  /** One more block: into the ring of what is heard, and to the page. The recorded motion ends with its last sample: to hold its
+   *  last position would be a sudden stop, and a vibration that no hand made. The sound has faded out by then. */
+  more(most) {
+    const { x, y, inputs, outputs, size } = this, n = Math.min(most, this.left());
+    if (n <= 0) {
+      this.stopping = true;
+      for (let i = 0; i < most; i++, this.head++) this.ring[this.head & MASK] = this.ring[(this.head - 1) & MASK];
+      return;
+    }
     this.make(n);
     for (let k = 0; k < this.rows; k++) {
       const [from, i] = k < inputs.length ? [x, k] : [y, k - inputs.length];
@@ -164,7 +173,6 @@ class Scene extends AudioWorkletProcessor {
       this.moved = 0;
     }
     if ((this.packed += n) >= size) this.post();
-    if (this.length && this.at >= this.length && this.chosen.some(s => s.from === "given")) this.stopping = true;
   }
 
   read() {
@@ -177,10 +185,11 @@ class Scene extends AudioWorkletProcessor {
   process(_, [[out]]) {
     if (this.check) return this.checked();
     if (!this.on) return true;
-    const step = this.fs / sampleRate, up = 1 / (FADE * sampleRate);
+    const step = this.fs / sampleRate, up = 1 / (FADE * sampleRate), fade = this.left() + this.at - FADE * this.fs;
     for (let i = 0; i < out.length; i++) {
+      if (this.place >= fade) this.stopping = true;
       // as many samples as this call still needs, so that a context of the scene's rate takes whole blocks
-      if (this.head - this.place < 3) this.more(Math.min(MOST, Math.max(1, Math.ceil((out.length - i) * step))));
+      while (this.head - this.place < 3) this.more(Math.min(MOST, Math.max(1, Math.ceil((out.length - i) * step))));
       this.gain = Math.min(1, Math.max(0, this.gain + (this.stopping || this.heard !== this.wanted || this.place <= this.quiet ? -up : up)));
       if (this.gain === 0 && this.heard !== this.wanted) Object.assign(this, { heard: this.wanted, quiet: this.head }); // the ring still has the other one
       out[i] = this.read() * this.gain;
@@ -188,6 +197,7 @@ class Scene extends AudioWorkletProcessor {
     }
     if (this.stopping && this.gain === 0) {
       this.on = false;
+      if (this.left() <= FADE * this.fs) while (this.left() > 0) this.more(MOST); // of the recording, none is missing
       if (this.packed) this.post();
       this.port.postMessage({ ended: this.session });
       if (this.next) this.start(this.next);
