@@ -182,6 +182,10 @@ def share_(
     title: Annotated[
         str, typer.Option(help="Heading of the page; by default SCENE.", show_default=False)
     ] = "",
+    cite: Annotated[
+        str,
+        typer.Option(help="The paper that the page belongs to, as it is to be cited."),
+    ] = "",
     range_: Ranges = [],
     seconds: opt.Length = None,
     fs: opt.Rate = 8000.0,
@@ -214,6 +218,7 @@ def share_(
         params_of(set_, made),
         seed,
         title=title or scene,
+        cite=cite,
         ranges=opt.ranges(range_, "--range"),
     )
     size = len(page.page.encode())

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from ..analysis.overview import vibrates
 from ..blocks.cursors import Cursor, CursorFrames
 from ..blocks.tables import CubicGrid
 from ..core.graph import reach
@@ -16,8 +18,9 @@ from ..core.program import rate
 from ..core.scene import Scene
 from ..errors import BadValue, need
 from ..motion.generators import sinusoid
-from ..run.rendering import render
+from ..run.rendering import Rendering, render
 from ..scenes import ROWS
+from ..scenes.about import about
 
 Range = tuple[float, float]
 UNITS: dict[str, Range] = {"m": (0.0, 0.1), "N": (0.0, 2.0), "m/s": (-0.5, 0.5)}
@@ -141,10 +144,15 @@ def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[st
     >>> full_scales(scene, 8000.0, {"x": (0.0, 0.01)})
     {'force': 50.0}
     """
-    fs = page_rate(fs)
+    made = _swept(scene, page_rate(fs), tuple(ranges[name] for name in scene.inputs))
+    return {name: _round_up(2 * float(np.abs(made[name]).max())) for name in scene.outputs}
+
+
+@lru_cache(1)
+def _swept(scene: Scene, fs: float, ranges: tuple[Range, ...]) -> Rendering:
+    """Return one second of a scene in which every input sweeps its range."""
     motion: dict[str, Any] = {}
-    for name in scene.inputs:
-        low, high = ranges[name]
+    for name, (low, high) in zip(scene.inputs, ranges, strict=True):
         motion[name] = (
             np.ones(round(fs))
             if name == "contact"
@@ -153,8 +161,7 @@ def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[st
     with warnings.catch_warnings():
         # that a sweep of a whole pad is faster than a hand
         warnings.simplefilter("ignore", RuntimeWarning)
-        made = render(scene, motion, fs=fs, seconds=1.0)
-    return {name: _round_up(2 * float(np.abs(made[name]).max())) for name in scene.outputs}
+        return render(scene, motion, fs=fs, seconds=1.0)
 
 
 def _round_up(v: float) -> float:
@@ -165,11 +172,15 @@ def _round_up(v: float) -> float:
 
 
 def description(
-    scene: Scene, ranges: Mapping[str, Range], full: Mapping[str, float], given: Mapping[str, Any]
+    scene: Scene,
+    ranges: Mapping[str, Range],
+    full: Mapping[str, float],
+    given: Mapping[str, Any],
+    fs: float = 8000.0,
 ) -> dict[str, Any]:
     """Return the scene's fields of the first message to a page.
 
-    The fields are inputs, params, outputs and view; see ``protocol``.
+    The fields are inputs, params, outputs, view and about; see ``protocol``.
 
     Parameters
     ----------
@@ -178,15 +189,20 @@ def description(
         Results of ``ranges_of`` and ``full_scales``.
     given : mapping
         Inputs for which the caller gave a generator or recording.
+    fs : float
+        Sample rate in Hz, at which an output vibrates or does not.
 
     Examples
     --------
     >>> from stimlib.live.describe import description, ranges_of
     >>> from stimlib.scenes import wall
     >>> description(wall(), ranges_of(wall()), {"force": 50.0}, {})["outputs"]
-    [{'name': 'force', 'unit': 'N', 'full': 50.0}]
+    [{'name': 'force', 'unit': 'N', 'full': 50.0, 'vibrates': False}]
     """
-    found: dict[str, Any] = {"inputs": [], "params": [], "outputs": []}
+    said = about(scene)
+    meanings = said.pop("meanings")
+    made = _swept(scene, page_rate(fs), tuple(ranges[name] for name in scene.inputs))
+    found: dict[str, Any] = {"inputs": [], "params": [], "outputs": [], "about": said}
     for name, b in scene.inputs.items():
         low, high = ranges[name]
         found["inputs"].append(
@@ -196,9 +212,11 @@ def description(
         low, high = ranges[name]
         found["params"].append(
             {"name": name, "unit": str(p.dim), "value": p.value, "low": low, "high": high}
+            | {"meaning": meanings.get(name, "")}
         )
     for name, out in scene.outputs.items():
         found["outputs"].append({"name": name, "unit": str(out.dim), "full": full[name]})
+        found["outputs"][-1]["vibrates"] = vibrates(made[name], fs)
     return found | {"view": view_of(scene)}
 
 

@@ -44,7 +44,7 @@ server: is  fields                       meaning
 =========== ============================ ===============================================
 hello       version, title, fs, block,   first message, and again when the scene was
             inputs, params, outputs,     edited; see below. stream: whether there is one
-            view, stream, marks          to choose; marks: whether markers are sent
+            view, about, stream, marks   to choose; marks: whether markers are sent
                                          somewhere
 state       role, controlled, phase,     after hello and after every change. role:
             session, log, recorded,      control or watch; controlled: whether any page
@@ -70,9 +70,12 @@ hello has
 
 - inputs: list of {name, unit, low, high, given}: low and high are a sensible range,
   given whether ``from: given`` exists
-- params: list of {name, unit, value, low, high}, for sliders
-- outputs: list of {name, unit, full}: full is the value in that unit that is 1 in the
-  samples and at a device, so the safety stage's limit
+- params: list of {name, unit, value, low, high, meaning}, for sliders; meaning: a
+  sentence, or ""
+- outputs: list of {name, unit, full, vibrates}: full is the value in that unit that is
+  1 in the samples and at a device, so the safety stage's limit; vibrates: whether it
+  does more than follow a slow motion, while every input sweeps its range in a second
+- about: {do, felt, laws, sources}, see `stimlib.scenes.about.about`
 - view: null, or what is drawn of the scene, with lengths in m and ``values``, the names
   of the inputs and outputs that the drawing needs: {kind: "surface", width, height,
   columns, rows, levels (rows * columns numbers 0 to 1, first row at y = 0), inputs: {x,

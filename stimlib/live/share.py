@@ -23,6 +23,7 @@ import numpy as np
 from ..core.scene import Scene
 from ..errors import MissingPackage, public
 from ..export.c99 import export_c
+from ..files.sidecar import describe
 from ..motion.source import frames_of, positions, sources_of
 from ..run.rendering import render
 from ..system.limits import limits
@@ -87,6 +88,7 @@ def share(
     seed: int = 0,
     *,
     title: str = "",
+    cite: str = "",
     ranges: Mapping[str, Range] | None = None,
 ) -> Shared:
     """Write a scene as one HTML page, which anybody can open without Python.
@@ -115,6 +117,8 @@ def share(
         Of the run, and so of its noise.
     title : str
         Heading of the page.
+    cite : str
+        The paper that the page belongs to, as it is to be cited.
     ranges : mapping of str to (low, high), optional
         Of inputs (for the pointer) and of parameters (for the sliders); see
         `stimlib.live.describe.ranges_of`.
@@ -147,10 +151,11 @@ def share(
         "motion": None,
         "samples": 0,
         "sha256": "",
+        "cite": cite,
         "held": [],
         "sources": first_sources(scene, given, {}),
     }
-    facts = {"scene": scene.hash, "seed": str(seed), "sample rate": f"{fs:g} Hz"}
+    facts = {"hash of the scene": scene.hash, "sample rate": f"{fs:g} Hz", "seed": f"{seed}"}
     if motion is not None:
         n = frames_of(_seconds(scene, motion, fs) if seconds is None else seconds, fs)
         limits.check("render_bytes", 8 * n * len(scene.outputs), "share: bytes of the recording")
@@ -158,6 +163,12 @@ def share(
         rows = dict(zip(scene.inputs, x, strict=True))
         made = render(scene, rows, fs, n / fs, params, seed)
         data |= {"motion": packed(x), "samples": n}
+        texts = {name: describe(m) for name, m in motion.items()}
+        alike = {t: ", ".join(n for n in texts if texts[n] == t) for t in texts.values()}
+        driven = "; ".join(f"{names} = {text}" for text, names in alike.items())
+        facts["recorded motion"] = (
+            f"{n / fs:g} s of {driven}" if driven else f"none, for {n / fs:g} s"
+        )
         data["sha256"] = facts["SHA-256 of the samples"] = hashlib.sha256(
             np.ascontiguousarray(made.y, "<f8").tobytes()
         ).hexdigest()
@@ -172,7 +183,7 @@ def share(
         wasm = compiled(Path(folder))
     from ..version import __version__
 
-    shown = description(scene, given, full_scales(scene, fs, given), motion or {})
+    shown = description(scene, given, full_scales(scene, fs, given), motion or {}, fs)
     for p in shown["params"]:
         v = p["value"] = float((params or {}).get(p["name"], p["value"]))
         p["low"], p["high"] = min(p["low"], v), max(p["high"], v)

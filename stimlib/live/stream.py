@@ -165,7 +165,7 @@ class Stream:
             safety = replace(safety, full_scale=self._scales(scene, safety.full_scale))
         full = dict(zip(scene.outputs, safety.scales(tuple(scene.outputs)).tolist(), strict=True))
         given = {n: motion for n, motion in given.items() if n in scene.inputs}
-        hello = description(scene, found, full, given)
+        hello = description(scene, found, full, given, self.fs)
         return Version(scene, found, safety, given, hello, self.inputs.smoothing(scene))
 
     def _scales(self, scene: Scene, full: Mapping[str, float]) -> dict[str, float]:

@@ -19,6 +19,7 @@ from .shipped import above_zero, shipped
 
 @shipped(
     felt=("A flat touch screen feels as if it had a field of bumps: it vibrates under a finger."),
+    do="stroke the field, along and across",
     words=(
         "V = gain A e(along x/length) e(across y/width) c(t); each e is the mean of a wave of bumps"
         " over the movement in its direction, of which the part duty (along y duty_y) is ridge, c"
@@ -55,15 +56,17 @@ def bump_grid(
         Number of bumps over ``length`` (along x) and over ``width`` (along y). 0: none
         in this direction, which leaves ridges across the other one; the scene then has
         neither its input nor its duty.
-    duty, duty_y : float
-        Part of each bump that is ridge, along x and along y, live by these names.
+    duty : float
+        Part of each bump that is ridge along x, live as ``duty``.
+    duty_y : float
+        Part of each bump that is ridge along y, live as ``duty_y``.
     amplitude : float
-        Peak A in V before the amplifier, live as ``A``; at 0 the envelopes and the
+        Peak in V before the amplifier, live as ``A``; at 0 the envelopes and the
         carrier are skipped.
     length, width : float
         Of the explored region in m; the thesis' is 10 by 4 cm.
     freq : float
-        Of the carrier, in Hz, live as ``freq``.
+        Frequency of the carrier in Hz, live as ``freq``.
     gain : float
         Of the amplifier.
     rectify : {"half", "full", None}

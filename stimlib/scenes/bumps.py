@@ -43,6 +43,7 @@ def pad(now: dict[str, Any]) -> dict[str, Any]:
 
 @shipped(
     felt=("A flat touch screen feels as if it had ridges: it vibrates under a finger on one."),
+    do="stroke the field from left to right and back, slowly and fast",
     words=(
         "V = gain A e(x/wavelength) c(t); e is the mean of a wave of bumps over each movement, of"
         " which the part duty is ridge, c the positive half waves of a carrier of freq (the"
@@ -87,12 +88,14 @@ def bumps(
     duty : float
         Part of each bump that is ridge, live as ``duty``.
     amplitude : float
-        Peak A in V before the amplifier, live as ``A``; at 0 the envelope and the
+        Peak in V before the amplifier, live as ``A``; at 0 the envelope and the
         carrier are skipped.
     length : float
         Of the explored region, in m.
-    freq, phase : float
-        Of the carrier, in Hz, live as ``freq``; and at the first sample, in rad.
+    freq : float
+        Frequency of the carrier in Hz, live as ``freq``.
+    phase : float
+        Of the carrier at the first sample, in rad.
     gain : float
         Of the amplifier.
     displacement : (knots, displacement) or path, optional

@@ -13,6 +13,7 @@ from .shipped import shipped
     felt=(
         "A button resists, gives way with a short vibration, and snaps back when it is released."
     ),
+    do="press the button: to the right is down",
     words=(
         "F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi freq"
         " t), each a mean over the movement of a sample; q is 1 from x >= at until x < back, t the"
@@ -51,8 +52,10 @@ def click(
         Places in m of the snap, the way back and the bottom.
     stiffness : float
         Of the bottom, in N/m.
-    A, freq, decay : float
-        Of the vibration: amplitude in N, live as ``A``; Hz; s.
+    A : float
+        Amplitude of the vibration in N, live as ``A``.
+    freq, decay : float
+        Of the vibration, in Hz and s.
     contact : bool
         Also take an input ``contact`` (1 touching, 0 not).
 

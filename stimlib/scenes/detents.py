@@ -13,6 +13,7 @@ from .shipped import above_zero, shipped
 
 @shipped(
     felt=("A knob snaps from one detent to the next, with some dry friction."),
+    do="turn the knob: from left to right is one turn",
     words=(
         "T = depth sin(count angle) + Coulomb's friction of a spring, each a mean over the movement"
         " of a sample (our own)"

@@ -11,6 +11,7 @@ from .shipped import shipped
 
 @shipped(
     felt=("A dragged finger sticks and slips: the faster the stroke, the higher the pitch."),
+    do="drag to and fro, slowly and fast",
     words=(
         "F is that of a spring that a finger drags: it slips at static normal and sticks again at"
         " kinetic normal, a mean over the movement of a sample (our own)"
@@ -52,7 +53,9 @@ def friction(
 
     References
     ----------
-    See the block ``stick_slip``; the numbers are no measurement.
+    Our own, see the block ``stick_slip``; the sawtooth of Hayward and Armstrong, "A new
+    computational model of friction applied to haptic rendering" (2000). The numbers are
+    no measurement.
 
     Examples
     --------

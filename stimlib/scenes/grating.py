@@ -11,6 +11,7 @@ from .shipped import shipped
 
 @shipped(
     felt=("A stroked surface has coarse and fine ridges, and is rough."),
+    do="stroke the field, slowly and fast",
     words=(
         "F = depth sin(2 pi x/coarse) + fine_depth sin(2 pi x/fine) + roughness n(x), each a mean"
         " over the movement of a sample; n is noise over place with a spectrum of 1/f^slope (after"
@@ -41,12 +42,14 @@ def grating(
 
     Parameters
     ----------
-    depth, fine_depth : float
-        Of the two gratings, in N from the middle to the top, live by these names.
+    depth : float
+        Force of the coarse grating in N, from the middle to the top, live as ``depth``.
+    fine_depth : float
+        Force of the fine grating in N, live as ``fine_depth``.
     coarse, fine : float
         Their wavelengths in m.
     roughness : float
-        In N rms, live as ``roughness``.
+        Force of the roughness in N rms, live as ``roughness``.
     slope : float
         Of the roughness' spectrum over place, 0.5 to 4.
     seed : int

@@ -12,6 +12,7 @@ from .shipped import shipped
 
 @shipped(
     felt=("A hard surface rings when it is tapped, the more the faster the tap."),
+    do="tap the wall, which begins in the middle: strike to the right",
     words=(
         "F = max(0, k x + b v) + A u exp(-t/decay) sin(2 pi freq t) from each impact on, u its"
         " velocity (after Okamura, Dennerlein and Howe 1998)"
@@ -33,10 +34,12 @@ def impact(
 
     Parameters
     ----------
-    k, b : float
-        Stiffness in N/m, live as ``k``, and damping in N s/m of the wall.
+    k : float
+        Stiffness of the wall in N/m, live as ``k``.
+    b : float
+        Damping of the wall in N s/m.
     A : float
-        Amplitude for a velocity, in N s/m, live as ``A``.
+        Amplitude of the vibration for a velocity, in N s/m, live as ``A``.
     freq, decay : float
         Of the vibration, in Hz and s: low and short for rubber, high and long for
         metal.

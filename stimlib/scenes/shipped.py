@@ -33,6 +33,8 @@ class shipped(NamedTuple):
         the name of the scene in ``stimlib.checks.evidence.SCENES``.
     felt : str
         What a person feels, in one sentence.
+    do : str, optional
+        What a person does on a page to feel it, after "Press Start and".
     drive : dict of str to str
         A motion of each input, as on the command line, under which the law says
         something of every output.
@@ -62,6 +64,7 @@ class shipped(NamedTuple):
     words: str
     drive: Mapping[str, str]
     felt: str = ""
+    do: str = ""
     ranges: Mapping[str, tuple[float, float]] = {}
     device: Mapping[str, Mapping[str, Any]] = {}
     full: Mapping[str, float] = {}

@@ -21,6 +21,7 @@ DEVICES = ("pen", "mouse")
 
 @shipped(
     felt=("A soft object on a screen has hard nodules: there the avatar waits, and sinks in less."),
+    do="move over the object and press on it",
     words=(
         "an avatar follows the pointer at the speed (1.1 - S)/(1.1 (1 + S)), or waits 0.5 s for"
         " each newton the tangential force rises; it goes f/(0.4 + 0.8 S) mm deep, f = 0.1008"
@@ -90,7 +91,7 @@ def soft_surface(
 
     References
     ----------
-    Li et al. (2016), eqs. (1) to (3), figs. 1 to 5; what is ours is told at each block.
+    Li et al. (2016), eqs. (1) to (3), figs. 1 to 5; each block says what is ours.
 
     Examples
     --------

@@ -35,6 +35,7 @@ from .shipped import above_zero, shipped
 
 @shipped(
     felt=("An elastic object vibrates while it is squeezed, and is still when held or released."),
+    do="squeeze: to the right presses deeper, back to the left lets go",
     words=(
         "F = k x + A level (k tau v)(tau dp/dt) while the object is being loaded, else F = k x; x"
         " is the position, v its velocity, p pink noise, tau = 1/8000 s; other impedances Z_c and"

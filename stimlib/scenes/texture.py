@@ -16,6 +16,7 @@ from .shipped import shipped
 
 @shipped(
     felt=("A tool that strokes a measured surface vibrates, by its speed and pressing force."),
+    do="stroke the field, slowly and fast",
     words=(
         "a(t) = level times what the models' recursion (AR and MA, of the three models around speed"
         " and force) makes of white noise, brought to the rate by a windowed sinc (Culbertson,"
@@ -61,6 +62,11 @@ def texture(
     BadValue
         A file that is no texture; numbers out of range; at compile time, a sample rate
         that is no whole multiple of the model's.
+
+    References
+    ----------
+    Culbertson, Unwin and Kuchenbecker, "Modeling and Rendering Realistic Textures from
+    Unconstrained Tool-Surface Interactions", IEEE Transactions on Haptics 7 (2014).
 
     Examples
     --------

@@ -39,6 +39,7 @@ def on_channels(scene: str, y: Block, channels: int) -> dict[str, Block]:
 
 @shipped(
     felt=("A vibration of one frequency, in bursts or without end."),
+    do="turn the sound on",
     words=(
         "y = amplitude e(t) sin(2 pi freq t); e rises and falls as a raised cosine over ramp, once"
         " in each period, over duration (our own)"
@@ -63,7 +64,7 @@ def tone(
     Parameters
     ----------
     freq : float
-        In Hz, live as ``freq``.
+        Frequency in Hz, live as ``freq``.
     amplitude : float
         Peak in ``unit``, live as ``amplitude``.
     duration : float
@@ -114,6 +115,7 @@ def tone(
 
 @shipped(
     felt="A short push, once or repeated.",
+    do="turn the sound on",
     words=(
         "y = amplitude e(t); e is 1 over duration, once in each period, and rises and falls as a"
         " raised cosine over ramp (our own)"

@@ -31,6 +31,7 @@ KNOTS = np.linspace(0.0, 1.0, 5)
 
 @shipped(
     felt=("Bumps on a touch screen feel alike wherever the finger is."),
+    do="stroke the field, slowly and fast",
     words=(
         "V = amplifier(pole swap(A e(x/wavelength) c(t) d_max/d(x))), d being the displacement"
         " fitted over places; the displacement is the sum over the plate's modes of shape(x, y)"
@@ -64,10 +65,12 @@ def touch_screen(
 
     Parameters
     ----------
-    waveform, bumps, duty, length
+    waveform, bumps, length
         As of ``bumps``; the explored length lies in the middle of the plate.
+    duty : float
+        Part of each bump that is ridge, live as ``duty``.
     amplitude : float
-        Peak A in V before the amplifier, live as ``A``.  Where the patches cannot take
+        Peak in V before the amplifier, live as ``A``.  Where the patches cannot take
         the voltage that this asks for, a warning says what is lost: by default above
         1.09 V, so that of the thesis' 0.5 (the default here), 4 and 7.5 V the latter
         two are not shown whole.
@@ -85,7 +88,8 @@ def touch_screen(
         0 Hz and at twice the frequency, the swap would raise ``swap`` times.
     model : Plate, optional
         With patches, which say the voltages that they take; default
-        ``Plate.paper(measured=True)``.
+        ``Plate.paper(measured=True)``. Frequency of the carrier in Hz, by default the
+        first resonance of this model, live as ``freq``.
 
     as_printed : bool
         The thesis' own drive: a half-wave carrier and no pole swap, whatever

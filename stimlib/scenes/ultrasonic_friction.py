@@ -17,6 +17,7 @@ VISCOSITY, AIR, LEAST = 18.5e-6, 101325.0, 10.0  # Pa s, Pa; squeeze number
 
 @shipped(
     felt=("A glass plate is slippery in some places and sticky in others, as if it had bumps."),
+    do="drag to and fro",
     words=(
         "F is Coulomb's friction of a spring, mu N' at most; N' = max(0, normal - area p0"
         " (sqrt((1 + 3/2 e^2)/(1 - e^2)) - 1)), e = a/gap, a + q/(pi freq) da/dt = per_volt V, V ="
@@ -86,8 +87,9 @@ def ultrasonic_friction(
 
     References
     ----------
-    See the block ``squeeze_film``; the touch-screen thesis, chapter 7, has ultrasound
-    as future work. The numbers are no measurement.
+    Salbu, Journal of Basic Engineering 86 (1964), and Wiertlewski, Fenton Friesen and
+    Colgate, PNAS 113 (2016), see the block ``squeeze_film``; the touch-screen thesis,
+    chapter 7, has ultrasound as future work. The numbers are no measurement.
 
     Examples
     --------

@@ -21,6 +21,7 @@ REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 @shipped(
     felt=("A material yields slowly while it is pressed, and recovers slowly."),
+    do="press to the right, hold, and let go",
     words=(
         "F = firmness chi D^alpha y, D^alpha being the fractional derivative of the position y as"
         " the full sum over its history (Çaldıran's thesis, eqs. (3.1), (3.2) and (4.1))"

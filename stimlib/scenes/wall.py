@@ -11,6 +11,7 @@ from .shipped import shipped
 
 @shipped(
     felt=("A stiff, damped wall pushes back, and never pulls."),
+    do="push to the right into the wall, which begins in the middle",
     words=(
         "F = max(0, k p + b v), a mean over the movement of a sample, p = x - at > 0 the depth, v"
         " its velocity (Colgate and Schenkel 1997)"
@@ -26,8 +27,10 @@ def wall(k: float = 1000.0, b: float = 2.0, at: float = 0.0, contact: bool = Fal
 
     Parameters
     ----------
-    k, b : float
-        Stiffness in N/m and damping in N s/m, live as ``k`` and ``b``.
+    k : float
+        Stiffness in N/m, live as ``k``.
+    b : float
+        Damping in N s/m, live as ``b``.
     at : float
         Place of the surface in m.
     contact : bool

@@ -555,20 +555,21 @@ def test_a_scene_without_inputs_has_no_field_and_what_vibrates_is_drawn_once(bro
         page.until(READY)
         shown = "[...document.querySelectorAll('h2, h3')].filter(e => e.checkVisibility())"
         assert page.js(f"{shown}.map(e => e.textContent.split(' ')[0])") == [
-            *("Signals", "Outputs,", "Spectrum", "Parameters", "Sound")
+            *("What", "Signals", "Outputs,", "Spectrum", "Parameters", "Sound")
         ]
         page.js("document.querySelector('#run').click()")
         curves = "[...document.querySelectorAll('.plot')].filter(e => e.checkVisibility())"
         names = f"{curves}.map(e => e.textContent.split(/ =|:/)[0]).join()"
-        page.until(f"{names} === 'tone,hum,hum above 40 Hz'")
+        page.until(f"{names} === 'tone above 40 Hz,hum,hum above 40 Hz'")
         page.js(LOOKS)
         drawn = page.until("looks.vibrates('hum').then(d => d.columns > 100 && d)")
         assert drawn["high"] > 0.5  # of the canvas
-        legend = "document.querySelector('.vibration:not([hidden]) figcaption').textContent"
+        legend = "document.querySelector('#outputs .vibration figcaption').textContent"
         page.until(f"{legend} === 'hum above 40 Hz: 0.707 V rms'")
         page.js("document.querySelector('#run').click()")  # what is told is the last sample drawn
         page.until("document.querySelector('#level').textContent === '–'")
         page.until(f"{READY} && document.querySelector('#run').textContent === 'Start'")
-        caption = "document.querySelector('.plot output').textContent.replace('−', '-')"
-        until(page, f"Math.abs(parseFloat({caption}) - live.history.newest(0)) < 1e-3")
+        caption = "document.querySelector('#outputs .plot:not([hidden]) output').textContent"
+        newest = f"parseFloat({caption}.replace('−', '-')) - live.history.newest(1)"
+        until(page, f"Math.abs({newest}) < 1e-3")
         page.close()

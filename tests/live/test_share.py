@@ -63,14 +63,16 @@ def empty(title):
     """A page of a scene that does nothing, with texts of others everywhere."""
     hello = {"title": title, "fs": FS, "inputs": [], "params": [], "view": None, "alone": "yes"}
     hello["outputs"] = [{"name": title, "unit": title, "full": 1.0}]
+    hello["about"] = {"do": title, "felt": [title], "laws": [title], "sources": [title]}
     data = {"hello": hello, "facts": [[title, title]], "sources": {}, "held": [], "wasm": title}
+    data["cite"] = title
     return page_of(title, data | {"motion": None, "samples": 0, "sha256": ""})
 
 
 def test_a_page_loads_nothing_and_no_text_becomes_markup():
     page = empty(EVIL)
     assert len(re.findall("<script", page)) == 3 == page.count("</script>")
-    assert "<img" not in page and page.count("window.hacked") == 7
+    assert "<img" not in page and page.count("window.hacked") == 12
     assert not re.findall(r"<\w+[^<>]+(?:src|href)=\"(?!data:,)", page)
     (policy,) = re.findall(r'Content-Security-Policy" content="(.+)">', page)
     assert policy.startswith("default-src 'none'; script-src 'sha256-")

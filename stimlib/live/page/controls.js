@@ -1,5 +1,6 @@
 // What is set by hand: parameters, and what drives each input. Each builder gets a function that says it to the server.
 
+import { write } from "./about.js";
 import { pretty, short } from "./scales.js";
 
 const element = (parent, tag, more = {}) => Object.assign(parent.appendChild(document.createElement(tag)), more);
@@ -23,7 +24,7 @@ const plain = v => `${+v.toPrecision(6)}`;
 export function parameters(params, parent, say) {
   const show = {};
   parent.replaceChildren();
-  for (const { name, unit, value, low, high } of params) {
+  for (const { name, unit, value, low, high, meaning } of params) {
     const row = element(parent, "div", { className: "param" }), id = `param-${name}`, printed = pretty(unit);
     element(row, "label", { htmlFor: id, textContent: name });
     const field = numeric(row, id, plain(value), low, high);
@@ -33,6 +34,8 @@ export function parameters(params, parent, say) {
     const range = { min: `${low}`, max: `${high}`, step: `${(high - low) / 1000}`, value: `${value}` };
     const slider = element(row, "input", { type: "range", ...range });
     slider.setAttribute("aria-label", `${name}, slider`);
+    const said = [meaning, unit === "1" && "No unit."].filter(Boolean).join(" ");
+    if (said) write(element(row, "p", { className: "hint" }), said, false);
     show[name] = v => {
       if (document.activeElement !== field) field.value = plain(v);
       if (document.activeElement !== slider) slider.value = `${v}`;

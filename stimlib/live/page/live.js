@@ -1,9 +1,10 @@
 // The page: what comes from the server is shown, what is done by hand is said to it. protocol.py has the messages.
 
+import { introduce } from "./about.js";
 import { connected } from "./connect.js";
 import { parameters, sources } from "./controls.js";
 import { Field } from "./field.js";
-import { History, Panel, Spectrum, Turn, grouped, isPlace, palette } from "./plots.js";
+import { History, Panel, Spectrum, Turn, grouped, palette } from "./plots.js";
 import { scaled, short } from "./scales.js";
 import { LEAST, Level } from "./sound.js";
 
@@ -49,16 +50,18 @@ function greet(hello) {
   $("title").textContent = document.title = hello.title;
   for (const parent of ["inputs", "outputs"]) $(parent).replaceChildren();
   const drawnIn = (signals, where) => grouped(signals).map(g => new Panel(g, live.history, $(where)));
-  const vibrates = o => drawnIn(isPlace(o) ? [] : [{ ...o, index: o.index + outputs.length, least: LEAST * o.full, whole: o.index }], "outputs");
+  const vibrates = o => drawnIn(!o.vibrates ? [] : [{ ...o, index: o.index + outputs.length, least: LEAST * o.full, whole: o.index }], "outputs");
   live.panels = [...drawnIn(inputs, "inputs"), ...grouped(outputs).flatMap(g => [...drawnIn(g, "outputs"), ...g.flatMap(vibrates)])];
   show = { params: parameters(hello.params, $("params"), say), sources: sources(hello, $("sources"), say) };
   for (const part of document.querySelectorAll("[data-of=inputs]")) part.hidden = !inputs.length;
   $("mark").hidden = !hello.marks;
+  introduce(hello);
   $("no-params").hidden = hello.params.length > 0;
   $("heard").replaceChildren(...outputs.map(({ name }, k) => new Option(name, k)));
   field.set({ view: hello.view, units: Object.fromEntries(inputs.map(i => [i.name, i.unit])) });
   $("map-choice").hidden = !(hello.view?.levels ?? hello.view?.hidden);
-  hear(Math.max(0, outputs.findIndex(o => !/^[xy]\d?$|^depth/.test(o.name))));
+  const felt = [o => o.vibrates && !["V", "A"].includes(o.unit), o => !/^[xy]\d?$|^depth/.test(o.name), () => true]; // the first that holds
+  hear(Math.max(0, outputs.findIndex(felt.find(is => outputs.some(is)))));
 }
 
 /** What the session does, and whether it has had any motion yet. */
@@ -171,7 +174,15 @@ connect();
 function hear(k) {
   heard = k;
   $("heard").value = k;
-  $("spectrum-of").textContent = live.hello.outputs[k].name;
+  const { inputs: { length: of }, outputs } = live.hello, { name, vibrates } = outputs[k];
+  $("spectrum-of").textContent = name;
+  $("h-first").textContent = vibrates ? `What vibrates in ${name}` : `What ${name} is`;
+  for (const p of live.panels) {
+    const [{ index, whole = index }] = p.signals, mine = p.signals.some(s => (vibrates ? s.whole : s.index) === of + k);
+    if (index >= of) $(mine ? "first" : "outputs").append(p.root);
+    p.root.hidden = false;
+    p.twin = mine && vibrates ? live.panels.find(q => q.signals[0].index === whole) : p; // which is left out if both are one curve
+  }
   refit();
 }
 
@@ -201,6 +212,8 @@ $("sound").onclick = async () => {
     $("sound").textContent = on ? "Turn sound off" : "Turn sound on";
   } catch (e) { note(`No sound: ${e.message}`); }
 };
+
+if (matchMedia("(max-width: 560px)").matches) $("driven").open = false;
 
 const typing = e => e.target.matches?.("input, select, textarea") || e.ctrlKey || e.metaKey || e.altKey;
 addEventListener("keydown", e => {

@@ -218,12 +218,13 @@ export class Panel {
     strip.show(back.show(), Math.round(box.x * ratio), Math.round((box.y - 2) * ratio));
   }
 
-  /** Of a signal that does nothing but vibrate, what vibrates is the same curve. */
+  /** Of a signal that does nothing but vibrate, what vibrates is the same curve: one of the two is left out, `twin`. */
   leaveOut(fs) {
     const [{ index, least, whole }] = this.signals;
     if (!least) return;
     const all = this.history.rms(whole, fs), fast = this.history.rms(index, fs);
-    if (all > least) this.root.hidden = fast > (this.root.hidden ? 0.98 : 0.995) * all; // what is slow is a tenth of it
+    const { root } = this.twin;
+    if (all > least) root.hidden = fast > (root.hidden ? 0.98 : 0.995) * all; // what is slow is a tenth of it
   }
 
   /** In what its values are shown. */

@@ -213,13 +213,16 @@ function element(parent, tag, textContent = "") { return Object.assign(parent.ap
 
 /** What this page is, and whether this browser computes what was written. */
 function identity(scene) {
-  const { facts, sha256, samples, hello: { fs } } = scene.shared, section = document.createElement("section");
+  const { cite, facts, sha256, samples, hello: { fs } } = scene.shared, section = document.createElement("section");
+  section.id = "identity";
   section.setAttribute("aria-labelledby", "h-identity");
   element(section, "h2", "What this page is").id = "h-identity";
   const list = element(section, "dl");
   list.className = "facts";
+  element(list, "dt", "to cite").hidden = !cite;
+  element(list, "dd", cite).hidden = !cite;
   for (const [name, value] of facts) { element(list, "dt", name); element(list, "dd", value); }
-  document.querySelector(".side").append(section);
+  document.querySelector(".wide").append(section);
   if (!sha256) return;
   const said = element(section, "p", `Computing the ${samples} samples of the recorded motion ..`);
   said.id = "checked";
