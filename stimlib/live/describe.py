@@ -206,7 +206,8 @@ def description(
     for name, b in scene.inputs.items():
         low, high = ranges[name]
         found["inputs"].append(
-            {"name": name, "unit": str(b.dim), "low": low, "high": high, "given": name in given}
+            {"name": name, "unit": "rad" if b.unit == "rad" else f"{b.dim}"}
+            | {"low": low, "high": high, "given": name in given}
         )
     for name, p in scene.params.items():
         low, high = ranges[name]

@@ -166,9 +166,7 @@ def share(
         texts = {name: describe(m) for name, m in motion.items()}
         alike = {t: ", ".join(n for n in texts if texts[n] == t) for t in texts.values()}
         driven = "; ".join(f"{names} = {text}" for text, names in alike.items())
-        facts["recorded motion"] = (
-            f"{n / fs:g} s of {driven}" if driven else f"none, for {n / fs:g} s"
-        )
+        facts["length"] = f"{n / fs:g} s" + f" of {driven}" * bool(driven)
         data["sha256"] = facts["SHA-256 of the samples"] = hashlib.sha256(
             np.ascontiguousarray(made.y, "<f8").tobytes()
         ).hexdigest()
@@ -211,7 +209,7 @@ def _seconds(scene: Scene, motion: Mapping[str, Any], fs: float) -> float:
     x = positions(sources_of(motion, tuple(scene.inputs), n), 0, n, fs)
     home = (x == x[:, :1]).all(axis=0)
     slow = np.abs(np.diff(x, prepend=x[:, :1])) <= SLOW * np.ptp(x, axis=1, keepdims=True)
-    rests = np.flatnonzero(home & slow.all(axis=0))
+    rests = np.flatnonzero(home & slow.all(axis=0) & ~home.all())
     return max(rests[rests > home.argmin()], default=n) / fs
 
 

@@ -74,7 +74,9 @@ def about(scene: Scene) -> dict[str, Any]:
                 found["meanings"][part.inputs.get(name, name)] = text
         elif part.law in OWN:
             text = inspect.getdoc(OWN[part.law][0]) or ""
-            found["laws"] |= dict.fromkeys(filter(None, [_line(text.partition("\n\n")[0])]))
+            found["laws"] |= dict.fromkeys(
+                filter(None, [_line(text.partition("\n\n")[0]).rstrip(".")])
+            )
     return {k: list(v) if k in ("felt", "laws", "sources") else v for k, v in found.items()}
 
 

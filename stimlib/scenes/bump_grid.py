@@ -28,7 +28,7 @@ from .shipped import above_zero, shipped
     ),
     full={"V": 500.0},
     drive={"x": "sinusoid(0.05, 1.0)", "y": "sinusoid(0.02, 1.3)"},
-    ranges={"duty": (0.05, 1.0), "duty_y": (0.05, 1.0)},
+    ranges={"y": (0.0, 0.04), "duty": (0.05, 1.0), "duty_y": (0.05, 1.0)},
 )
 def bump_grid(
     waveform: str | np.ndarray = "square",

@@ -66,7 +66,7 @@ def tone(
     freq : float
         Frequency in Hz, live as ``freq``.
     amplitude : float
-        Peak in ``unit``, live as ``amplitude``.
+        Peak in the unit of the outputs, live as ``amplitude``.
     duration : float
         From the first sample to the last of a burst, in s.
     ramp : float
@@ -137,7 +137,7 @@ def pulse(
     Parameters
     ----------
     amplitude : float
-        Height in ``unit``, live as ``amplitude``.
+        Height in the unit of the outputs, live as ``amplitude``.
     duration : float
         Of each pulse with its ramps, in s.
     ramp : float

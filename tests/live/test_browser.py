@@ -557,6 +557,7 @@ def test_a_scene_without_inputs_has_no_field_and_what_vibrates_is_drawn_once(bro
         assert page.js(f"{shown}.map(e => e.textContent.split(' ')[0])") == [
             *("What", "Signals", "Outputs,", "Spectrum", "Parameters", "Sound")
         ]
+        assert page.complaints() == []
         page.js("document.querySelector('#run').click()")
         curves = "[...document.querySelectorAll('.plot')].filter(e => e.checkVisibility())"
         names = f"{curves}.map(e => e.textContent.split(/ =|:/)[0]).join()"

@@ -28,11 +28,13 @@ from stimlib.live import notebook
 from stimlib.live.describe import full_scales, page_rate
 from stimlib.live.share import WEB, _seconds, compiled, packed, page_of, share
 from stimlib.motion import minimum_jerk, ramp_and_hold, sinusoid
-from stimlib.scenes import squeeze
+from stimlib.scenes import ROWS, squeeze
+from stimlib.scenes.about import PAPERS, meanings
 from stimlib.system import cache_folder
 
 FS, N = 8000, 4000
 MOTION = {"x1": sinusoid(0.01, 2.0, 0.01), "x2": sinusoid(0.01, 3.0, 0.01)}
+CITED = "A. Author: Volumes <that> vibrate & hum, 2026"
 EVIL = "\"'></title></script><script>window.hacked = 1</script><img src=x onerror=hacked=1>&lt;"
 
 
@@ -160,6 +162,7 @@ def test_no_page_is_faster_than_it_can_present():
         ({"x1": minimum_jerk(start=0.01, rest=0.0)}, 4.8),  # rests as it turns
         ({"x1": minimum_jerk(), "x2": sinusoid(0.01, 1.0)}, 5.0),  # never
         ({"x1": ramp_and_hold(0.01, 0.2, 0.5)}, 5.0),  # does not come back
+        ({"x1": np.zeros_like}, 5.0),  # does not go
         ({"x1": minimum_jerk(), "x2": np.zeros(4000)}, 0.5),
     ],
 )
@@ -171,7 +174,7 @@ def test_a_motion_without_an_end_is_shared_until_it_rests(motions, seconds):
 def made(tmp_path_factory):
     need_compiler()
     path = tmp_path_factory.mktemp("shared") / "squeeze.html"
-    return path, share(squeeze(), FS, path, MOTION, N / FS, title=EVIL)
+    return path, share(squeeze(), FS, path, MOTION, N / FS, title=EVIL, cite=CITED)
 
 
 def test_a_page_has_the_hash_of_the_rendering(made):
@@ -275,6 +278,49 @@ def test_a_recording_plays_and_a_parameter_changes_it(page):
     page.until(f"{ended} && taken.length >= {N}")
     assert abs(page.js(f"taken[{N - 1}]")) < 0.2 * abs(want[-1]) + 1
     assert page.complaints() == []
+
+
+SHOWN = """[...document.querySelectorAll('.plot canvas, #field')].filter(e => e.checkVisibility())
+  .map(e => [e.id || e.parentElement.className, e.getBoundingClientRect()])
+  .map(([name, {top, bottom}]) => [name, top, bottom])"""
+
+
+def test_a_phone_shows_what_vibrates_above_the_finger_and_speaks_of_touch(page):
+    page.call("Emulation.setTouchEmulationEnabled", enabled=True)
+    try:
+        page.size(390, 844)
+        page.reload()
+        page.until("window.scene?.checked")
+        (first, top, _), (field, _, bottom), *_ = page.js(SHOWN)
+        assert (first, field) == ("plot vibration", "field")
+        assert bottom - top < 844 - page.box(".bar")[3]  # both are seen, below the bar
+        help = "['#touches', '#keys'].map(css => document.querySelector(css).checkVisibility())"
+        assert page.js(help) == [True, False]
+        assert page.js("document.documentElement.scrollWidth") == 390
+        assert not page.js("document.querySelector('#sources').checkVisibility()")  # folded
+        page.call("Emulation.setTouchEmulationEnabled", enabled=False)
+        assert page.js(help) == [False, True]
+    finally:
+        page.call("Emulation.setTouchEmulationEnabled", enabled=False)
+        page.size(1240, 900)
+
+
+def test_a_page_says_what_it_is_in_the_words_of_the_report(made, page):
+    text = page.js("document.body.innerText")
+    row = ROWS["squeeze"]
+    assert row.felt in text and f"Press Start and {row.do}; or play" in text
+    law = page.js("document.querySelector('#laws').textContent")
+    plain = {"\N{GREEK SMALL LETTER TAU}": "tau", "\N{MINUS SIGN}": "-", "Source: ": "("}
+    for sign, word in plain.items():
+        law = law.replace(sign, word)
+    words = re.sub(r"_(\w)|; ", lambda m: m[1] or "", row.words)
+    assert re.sub(r"[ .;)]", "", law) == re.sub(r"[ .;)]", "", words)
+    assert page.js("document.querySelector('.formula').textContent").endswith("else F = k x")
+    params = page.js("[...document.querySelectorAll('.param')].map(e => e.innerText)")
+    about = [f"{n}\n{u}" for n, u in zip("k A level".split(), ("N/m", "", ""), strict=True)]
+    for said, start, meaning in zip(params, about, meanings("squeeze").values(), strict=True):
+        assert said.startswith(start.strip()) and meaning[:12] in said
+    assert PAPERS["UGrip paper"] in text and CITED in text and squeeze().hash in text
 
 
 def test_a_page_says_if_samples_differ(made, page, tmp_path):

@@ -13,9 +13,38 @@ import stimlib
 from stimlib import BadValue
 from stimlib.checks.scenes import SCENES
 from stimlib.motion.text import parse_motion
-from stimlib.scenes import ROWS, SHIPPED, pulse, tone
+from stimlib.scenes import ROWS, SHIPPED, pulse, tone, wall
+from stimlib.scenes.about import PAPERS, about, meanings
 
 ROOT = Path(__file__).parents[2]
+
+
+def test_papers_are_cited_as_in_the_docs():
+    docs = " ".join((ROOT / "docs/reference/papers.rst").read_text().replace("*", "").split())
+    docs = docs.replace("Our copy gives the title; the rest is the publisher's record", "")
+    for name, text in PAPERS.items():
+        assert name in docs and all(part in docs for part in text.split(". ")), name
+
+
+def test_a_page_says_what_the_parts_of_a_scene_are():
+    x, k = stimlib.Input("x", "m"), stimlib.Param("k", 200.0, "N/m")
+
+    def spring(x, p, fs):
+        """F = ``k`` x
+        (Hooke).
+
+        More of it.
+        """
+
+    said = about(stimlib.Scene({"force": k * x}, law=spring))
+    assert said["laws"] == ["F = k x (Hooke)"] and not said["meanings"]
+    both = about(stimlib.Scene.combine(a=wall(), b=tone(), c=wall()))
+    assert both["felt"] == [ROWS["wall"].felt, ROWS["tone"].felt]
+    assert both["meanings"] == {
+        f"{part}_{name}": text
+        for part, of in (("a", "wall"), ("b", "tone"), ("c", "wall"))
+        for name, text in meanings(of).items()
+    }
 
 
 def test_every_module_of_scenes_is_imported():
@@ -82,6 +111,9 @@ def test_the_row_is_for_readers_and_a_page_tells_of_the_scene(name):
     scene, row = SHIPPED[name](), ROWS[name]
     where = f"stimlib/scenes, @shipped above {name}"
     assert re.search(r" \(.+\)$", row.words), f"{where}: words ends with its source in parentheses"
+    lacks = scene.params.keys() - meanings(name).keys()
+    assert not lacks, f"stimlib/scenes, docstring of {name}: say `live as ``{lacks}``` of one"
+    assert row.do and row.felt, f"{where}: do and felt say what one does and feels"
     known = {n.rstrip("0123456789") for n in (*scene.inputs, *scene.params)}
     unknown = {n for n in row.ranges if n.rstrip("0123456789") not in known}
     assert not unknown, f"{where}: ranges of {unknown}, which it lacks"

@@ -167,6 +167,7 @@ export class Field {
 
   draw(colours, values) {
     if (this.kind) { this.picture(values); return; }
+    if (!this.canvas.clientWidth) return; // hidden, as of a scene without inputs
     const { canvas, back, sources, view, parts } = this, { left, right, top, bottom } = this.bare ? EDGE : MARGIN, { u, v } = axes(sources);
     const box = this.box = { x: left, y: top, w: canvas.clientWidth - left - right, h: canvas.clientHeight - top - bottom };
     this.cam = null;

@@ -176,7 +176,7 @@ function hear(k) {
   $("heard").value = k;
   const { inputs: { length: of }, outputs } = live.hello, { name, vibrates } = outputs[k];
   $("spectrum-of").textContent = name;
-  $("h-first").textContent = vibrates ? `What vibrates in ${name}` : `What ${name} is`;
+  $("h-first").textContent = vibrates ? `What vibrates in ${name}` : `Output ${name}`;
   for (const p of live.panels) {
     const [{ index, whole = index }] = p.signals, mine = p.signals.some(s => (vibrates ? s.whole : s.index) === of + k);
     if (index >= of) $(mine ? "first" : "outputs").append(p.root);
