@@ -22,6 +22,7 @@ import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.blocks.actuator import (
     ForceLimit,
+    Passive,
     ResponseLimit,
     Tally,
     force_limit,
@@ -428,6 +429,15 @@ TABLE = [
         "ResponseLimit",
         lambda x: ResponseLimit(x, RINGS, 2.0, 1500.0, 3),
         (held,),
+    ),
+    Entry(
+        "passive",
+        "Passive",
+        lambda x: Passive(
+            constant(60.0, "N/m") * x, x, constant(0.9), 1.5, 2e-3, 3.0, 0.5, 0.0035, 1e-5
+        ),
+        (squeeze,),
+        unit="m",
     ),
     Entry(
         "motor_current",

@@ -402,6 +402,96 @@ class ResponseLimit(Block):
         return where(x - x == 0.0, y, x), ResponseState(s.ahead, after)
 
 
+# Parameters of `Passive` at a sample rate.
+#   reach   m, farthest that the measured position moves in one sample
+#   rest    part of a sample of the delay, beyond whole samples
+#   blur    m, half a step of the encoder
+#   half    J, half of the bound
+#   brake   N/m, the largest damping over one sample
+PassiveParams = namedtuple("PassiveParams", "reach rest blur half brake most")
+
+# State of `Passive` between samples.
+#   sent   the forces under way, in a ring
+#   at     where the next one goes
+#   put    N, the last one
+#   last   position; its first is none
+#   begun  0 before the first sample
+#   room   J, that may still be given, whatever the motion
+#   work   J, that was observed to have been taken
+#   given  J, the most that was observed to have been given
+#   leaps  positions farther away than reach
+PassiveState = namedtuple("PassiveState", "sent at put last begun room work given leaps")
+
+
+@dataclass(frozen=True, eq=False)
+class Passive(Block):
+    """A force that gives no more energy than a bound, beyond what it has got.
+
+    An observer sums the work of each force along the motion in which it acts, after the
+    delay.  Each force that is sent is first charged with the most that it could give,
+    |y| reach, and this is settled when its motion is known.  So ``room`` is never below
+    0, which is the proof.  While it is below half of the bound, damping is added, in
+    proportion to what is missing; and |y| never exceeds room/reach.
+    """
+
+    x: Block
+    over: Block
+    gain: Block  # of the fade
+    most: float
+    bound: Above0
+    damping: float
+    speed: Above0
+    late: float  # s
+    encoder: float
+    begins_early = False
+
+    def design(self, fs):
+        late = round(self.late * fs, 9)
+        p = PassiveParams(
+            self.speed / fs + self.encoder, late % 1.0, self.encoder / 2, self.bound / 2,
+            self.damping * fs, self.most,
+        )  # fmt: skip
+        sent = np.zeros(int(late) + 2)
+        return p, PassiveState(sent, NONE, 0.0, 0.0, 0.0, self.bound, 0.0, 0.0, NONE)
+
+    @staticmethod
+    def step(p, s, x, over, gain):
+        size = np.uint64(s.sent.size)
+        at = where(s.at < size, s.at, NONE)  # a state may come from anywhere
+        after = where(at + ONE < size, at + ONE, NONE)
+        before, now = s.sent[at], s.sent[after]
+        moved = where(s.begun > 0.0, over - s.last, 0.0)
+        known = abs(moved) <= p.reach  # a leap is no motion: the worst counts, and NaN, too
+        acting = p.rest * before + (1.0 - p.rest) * now
+        held = p.reach * (p.rest * abs(before) + (1.0 - p.rest) * abs(now))
+        done = where(known, acting * moved, -held)
+        room = s.room + (held + done)
+        room = where(room > 0.0, room, 0.0)
+        short = where(room < p.half, 1.0 - room / p.half, 0.0)
+        y = where(known, where(short > 0.0, x + gain * p.brake * short * moved, x), x)
+        far = p.reach + 2.0 * p.blur
+        most = where(far * p.most * gain < room, p.most * gain, room / far)
+        y = where(y > most, most, where(y < -most, -most, y))
+        sent = where(x - x == 0.0, y, 0.0)
+        s.sent[at] = sent
+        # the true position, half a step away, makes another work of each change, and of
+        # the way back to 0
+        blurred = p.blur * (abs(sent - s.put) + abs(sent) - abs(s.put))
+        work = s.work + done - p.blur * abs(now - before)
+        least = work - p.blur * abs(now)
+        return where(x - x == 0.0, y, x), PassiveState(
+            s.sent,
+            after,
+            sent,
+            where(over - over == 0.0, over, s.last),
+            1.0,
+            room - p.reach * abs(sent) - blurred,
+            work,
+            where(-least > s.given, -least, s.given),
+            s.leaps + where(known, NONE, ONE),
+        )
+
+
 # Parameters of `Tally` at a sample rate.
 TallyParams = namedtuple("TallyParams", "error")
 

@@ -13,7 +13,7 @@ from ..errors import BadValue, SinkError, public
 from ..files.log_reader import MotionFile, SessionLog
 from ..files.log_replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
 from ..run.driver import walk
-from ..run.safety import GAIN, Watch, protect, to_device
+from ..run.safety import GAIN, Watch, guarded, protect, to_device
 from .evidence import Check, Evidence, at_first, last_of, seen_by, stated, with_taps
 from .local import blocks_held
 from .noise import generator, noise
@@ -173,14 +173,24 @@ class _MadeSafe:
         names = {f"y{i}": b for i, b in enumerate(log.scene.outputs.values())}
         inputs = [Input(n, "" if str(b.dim) == "1" else str(b.dim)) for n, b in names.items()]
         self.log, self.scales = log, log.safety.scales(log.outputs)
+        over = guarded(log.scene, log.safety)
+        self.places = {f"x{k}": x.name for k, x in enumerate({*over.values()})}
+        made = {x: n for n, x in self.places.items()}
+        to = {n: Input(made[x.name], str(x.dim)) for n, x in over.items()}
         self.proc = processor(
-            log, protect(Scene(dict(zip(log.outputs, inputs, strict=True))), log.safety)
+            log, protect(Scene(dict(zip(log.outputs, inputs, strict=True))), log.safety, to)
         )
         self.changes = changes_of(log, self.proc)
 
     def frames(self, e: Evidence, faults: dict[str, int]) -> np.ndarray:
         """Return the frames of the next stretch, shape (n, channels)."""
-        y = e.y[[int(name[1:]) for name in self.proc.inputs]]
+        places = [*e.proc.inputs]
+        y = np.array(
+            [
+                e.x[places.index(self.places[n])] if n in self.places else e.y[int(n[1:])]
+                for n in self.proc.inputs
+            ]
+        )
         for name, at in faults.items():
             if (row := f"y{self.log.outputs.index(name)}") in self.proc.inputs:
                 y[self.proc.inputs.index(row), max(at - e.at, 0) :] = np.nan
@@ -257,7 +267,7 @@ def _delivered(e: Evidence, log: SessionLog) -> list[Check]:
         text = ", ".join(f"{n} {what}" for what, n in counts.items())
         checks.append(Check("b", "log: samples as reported", min(apart, 2**63), 0, text))
     watch, report = Watch(proc), log.report or {}
-    limits = {"clips": watch.counts(), "outside": watch.outside()}
+    limits = {"clips": watch.counts(), "outside": watch.outside(), "energy": watch.energy()}
     apart = sum(report.get(what, v) != v for what, v in limits.items())
     text = ", ".join(
         f"{sum(of.values())} limited ({stage})" for stage, of in limits["clips"].items()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FaultError, SinkError
-from ..run.safety import Watch
+from ..run.safety import Watch, said_of_energy
 from . import words
 from .engine import Pump
 from .markers import Markers
@@ -78,6 +78,10 @@ class SessionReport:
         Content outside of the calibrated band, which the device does not reproduce,
         {output: {"samples": .., "level": ..}}: how many samples it was larger than the
         stated error, and its largest value in the output's unit.
+    energy : dict
+        What passivity controllers observed and did, {output: {"given": .., "work": ..,
+        "most": .., "leaps": ..}}: see ``stimlib.run.safety.Watch.energy``.  The samples
+        that they changed are in ``clips``, as "passivity".
     """
 
     produced: int
@@ -104,6 +108,7 @@ class SessionReport:
     silent: str = ""
     quiet: float = 0.0
     start_error: float | None = None
+    energy: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain JSON data."""
@@ -123,6 +128,7 @@ class SessionReport:
             f"{v['samples']} samples of {k} outside of the calibrated band, up to {v['level']:.3g}"
             for k, v in self.outside.items()
         ]
+        more += said_of_energy(self.energy)
         more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
         unsent = f", {self.unsent_markers} not sent" if self.unsent_markers else ""
         reasons = sorted(self.rejected, key=lambda why: -self.rejected[why])
@@ -266,8 +272,8 @@ class Recorder:
 
     def _put_counts(self) -> None:
         self._counted_at = time.monotonic()
-        outside = self.watch.outside()
-        clip = {"counts": self.watch.counts()} | ({"outside": outside} if outside else {})
+        more = {"outside": self.watch.outside(), "energy": self.watch.energy()}
+        clip = {"counts": self.watch.counts()} | {k: v for k, v in more.items() if v}
         for kind, now in ("clip", clip), ("rows", self._received()):
             if now and now != self._counts[kind]:
                 self._counts[kind] = now

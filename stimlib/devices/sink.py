@@ -906,6 +906,7 @@ class Sink:
             underruns=p.read("UNDERRUNS"),
             clips=self._watch.counts(),
             outside=self._watch.outside(),
+            energy=self._watch.energy(),
             faults=self._watch.faults(),
             block_time=taken,
             lateness=late,

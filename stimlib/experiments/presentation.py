@@ -40,7 +40,9 @@ from .trial import FAST, Trial
 if TYPE_CHECKING:
     from .session import Session
 
-TOLD = {"produced", "delivered", "lost", "underruns", "clips", "outside", "faults", "stale"}
+TOLD = {
+    "produced", "delivered", "lost", "underruns", "clips", "outside", "energy", "faults", "stale"
+}  # fmt: skip
 TOLD |= {"rise", "fall", "rows", "rejected", "quiet", "silent"}
 """Fields of a sink's report that the record of a trial contains."""
 

@@ -16,15 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from ..blocks.actuator import ForceLimit, ResponseLimit, Tally, slew_limit, static_limit
+from ..blocks.actuator import ForceLimit, Passive, ResponseLimit, Tally, slew_limit, static_limit
 from ..blocks.filters import delay
 from ..blocks.fir_filters import fir
-from ..core.graph import Block, Const, Mul
+from ..core.graph import Block, Const, Input, Mul, named
 from ..core.guard import Guard
 from ..core.parameter import Param
 from ..core.scene import Scene
-from ..core.units import ONE
-from ..errors import BadValue, SceneError, UnitError, UnknownName, public
+from ..core.units import ONE, unit as unit_of
+from ..errors import Above0, BadValue, From0, SceneError, UnitError, UnknownName, need, public
 
 GAIN = "sink_gain"
 """The parameter of the fade: 1 while a session plays, on its way to 0 when it is
@@ -93,6 +93,68 @@ class Inverse:
 
 @public
 @dc.dataclass(frozen=True)
+class Passivity:
+    r"""The energy that forces may give to a hand, and the damping that prevents more.
+
+    An observer sums the work of each force over its position (see
+    ``stimlib.blocks.energy``), as late as the device makes it, and counts each force
+    under way as if it gave the most that it can. When less than half of ``bound`` is
+    left, damping is added in proportion to what is missing. Should that not be enough,
+    the force becomes smaller, so that no motion can take more than the bound.
+
+    Parameters
+    ----------
+    bound : float, J
+        The most that a force gives beyond what it has got.
+    damping : float, N s/m
+        The largest damping that is added; 0: the force only becomes smaller.
+    speed : float, m/s
+        The fastest motion for which the bound holds.  A position farther away counts
+        as an error of the sensor: no energy is credited for it.
+    delay : float, s
+        From the time of a sample until its force begins.  Of a part of a sample, the
+        motion within a sample counts as straight.
+    encoder : float, m
+        Step of the measured position, by which the true one may differ.
+    axes : dict of str to str, optional
+        The position of each force, {output: input}; by default the only one that it
+        depends on.  A force over no position, such as a vibration, is not observed.
+
+    Notes
+    -----
+    With r = speed/fs + encoder, every force is charged \|F\| r when it is sent, and
+    F dx + \|F\| r >= 0 is credited when its motion dx is known; no force is charged
+    more than is left.  So the energy given stays within the bound (to rounding) for any
+    scene and hand, as long as the device makes the forces that it is sent, on time.
+
+    For a change dF of the force, and for its way back to 0, \|dF\| encoder/2 is taken
+    away, because the work of the true position differs by so much at most (summation by
+    parts).
+
+    References
+    ----------
+    Hannaford and Ryu, "Time-domain passivity control of haptic interfaces", IEEE Trans.
+    Robotics and Automation 18 (2002); Ryu, Kwon and Hannaford, "Stability guaranteed
+    control: time domain passivity approach", IEEE Trans. Control Systems Technology 12
+    (2004): the observer of held forces. The charge in advance, and damping that grows
+    in proportion, are our own: theirs act when energy has been given.
+
+    Examples
+    --------
+    >>> Passivity(0.01, damping=2.0, delay=0.003)
+    Passivity(bound=0.01, damping=2.0, speed=1.0, delay=0.003, encoder=0.0, axes=None)
+    """
+
+    bound: Above0
+    damping: From0 = 0.0
+    speed: Above0 = 1.0
+    delay: From0 = 0.0
+    encoder: From0 = 0.0
+    axes: Mapping[str, str] | None = None
+
+
+@public
+@dc.dataclass(frozen=True)
 class Safety:
     """The limits that are applied to every output on its way to a device.
 
@@ -121,16 +183,21 @@ class Safety:
         (taps - 1)/2 samples.  A drive beyond the device's range is then limited, which
         is counted as ``"drive"``; and so is a drive after which the predicted output
         of the device would pass a limit of value or slew, counted as ``"skin"``.
+    passivity : Passivity, optional
+        Bounds the energy that forces give to the hand.  It comes last, and acts at
+        once, whatever ``slew`` is.  By default nothing is done.
 
     Raises
     ------
     BadValue
-        A number not above 0; a fade below 0.02 s.
+        A number not above 0; a fade below 0.02 s; ``passivity`` for a calibrated
+        device.
 
     Examples
     --------
-    >>> Safety(full_scale=50.0, peak=40.0)
-    Safety(full_scale=50.0, slew=None, peak=40.0, static=None, fade=0.02, inverse=None)
+    >>> safety = Safety(full_scale=50.0, peak=40.0)
+    >>> safety.peak, safety.fade
+    (40.0, 0.02)
     >>> Safety(**Safety(full_scale=50.0).to_dict()) == Safety(full_scale=50.0)
     True
     """
@@ -141,17 +208,20 @@ class Safety:
     static: float | None = None
     fade: float = 0.02
     inverse: Inverse | Mapping[str, Any] | None = None
+    passivity: Passivity | Mapping[str, Any] | None = None
 
     def __post_init__(self):
         for f in dc.fields(self):
             v = getattr(self, f.name)
             if v is None and f.name not in ("full_scale", "fade"):
                 continue
-            if f.name == "inverse":
+            if made := {"inverse": Inverse, "passivity": Passivity}.get(f.name):
                 try:
-                    v = v if isinstance(v, Inverse) else Inverse(**v)
+                    v = v if isinstance(v, made) else made(**v)
                 except (TypeError, BadValue) as e:
-                    raise BadValue(f"Safety: inverse = {str(v)[:40]} is no Inverse: {e}") from None
+                    raise BadValue(
+                        f"Safety: {f.name} = {str(v)[:40]} is no {made.__name__}: {e}"
+                    ) from None
             elif isinstance(v, Mapping) and f.name in ("full_scale", "slew"):
                 v = {str(k): _above_0(f"{f.name}[{k!r}]", w) for k, w in v.items()}
             else:
@@ -161,6 +231,11 @@ class Safety:
             raise BadValue(
                 f"Safety: fade = {self.fade} s must be 0.02 to 0.5: faster is felt as a thump,"
                 " slower delays the stop"
+            )
+        if self.inverse and self.passivity:
+            raise BadValue(
+                "Safety: passivity needs the forces that the device makes, and the inverse filter"
+                " of a calibrated device hides them; give only one"
             )
 
     def to_dict(self) -> dict[str, Any]:
@@ -235,14 +310,15 @@ def quiet_scale(scene: Scene) -> float:
 
 
 @public
-def protect(scene: Scene, safety: Safety) -> Scene:
+def protect(scene: Scene, safety: Safety, over: Mapping[str, Block] | None = None) -> Scene:
     """Return a scene whose outputs are safe for a device.
 
     Every output is limited to the peak force (outputs in N) and to full scale. Then
     follow its guard against NaN and infinity, the static force limit (outputs in N),
     the slew limit, the inverse filter of a calibrated device with the limits of its
     drive and of its predicted output, and the fade, which multiplies by the parameter
-    ``sink_gain``; that is 0 until it is set. Limits come
+    ``sink_gain``; that is 0 until it is set. The passivity controller comes last, if
+    there is one. Limits come
     first, so that the guard fades from the last value that the device received, not
     from the value that the scene ran away to.
 
@@ -250,6 +326,8 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     ----------
     scene : Scene
     safety : Safety
+    over : dict of str to Block, optional
+        The position of each force, for ``passivity``; by default as it says.
 
     Returns
     -------
@@ -265,7 +343,8 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     UnknownName
         Full scale or slew for an output that does not exist.
     BadValue
-        A limit of force for a scene that has no output in N.
+        A limit of force for a scene that has no output in N; ``passivity`` for one that
+        has no force over a position, or for a force over several.
 
     Examples
     --------
@@ -286,7 +365,37 @@ def protect(scene: Scene, safety: Safety) -> Scene:
     names = tuple(scene.outputs)
     scales = dict(zip(names, safety.scales(names).tolist(), strict=True))
     gain = Param(GAIN, 0.0)
-    return Scene({n: Mul(_limited(n, scene, safety, scales[n]), gain) for n in names})
+    made: dict[str, Block] = {n: Mul(_limited(n, scene, safety, scales[n]), gain) for n in names}
+    p: Any = safety.passivity
+    for n, x in (guarded(scene, safety) if over is None else over).items():
+        numbers = scales[n], p.bound, p.damping, p.speed, p.delay, p.encoder
+        made[n] = _counted(Passive(made[n], x, gain, *numbers), made[n], "passivity", n)
+    return Scene(made)
+
+
+def guarded(scene: Scene, safety: Safety) -> dict[str, Input]:
+    """Return the forces that a passivity controller guards, with their positions."""
+    p: Any = safety.passivity
+    if p is None:
+        return {}
+    axes, found = p.axes, {}
+    need("Passivity: axes", axes or {}, scene.outputs, "output")
+    need("Passivity: axes", (axes or {}).values(), scene.inputs, "input")
+    for name, force in scene.outputs.items():
+        inputs = named([force], Input)
+        over = [n for n, x in inputs.items() if force.dim * x.dim == unit_of("J")]
+        if axes and name in axes:
+            found[name] = scene.inputs[axes[name]]
+        elif len(over) > 1:
+            raise BadValue(
+                f"Passivity: {name} depends on {', '.join(over)}: say along which it acts, such as"
+                f" axes={{{name!r}: {over[0]!r}}}"
+            )
+        elif over:
+            found[name] = inputs[over[0]]
+    if not found:
+        raise BadValue("Passivity: no output is a force over a position (N over m): leave it out")
+    return found
 
 
 def _check_limits(scene: Scene, safety: Safety) -> None:
@@ -389,6 +498,15 @@ def to_device(y: np.ndarray, scales: np.ndarray, channels: Sequence[int]) -> np.
     return frames
 
 
+def said_of_energy(energy: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Return a sentence for each output of ``Watch.energy``."""
+    return [
+        f"{name} gave at most {1e3 * v['given']:.3g} mJ; its passivity controller changed it by up"
+        f" to {v['most']:.3g}" + f", and did not trust {v['leaps']} positions" * (v["leaps"] > 0)
+        for name, v in energy.items()
+    ]
+
+
 class Watch:
     """A reader of a running processor's counts: limited samples and failed outputs.
 
@@ -408,10 +526,13 @@ class Watch:
         self.fade = Guard(Const(0.0), STEPS).samples(proc.fs)
         self._tallies: list[tuple[str, str, int]] = []
         self._guards: list[tuple[str, int]] = []
+        self._observed: list[tuple[str, int]] = []
         instances, place = proc.program.instances, proc._place
         for i, q in enumerate(instances):
             if isinstance(q.block, Tally):
                 self._tallies.append((q.block.stage, q.block.output, place[i]))
+                if q.block.stage == "passivity":  # its controller is what it counts
+                    self._observed.append((q.block.output, i))
         for name, at in proc.program.outputs.items():
             for i in self._above(instances, at):
                 if isinstance(instances[i].block, Guard):
@@ -460,6 +581,32 @@ class Watch:
             for stage, name, at in self._tallies
             if words[at] and stage == "outside"
         }
+
+    def energy(self) -> dict[str, dict[str, Any]]:
+        """Return what passivity controllers observed and did, by output.
+
+        ``given`` is the most energy in J that the force gave beyond what it had got,
+        ``work`` what it has got so far, ``most`` the largest change of the force in N,
+        and ``leaps`` counts positions that no motion within the stated speed reaches.
+        ``counts`` has the samples that were changed.
+        """
+        words, out = self._proc._engine.peek(), {}
+        numbers = words.view(np.float64)
+        for name, tally in self._observed:
+            (i, *_), at = self._proc.program.instances[tally].args, self._proc._place[tally]
+            # see actuator.PassiveState
+            room = self._proc._place[i] + self._proc.design[i][1].sent.size + 4
+            out[name] = {
+                "given": float(numbers[room + 2]),
+                "work": float(numbers[room + 1]),
+                "most": float(numbers[at + 1]),
+                "leaps": int(words[room + 3]),
+            }
+        return out
+
+    def told(self) -> dict[str, dict[str, Any]]:
+        """Return all of it, by the names that reports of sessions have."""
+        return {"clips": self.counts(), "energy": self.energy(), "faults": self.faults()}
 
     def faults(self) -> dict[str, int]:
         """Return the outputs stopped by their guard, with the samples of the faults."""

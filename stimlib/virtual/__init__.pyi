@@ -4,4 +4,9 @@ from .closed_loop import (
     swept_damping as swept_damping,
     try_on as try_on,
 )
-from .device import Device as Device, Hand as Hand, read_device as read_device
+from .device import (
+    Device as Device,
+    Faults as Faults,
+    Hand as Hand,
+    read_device as read_device,
+)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import dataclasses as dc
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,9 +18,10 @@ from ..core.scene import Scene
 from ..core.units import unit
 from ..errors import Above0, BadValue, Count, From0, need, public
 from ..run.processor import compile
-from .device import Device, Hand, Mechanism
+from ..run.safety import GAIN, Safety, Watch, protect
+from .device import Device, Faults, Hand, Mechanism
 
-NOBODY = Hand()
+NOBODY, SOUND = Hand(), Faults()
 Course = Any  # a number, samples, or a function of the time in s
 
 
@@ -36,6 +40,8 @@ def try_on(
     motion: Mapping[str, Course] = {},
     params: Mapping[str, float] = {},
     seed: int = 0,
+    safety: Safety | None = None,
+    faults: Faults = SOUND,
 ) -> ClosedLoop:
     """Let a force scene move a virtual device in a virtual hand.
 
@@ -59,7 +65,7 @@ def try_on(
         Where the hand wants to be, in m: one number, one for each sample, or a function
         of an array of times in s, such as a motion; by default it stays at ``start``.
     push : float, array_like or callable
-        A force of the hand in N, in addition.
+        A force of the hand in N, in addition, such as a recorded one.
     axis : (str, str), optional
         The output and the input of the device; by default the only one in N and the
         only one in m.
@@ -67,6 +73,11 @@ def try_on(
         All other inputs, by default 0.
     params : dict of str to float
     seed : int
+        Of the scene's noise, the hand's tremor and the faults.
+    safety : Safety, optional
+        The safety stage between scene and device, with its gain at 1; by default none.
+    faults : Faults
+        Of the hardware, by default none.
 
     Returns
     -------
@@ -96,31 +107,51 @@ def try_on(
     """
     output, name = _axis_of(scene, axis)
     need("try_on: motion", motion, scene.inputs, "input")
-    proc = compile(scene, fs, seed=seed)
-    for param, value in params.items():
+    proc = compile(_guarded(scene, output, safety), fs, seed=seed)
+    for param, value in {**params, **({} if safety is None else {GAIN: 1.0})}.items():
         proc.set(param, value, ramp=0.0)
     n = max(1, round(seconds * fs))
     late = round(device.delay * fs, 9)
     plant = compile(_plant(device, hand, int(late), (late % 1.0) / fs, start), fs)
     t = np.arange(n + 1) / fs
-    others = np.array([_course(motion.get(i, 0.0), t, i) for i in proc.inputs])
+    others = np.array([_course(motion.get(i, 0.0), t, i)[:n] for i in proc.inputs])
     aims, pushes = _course(start if aim is None else aim, t, "aim"), _course(push, t, "push")
-    column, row = [*proc.inputs].index(name), [*proc.outputs].index(output)
-    # all rows of a sample are one array, so each call reads and writes where it is kept
-    x = np.ascontiguousarray(others.T)[:, :, None]
-    y, ends = np.empty((n, len(proc.outputs), 1)), np.empty((n, 4, 1))
-    given = np.stack([np.empty(n), aims[1:], pushes[:n]], axis=1)[:, :, None]
-    measured = _measured(start, device.encoder)
-    for here, there, force, end in zip(x, y, given, ends, strict=False):
-        here[column] = measured
-        proc.process(here, there)
-        force[0] = there[row]
-        plant.process(force, end)
-        measured = end[0]
-    read, position, velocity, work = ends[:, :, 0].T
+    aims = aims + hand.shaking(t, seed) if hand.tremor else aims
+    row = [*proc.outputs].index(output)
+    # a row for each sample, in which each program reads and writes its own
+    x, y = np.ascontiguousarray(others.T), np.empty((n, len(proc.outputs)))
+    given, ends = np.stack([np.zeros(n), aims[1:], pushes[:n]], axis=1), np.empty((n, 4))
+    wrong = np.ascontiguousarray(faults.rows(t[:n], seed), float)
+    own, other = proc.address[1], plant.address[1]
+    arrays = (a.ctypes.data for a in (x, y, given, ends, wrong))
+    numbers = (*x.shape[1:], *y.shape[1:], [*proc.inputs].index(name), row, n)
+    _coupled()(own, other, *arrays, *numbers, _measured(start, device.encoder))
+    read, position, velocity, work = ends.T
+    told = {} if safety is None else Watch(proc).told()
     return ClosedLoop(
-        t[:n], position, read, velocity, y[:, row, 0], np.cumsum(work), fs, device, hand
-    )
+        t[:n], position, read, velocity, y[:, row], np.cumsum(work), y[:, -1], fs, device, hand,
+        told,
+    )  # fmt: skip
+
+
+@cache
+def _coupled() -> Callable[..., None]:
+    """Return the compiled loop, see ``coupled.py``."""
+    from ..targets.llvm.cache import load
+    from ..targets.llvm.engine import runtime
+
+    runtime()  # whose kernels it may name
+    text = Path(__file__).with_name("coupled.py").read_text("utf-8")
+    p, i = ctypes.c_void_p, ctypes.c_int64
+    of = ctypes.CFUNCTYPE(None, *[p] * 7, *[i] * 5, ctypes.c_double)
+    return of(load(text, "coupled").addresses["couple"])
+
+
+def _guarded(scene: Scene, output: str, safety: Safety | None) -> Scene:
+    """Return a scene after its safety stage; the last output is the force before it."""
+    made = scene if safety is None else protect(scene, safety)
+    free = max(scene.outputs, key=len) + "_"  # a name that no output has
+    return Scene({**made.outputs, free: scene.outputs[output]})
 
 
 def _axis_of(scene: Scene, axis: tuple[str, str] | None) -> tuple[str, str]:
@@ -255,9 +286,14 @@ class ClosedLoop:
     work : ndarray, shape (n,), J
         What the hand has done against the force since sample 0; the energy that the
         scene has given is its negative.
+    asked : ndarray, shape (n,), N
+        Force of the scene before its safety stage.
     fs : float, Hz
     device : Device
     hand : Hand
+    told : dict
+        What the safety stage did, as in the report of a session: "clips", "faults" and
+        "energy".
     """
 
     t: np.ndarray
@@ -266,9 +302,11 @@ class ClosedLoop:
     velocity: np.ndarray
     force: np.ndarray
     work: np.ndarray
+    asked: np.ndarray
     fs: float
     device: Device
     hand: Hand
+    told: dict[str, dict[str, Any]]
 
     @property
     def given(self) -> float:

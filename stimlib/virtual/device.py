@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses as dc
 import json
+import math
 from collections import namedtuple
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +17,13 @@ from ..errors import Above0, BadValue, From0, public
 
 SUBSTEPS = 8
 """Parts of a sample period in each of which Coulomb friction is one number."""
+
+
+def _given(self: Any) -> str:
+    """Write a class with what was given of it."""
+    given = [f for f in dc.fields(self) if getattr(self, f.name) != f.default]
+    fields = ", ".join(f"{f.name}={getattr(self, f.name)!r}" for f in given)
+    return f"{type(self).__name__}({fields})"
 
 
 @public
@@ -71,9 +80,7 @@ class Device:
         if (self.compliance > 0) != (self.handle > 0):
             raise BadValue("Device: compliance and handle belong together: give both, or neither")
 
-    def __repr__(self):
-        given = [f for f in dc.fields(self) if getattr(self, f.name) != f.default]
-        return f"Device({', '.join(f'{f.name}={getattr(self, f.name)!r}' for f in given)})"
+    __repr__ = _given
 
 
 @public
@@ -86,6 +93,13 @@ class Hand:
     mass : float, kg
     damping : float, N s/m
     stiffness : float, N/m
+    tremor : float, m
+        Amplitude of the tremor of the other end, 8 to 12 Hz: sqrt(2) times its rms.
+
+    Raises
+    ------
+    BadValue
+        A number below 0; a tremor without a spring or a damper that passes it on.
 
     Examples
     --------
@@ -97,6 +111,78 @@ class Hand:
     mass: From0 = 0.0
     damping: From0 = 0.0
     stiffness: From0 = 0.0
+    tremor: From0 = 0.0
+
+    def __post_init__(self):
+        if self.tremor and not (self.damping or self.stiffness):
+            raise BadValue("Hand: tremor reaches the device by stiffness or damping; give one")
+
+    __repr__ = _given
+
+    def shaking(self, t: np.ndarray, seed: int) -> np.ndarray:
+        """Return the tremor at times in s: 32 sinusoids of 8 to 12 Hz, in m."""
+        rng = np.random.default_rng([seed, 1])
+        f, phase = rng.uniform(8.0, 12.0, (32, 1)), rng.uniform(0.0, 2 * np.pi, (32, 1))
+        return self.tremor * np.sin(2 * np.pi * f * t + phase).sum(axis=0) / math.sqrt(32)
+
+
+@public
+@dc.dataclass(frozen=True)
+class Faults:
+    """Faults of a device's hardware.
+
+    Parameters
+    ----------
+    jump : (float, float), s and m
+        When the encoder jumps, and how far; it counts on from there.
+    stuck : (float, float), s
+        From when and until when the encoder says the same.
+    dropped : float
+        Part of the readings that do not come: the scene gets the one before.
+    lost : float
+        Part of the forces that the device does not take: it holds the one before.
+    saturated : (float, float), s and N
+        From when on the amplifier makes no larger force than this.
+
+    Raises
+    ------
+    BadValue
+        Numbers that are not finite; parts outside 0 to 1.
+
+    Examples
+    --------
+    >>> from stimlib.virtual import Faults
+    >>> Faults(jump=(0.5, 0.005), dropped=0.01)
+    Faults(jump=(0.5, 0.005), dropped=0.01)
+    """
+
+    jump: tuple[float, float] = (0.0, 0.0)
+    stuck: tuple[float, float] = (0.0, 0.0)
+    dropped: From0 = 0.0
+    lost: From0 = 0.0
+    saturated: tuple[float, float] = (0.0, math.inf)
+
+    def __post_init__(self):
+        numbers = (*self.jump, *self.stuck, self.saturated[0], self.dropped, self.lost)
+        if not (np.isfinite(numbers).all() and max(numbers[-2:]) <= 1 and self.saturated[1] >= 0):
+            raise BadValue(
+                f"{self!r}: times and jumps are finite, parts 0 to 1, a force not below 0"
+            )
+
+    __repr__ = _given
+
+    def rows(self, t: np.ndarray, seed: int) -> np.ndarray:
+        """Return the faults at times in s, shape (n, 4).
+
+        Columns: what the encoder adds, whether its reading stays, whether the force
+        stays, the largest force.
+        """
+        rng = np.random.default_rng([seed, 2])
+        dropped, lost = rng.random((2, t.size)) < [[self.dropped], [self.lost]]
+        stuck = (t >= self.stuck[0]) & (t < self.stuck[1])
+        most = np.where(t >= self.saturated[0], self.saturated[1], math.inf)
+        added = self.jump[1] * (t >= self.jump[0])
+        return np.stack([added, stuck | dropped, lost, most], axis=1)
 
 
 @public

@@ -10,10 +10,24 @@ from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnitError, UnknownName, constant
-from stimlib.blocks import delay, white_noise
-from stimlib.blocks.actuator import ResponseLimit, Tally
+from stimlib.blocks import delay, spring, wall, white_noise
+from stimlib.blocks.actuator import Passive, ResponseLimit, Tally
+from stimlib.checks.session import verify_log
+from stimlib.core.graph import reach
 from stimlib.core.guard import Guard
-from stimlib.run.safety import GAIN, Inverse, Safety, Watch, protect, to_device
+from stimlib.devices import NullSink
+from stimlib.files import read_log
+from stimlib.motion import minimum_jerk
+from stimlib.run.safety import (
+    GAIN,
+    Inverse,
+    Passivity,
+    Safety,
+    Watch,
+    guarded,
+    protect,
+    to_device,
+)
 from stimlib.scenes import squeeze
 
 FS = 8000
@@ -251,3 +265,118 @@ def test_nothing_has_been_before_sample_0_behind_a_guard():
     )
     assert plain[:3].all() and not guarded[:3].any()
     assert np.array_equal(plain[3:], guarded[3:])
+
+
+# The passivity controller -------------------------------------------------------------
+X = Input("x", "m")
+GIVES = Passivity(2e-3, damping=1.0, delay=0.003, encoder=1e-5)
+
+
+def given(force, x, late):
+    """The most energy that held forces give along a motion, after a whole delay."""
+    acting = np.r_[np.zeros(late), force][: force.size - 1]
+    return -np.cumsum(acting * np.diff(x)).min(initial=0.0)
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("damping", [0.0, 3.0])
+def test_no_motion_takes_more_than_the_bound(seed, damping):
+    """A force pushes along a motion of noise, as fast as stated and read in steps."""
+    rng, fs, step, late = np.random.default_rng(seed), 1000, 1e-5, seed % 4
+    p = Passivity(5e-3, damping, speed=0.5, delay=late / fs, encoder=step)
+    scene = Scene({"force": 1.0 * Input("f", "N") + constant(30.0, "N/m") * X})
+    smooth = np.convolve(rng.normal(size=4000), np.ones(20) / 20, "same")
+    speed = np.clip(2.0 * smooth, -1, 1) * 0.5 / fs
+    wanted = rng.choice([-1.0, -20.0]) * np.roll(smooth, 3) + 0.3 * rng.normal(size=4000)
+    x = np.cumsum(speed)
+    read = np.floor(x / step + 0.5) * step
+    proc = compiled(scene, Safety(8.0, passivity=p), fs)
+    y = proc.process(np.stack([wanted, read]))[0]
+    asked = np.clip(wanted + 30.0 * read, -8.0, 8.0)
+    assert np.abs(y).max() <= 8.0 and given(asked, x, late) > p.bound >= given(y, x, late)
+    told = Watch(proc).energy()["force"]
+    assert given(y, x, late) <= told["given"] <= p.bound * (1 + 1e-9) and told["leaps"] == 0
+    assert Watch(proc).counts()["passivity"]["force"] == np.count_nonzero(y != asked)
+    assert told["most"] == np.abs(y - asked).max() > 0
+
+
+def test_a_leap_of_the_position_is_not_trusted():
+    """No energy is credited for it, and the worst is taken away."""
+    proc = compiled(Scene({"F": wall(X, 500.0)}), Safety(5.0, passivity=GIVES), 1000)
+    x = np.r_[np.zeros(9), np.full(500, 0.05)]
+    x[300:] = np.nan
+    y = proc.process(x[None])[0]
+    told = Watch(proc).energy()["F"]
+    assert np.isfinite(y).all() and told["leaps"] == 1 + 209
+    assert told["given"] == pytest.approx(GIVES.bound, rel=1e-9)
+    assert 0 < np.abs(y).max() <= GIVES.bound / (1e-3 + 1e-5)
+    assert Watch(proc).faults() == {"F": 300}
+
+
+def test_a_force_that_gives_nothing_passes_bit_for_bit():
+    scene = Scene({"F": spring(X, 100.0), "tone": 0.1 * white_noise(1)})
+    x = finger(4000)
+    want = stimlib.compile(scene, FS).process(x[None])
+    safety = Safety({"F": 50.0, "tone": 1.0}, passivity=Passivity(0.1, 5.0))
+    proc = compiled(scene, safety)
+    assert np.array_equal(proc.process(x[None]), want) and Watch(proc).counts() == {}
+    assert [*Watch(proc).energy()] == ["F"], "what is no force over a position is not observed"
+    off = protect(scene, Safety({"F": 50.0, "tone": 1.0}))
+    assert not any(isinstance(b, Passive) for b in reach(off.outputs.values())), "no work"
+
+
+def test_the_fade_ends_what_the_controller_adds():
+    proc = compiled(Scene({"F": -1.0 * spring(X, 100.0)}), Safety(9.0, passivity=GIVES), FS)
+    x = 10 * finger(FS)[None]
+    assert np.abs(proc.process(x)).max() > 0 and Watch(proc).counts()["passivity"]["F"] > FS / 2
+    proc.set(GAIN, 0.0, ramp=0.02)
+    assert not proc.process(x)[0, 200:].any()
+
+
+def test_positions_of_forces():
+    y = Input("y", "m")
+    both = Scene({"F": spring(X, 1.0) + spring(y, 1.0), "G": spring(y, 1.0)})
+    refused(
+        BadValue,
+        r"depends on x, y: say .*axes=\{'F': 'x'\}",
+        protect,
+        both,
+        Safety(1.0, passivity=GIVES),
+    )
+    for axes, error in (({"H": "x"}, "no output 'H'"), ({"F": "z"}, "no input 'z'")):
+        wrong = Safety(1.0, passivity=Passivity(1.0, axes=axes))
+        refused(UnknownName, error, protect, both, wrong)
+    told = Safety(1.0, passivity=Passivity(1.0, axes={"F": "y"}))
+    assert {n: x.name for n, x in guarded(both, told).items()} == {"F": "y", "G": "y"}
+    none = Scene({"F": constant(1.0, "N") * Input("u")})
+    refused(BadValue, "no output is a force over", protect, none, Safety(1.0, passivity=GIVES))
+    refused(BadValue, "give only one", Safety, 1.0, inverse=INVERSE, passivity=GIVES)
+    refused(BadValue, "bound = 0.0 must be a number above 0", Passivity, 0.0)
+    again = json.loads(json.dumps(Safety(1.0, passivity=told.passivity).to_dict()))
+    assert Safety(**again) == told
+    refused(BadValue, "is no Passivity", Safety, 1.0, passivity={"bound": 1.0, "k": 2.0})
+
+
+def test_a_session_says_and_proves_what_the_controller_did(tmp_path):
+    """In its report and its log, from which every sample is computed again."""
+    scene = Scene({"F": -1.0 * spring(X, 300.0), "G": 1.0 * wall(X, 100.0)})
+    motion = {"x": minimum_jerk(0.0, 0.03)}
+    with NullSink(
+        scene, Safety(9.0, passivity=GIVES), motion=motion, clocked=False, log=tmp_path / "a"
+    ) as sink:
+        sink.open(rate=1000)
+        sink.start(seconds=2.0)
+        sink.wait()
+    report = sink.report()
+    told = report.energy["F"]
+    assert report.clips["passivity"]["F"] > 100 and 1e-3 < told["given"] <= GIVES.bound
+    assert f"F gave at most {1e3 * told['given']:.3g} mJ; its passivity controller" in str(report)
+    log = read_log(tmp_path / "a")
+    checked = verify_log(log)
+    assert checked.passed, checked
+    assert any(
+        f"{sum(report.clips['passivity'].values())} limited (passivity)" in c.text
+        for c in checked.checks
+    )
+    log.report["energy"]["F"]["given"] *= 1.1
+    assert not verify_log(log).passed

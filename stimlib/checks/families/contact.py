@@ -414,6 +414,22 @@ def _response_limit(b, fs, x, y):
     return near(want, 1e-9)
 
 
+@law("Passive")
+def _passive(b, fs, x, y):
+    """Count what may be given: bound, work of what acted, charge of what did not."""
+    reach, (part, whole) = b.speed / fs + b.encoder, math.modf(round(b.late * fs, 9))
+    now, then = (np.r_[np.zeros(int(whole) + k), y][: y.size] for k in (1, 2))
+    moved = np.diff(x[1], prepend=x[1][:1])
+    known, held = np.abs(moved) <= reach, part * np.abs(then) + (1 - part) * np.abs(now)
+    work = np.where(known, (part * then + (1 - part) * now) * moved, -held * reach)
+    under_way, last = np.cumsum(np.abs(y)) - np.abs(y) - np.cumsum(held), np.r_[0.0, y[:-1]]
+    blurred = np.cumsum(np.abs(np.diff(last, prepend=0.0))) + np.abs(last)
+    left = b.bound + np.cumsum(work) - reach * under_way - b.encoder / 2 * blurred
+    short = np.clip(1 - 2 * left / b.bound, 0.0, 1.0) * known
+    most = np.minimum(b.most * x[2], np.maximum(left, 0.0) / (reach + b.encoder))
+    return near(np.clip(x[0] + x[2] * b.damping * fs * moved * short, -most, most), 1e-9)
+
+
 @law("Detents", since=1)
 def _detents(b, fs, x, y):
     size = np.abs(x[1]) * (1e-9 + 2.0**-44 * np.abs(x[0]) / b.spacing)

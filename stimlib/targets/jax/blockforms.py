@@ -21,7 +21,7 @@ import numpy as np
 from jax import lax
 
 from ...blocks import noise, springpots as pot
-from ...blocks.actuator import ResponseLimit
+from ...blocks.actuator import Passive, ResponseLimit
 from ...blocks.avatars import DelayAvatar
 from ...blocks.cursors import Cursor
 from ...blocks.filters import Cascade, Delay
@@ -771,6 +771,7 @@ LOWERINGS |= {
     SpatialNoise: placeforms.spatial_noise,
     Cursor: signalforms.cursor,
     DelayAvatar: signalforms.avatar,
+    Passive: signalforms.avatar,
 }
 LOWERINGS |= {
     MaxwellArms: maxwell_arms,
