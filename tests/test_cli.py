@@ -822,13 +822,14 @@ def test_play_leaves_a_log_that_replays(tmp_path):
     log = tmp_path / "a.stimlog"
     words = f"{PLAY} --fast --seconds 0.5 --set k=1500 --seed 4 --channels 3 --log {log}"
     words = words.replace("--quiet ", "")
-    done = ran(f"{words} --peak 40 --static 30 --slew 1e6")
+    done = ran(f"{words} --peak 40 --static 30 --slew 1e6 --passivity bound=9,damping=2")
+    assert "force1 gave at most 0 mJ" in done.stdout, "what it takes it does not give"
     assert "4000 samples, 4000 delivered, 0 lost" in done.stdout and f"log: {log}" in done.stdout
     told = json.loads((log / "session.json").read_text())
     assert told["params"] == {"k": 1500.0} and told["seed"] == 4
     assert told["channels"] == ["force1", "force2", None]
     limits = told["safety"]["peak"], told["safety"]["static"], told["safety"]["slew"]
-    assert limits == (40.0, 30.0, 1e6)
+    assert limits == (40.0, 30.0, 1e6) and told["safety"]["passivity"]["damping"] == 2.0
     ran(f"verify squeeze --log {log}")
 
 

@@ -49,8 +49,9 @@ def export_(
 ):
     """Export a scene as C99 with the same samples, and a self test.
 
-    The motion is that of the self test. With --full-scale, --slew, --peak or --static
-    the safety stage of a device is part of the program; else no output is limited.
+    The motion is that of the self test. With --full-scale, --slew, --peak, --static or
+    --passivity the safety stage of a device is part of the program; else no output is
+    limited.
 
     [bold]stimlib export squeeze --motion "minimum_jerk(depth=0.02)" --out squeeze_c[/]
     """

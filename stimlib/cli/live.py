@@ -37,10 +37,12 @@ def page_safety_of(
     peak: opt.Peak = None,
     static: opt.Static = None,
     slew: opt.Slew = None,
+    passivity: opt.Passive = None,
 ) -> Any:
     """Return the safety stage of a page; full scales default to those of the page."""
     full_scale = full_scale or ",".join(f"{name}={v!r}" for name, v in scales().items())
-    return opt.safety_of(None, full_scale=full_scale, peak=peak, static=static, slew=slew)
+    limits: dict[str, Any] = {"peak": peak, "static": static, "slew": slew, "passivity": passivity}
+    return opt.safety_of(None, full_scale=full_scale, **limits)
 
 
 Ranges = Annotated[

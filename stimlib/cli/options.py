@@ -36,6 +36,16 @@ Slew = Annotated[
         )
     ),
 ]
+Passive = Annotated[
+    str | None,
+    typer.Option(
+        "--passivity",
+        help=(
+            "Largest energy in J that a force over a position may give, and how:"
+            " [bold]bound=0.01,damping=2,delay=0.003[/], with speed and encoder if needed."
+        ),
+    ),
+]
 Channels = Annotated[
     str | None,
     typer.Option(
@@ -203,13 +213,17 @@ def safety_of(
     peak: Peak = None,
     static: Static = None,
     slew: Slew = None,
+    passivity: Passive = None,
 ) -> Any:
     """Return the safety stage for the given options."""
+    from ..motion.text import pairs
     from ..run.safety import Safety, quiet_scale
 
+    given = passivity and pairs(passivity.split(","), "--passivity", "bound=0.01,damping=2")
     return Safety(
         of_each(full_scale, "--full-scale") or quiet_scale(scene),
         slew=of_each(slew, "--slew"),
         peak=peak,
         static=static,
+        passivity={k: number(v, f"--passivity {k}") for k, v in given.items()} if given else None,
     )

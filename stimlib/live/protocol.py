@@ -56,11 +56,11 @@ state       role, controlled, phase,     after hello and after every change. rol
                                          session, or why an edited scene is not played
 report      session, at, seconds, lost,  five times a second while a session runs. at:
             underruns, late, skipped,    next sample; lost: samples that came too late
-            clips, faults, silent,       in underruns times; late: s behind now;
-            rows, rejected, time, busy   skipped: blocks that this page was too slow
-                                         for; clips, faults, silent, rows, rejected as
-                                         in a sink's report; time: Unix time in s; busy:
-                                         part of a block's time
+            clips, energy, faults,       in underruns times; late: s behind now;
+            silent, rows, rejected,      skipped: blocks that this page was too slow
+            time, busy                   for; clips, energy, faults, silent, rows,
+                                         rejected as in a sink's report; time: Unix time
+                                         in s; busy: part of a block's time
 alive                                    five times a second while no session runs
 error       about, text                  the request is rejected, and why; about: its
                                          ``do``

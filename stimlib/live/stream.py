@@ -573,6 +573,7 @@ class Stream:
             "underruns": r.underruns,
             "late": max(0.0, self._root.late if self._root else 0.0),
             "clips": r.clips,
+            "energy": r.energy,
             "faults": r.faults,
             "silent": r.silent,
             "rows": r.rows,

@@ -261,6 +261,13 @@ function loudness() {
 }
 
 /** What was late, of all that is made, drawn and heard, and why. */
+/** What passivity controllers observed and did. */
+function energy() {
+  const { energy: seen, clips: changed } = live.report ?? {};
+  return Object.entries(seen ?? {}).map(([name, { given, most }]) => `${name} gave ${(1e3 * given).toPrecision(2)} mJ`
+    + (changed.passivity?.[name] ? `, ${changed.passivity[name]} samples changed by up to ${most.toPrecision(2)}` : "")).join("; ");
+}
+
 function gaps() {
   const { lost, underruns, skipped, rejected } = live.report ?? {}, all = sound.missing();
   if (underruns) all.push(`${underruns} in the stimulus (server late: ${short(lost / live.hello.fs)} s lost)`);
@@ -307,6 +314,8 @@ function tick(now) {
     $("meter").setAttribute("aria-valuenow", Math.round(QUIET * (1 - part)));
     $("meter").setAttribute("aria-valuetext", $("level").textContent);
     $("gaps").textContent = gaps();
+    $("energy").textContent = energy();
+    $("observed").hidden = !$("energy").textContent;
     const on = now - clipped < 2000;
     if (on !== $("clip").classList.contains("on")) { // told once, as it is read aloud
       $("clip").classList.toggle("on", on);
