@@ -4,7 +4,9 @@
     python benchmarks/closed_loop.py --record   and keep the table of docs/tutorial
 
 Each hand is thrown at the scene from 10 mm away. A cell has how many of five hands
-come to rest, and the damping that the worst hand needs; then how fast that is.
+come to rest, and the damping that the worst hand needs. Then random force scenes on
+random devices (``tests/looped.py``), with the passivity controller and without, and with
+faults of the hardware; then how fast that is.
 """
 
 from __future__ import annotations
@@ -21,6 +23,8 @@ from stimlib.errors import StimlibError
 from stimlib.virtual import Device, Hand, swept_damping, try_on
 
 TABLE = Path(__file__).parents[1] / "docs" / "tutorial" / "closed_loop.csv"
+RUNS = {"none": 1000}  # and of each fault:
+SOME = 200
 DEVICES = {  # assumed: a light device of one axis at three rates
     "1 kHz, 3 ms": (1000.0, Device(0.08, 0.4, coulomb=0.02, encoder=20e-6, delay=3e-3)),
     "4 kHz, 1 ms": (4000.0, Device(0.08, 0.4, coulomb=0.02, encoder=20e-6, delay=1e-3)),

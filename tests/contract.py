@@ -434,7 +434,7 @@ TABLE = [
         "passive",
         "Passive",
         lambda x: Passive(
-            constant(60.0, "N/m") * x, x, constant(0.9), 1.5, 2e-3, 3.0, 0.5, 0.0035, 1e-5
+            constant(60.0, "N/m") * x, x, constant(0.9), 1.5, 2e-3, 3.0, 0.5, 0.0035, 1e-5, 0.02
         ),
         (squeeze,),
         unit="m",

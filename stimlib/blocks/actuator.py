@@ -408,7 +408,8 @@ class ResponseLimit(Block):
 #   blur    m, half a step of the encoder
 #   half    J, half of the bound
 #   brake   N/m, the largest damping over one sample
-PassiveParams = namedtuple("PassiveParams", "reach rest blur half brake most")
+#   still   samples after which a position that stays is not trusted
+PassiveParams = namedtuple("PassiveParams", "reach rest blur half brake most still")
 
 # State of `Passive` between samples.
 #   sent   the forces under way, in a ring
@@ -419,8 +420,9 @@ PassiveParams = namedtuple("PassiveParams", "reach rest blur half brake most")
 #   room   J, that may still be given, whatever the motion
 #   work   J, that was observed to have been taken
 #   given  J, the most that was observed to have been given
-#   leaps  positions farther away than reach
-PassiveState = namedtuple("PassiveState", "sent at put last begun room work given leaps")
+#   leaps  positions that were not trusted
+#   same   samples since the position changed
+PassiveState = namedtuple("PassiveState", "sent at put last begun room work given leaps same")
 
 
 @dataclass(frozen=True, eq=False)
@@ -443,16 +445,17 @@ class Passive(Block):
     speed: Above0
     late: float  # s
     encoder: float
+    still: float | None = None  # s
     begins_early = False
 
     def design(self, fs):
         late = round(self.late * fs, 9)
         p = PassiveParams(
             self.speed / fs + self.encoder, late % 1.0, self.encoder / 2, self.bound / 2,
-            self.damping * fs, self.most,
+            self.damping * fs, self.most, self.still * fs if self.still else 1e300,
         )  # fmt: skip
         sent = np.zeros(int(late) + 2)
-        return p, PassiveState(sent, NONE, 0.0, 0.0, 0.0, self.bound, 0.0, 0.0, NONE)
+        return p, PassiveState(sent, NONE, 0.0, 0.0, 0.0, self.bound, 0.0, 0.0, NONE, 0.0)
 
     @staticmethod
     def step(p, s, x, over, gain):
@@ -461,7 +464,9 @@ class Passive(Block):
         after = where(at + ONE < size, at + ONE, NONE)
         before, now = s.sent[at], s.sent[after]
         moved = where(s.begun > 0.0, over - s.last, 0.0)
-        known = abs(moved) <= p.reach  # a leap is no motion: the worst counts, and NaN, too
+        same = where(moved == 0.0, s.same + 1.0, 0.0)
+        # a leap is no motion, nor is NaN, and a sensor may be stuck: the worst counts
+        known = where(same > p.still, 0.0, where(abs(moved) <= p.reach, 1.0, 0.0)) > 0.0
         acting = p.rest * before + (1.0 - p.rest) * now
         held = p.reach * (p.rest * abs(before) + (1.0 - p.rest) * abs(now))
         done = where(known, acting * moved, -held)
@@ -489,6 +494,7 @@ class Passive(Block):
             work,
             where(-least > s.given, -least, s.given),
             s.leaps + where(known, NONE, ONE),
+            same,
         )
 
 

@@ -116,6 +116,10 @@ class Passivity:
         motion within a sample counts as straight.
     encoder : float, m
         Step of the measured position, by which the true one may differ.
+    still : float, s, optional
+        For how long a position may be the same before it counts as stuck, and is no
+        longer trusted; the bound grows by full scale times speed times ``still`` then.
+        By default a sensor never counts as stuck.
     axes : dict of str to str, optional
         The position of each force, {output: input}; by default the only one that it
         depends on.  A force over no position, such as a vibration, is not observed.
@@ -141,8 +145,9 @@ class Passivity:
 
     Examples
     --------
-    >>> Passivity(0.01, damping=2.0, delay=0.003)
-    Passivity(bound=0.01, damping=2.0, speed=1.0, delay=0.003, encoder=0.0, axes=None)
+    >>> limits = Passivity(0.01, damping=2.0, delay=0.003)
+    >>> limits.bound, limits.speed
+    (0.01, 1.0)
     """
 
     bound: Above0
@@ -150,6 +155,7 @@ class Passivity:
     speed: Above0 = 1.0
     delay: From0 = 0.0
     encoder: From0 = 0.0
+    still: Above0 | None = None
     axes: Mapping[str, str] | None = None
 
 
@@ -368,7 +374,7 @@ def protect(scene: Scene, safety: Safety, over: Mapping[str, Block] | None = Non
     made: dict[str, Block] = {n: Mul(_limited(n, scene, safety, scales[n]), gain) for n in names}
     p: Any = safety.passivity
     for n, x in (guarded(scene, safety) if over is None else over).items():
-        numbers = scales[n], p.bound, p.damping, p.speed, p.delay, p.encoder
+        numbers = scales[n], p.bound, p.damping, p.speed, p.delay, p.encoder, p.still
         made[n] = _counted(Passive(made[n], x, gain, *numbers), made[n], "passivity", n)
     return Scene(made)
 

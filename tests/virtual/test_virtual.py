@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from commands import ran, refuses
+from looped import BOUND, FAULTS, MOST, judged
 from refusals import refused
 from scipy.integrate import solve_ivp
 
@@ -13,7 +14,7 @@ import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnknownName, constant
 from stimlib.analysis import needed_damping
 from stimlib.blocks import fir, friction, spring, wall
-from stimlib.virtual import Device, Hand, margin, read_device, swept_damping, try_on
+from stimlib.virtual import Device, Faults, Hand, margin, read_device, swept_damping, try_on
 
 X = Input("x", "m")
 NOTHING = Scene({"force": 0.0 * spring(X, 1.0)})
@@ -191,3 +192,62 @@ def test_the_command_says_whether_it_comes_to_rest(tmp_path):
     facts = json.loads(ran([*how, "--hand", "0.1,6,500", "--json"]).stdout)
     assert facts["settles"] and facts["given"] > 0
     refuses([*how, "--hand", "1,2"], "such as 0.02,1,100")
+
+
+# Behind the safety stage --------------------------------------------------------------
+@pytest.mark.parametrize("tens", range(10))
+def test_no_scene_gives_more_than_the_bound_to_a_hand(tens):
+    """A tenth of what ``benchmarks/closed_loop.py`` runs."""
+    rows = [judged(seed) for seed in range(10 * tens, 10 * tens + 10)]
+    for row in rows:
+        assert max(row["on"], row["observed"]) <= BOUND * (1 + 1e-9)
+        assert row["most"] <= MOST and row["told"] == 0
+        assert (row["error"] > 0) == (row["changed"] > 0)
+    assert sum(row["off"] > BOUND for row in rows) + 10 * (tens == 3) >= 1, "some are active"
+
+
+@pytest.mark.parametrize("fault", [*FAULTS][1:])
+def test_a_fault_of_the_hardware_stays_within_force_and_energy(fault):
+    """Exactly where the fault is seen at once; the table of the docs has the rest."""
+    rows = [judged(seed, fault) for seed in range(10)]
+    factor = 1 + 1e-9 if "jumps" in fault else 2.0
+    assert max(row["on"] for row in rows) <= factor * BOUND
+    assert max(row["most"] for row in rows) <= MOST
+    if "jumps" in fault or "stuck" in fault:
+        assert all(row["told"] for row in rows)
+
+
+def test_what_faults_do():
+    d, how = Device(0.1, 5.0), {"push": 1.0, "seconds": 0.5}
+
+    def run(**words):
+        return try_on(springy(100.0), d, faults=Faults(**words), **how)
+
+    sound, jump, stuck = run(), run(jump=(0.2, 1e-3)), run(stuck=(0.2, 0.3))
+    np.testing.assert_array_equal(jump.force[:200], sound.force[:200])
+    assert jump.force[200] - sound.force[200] == pytest.approx(0.1)
+    assert np.ptp(stuck.force[200:300]) == 0 < np.ptp(stuck.force[301:])
+    drops = np.mean(np.diff(run(dropped=0.3).force[1:]) == 0.0)
+    assert 0.25 < drops < 0.35
+    weak, strong = (
+        run(saturated=(0.0, 0.3)),
+        try_on(springy(100.0), dc.replace(d, limit=0.3), **how),
+    )
+    np.testing.assert_array_equal(weak.position, strong.position)
+    assert run(lost=1.0).work[-1] == 0.0
+    refused(BadValue, "parts 0 to 1", Faults, dropped=1.5)
+    refused(BadValue, "finite", Faults, jump=(np.nan, 1.0))
+
+
+def test_tremor_is_of_8_to_12_hz_and_of_the_stated_amplitude():
+    hand = Hand(0.05, 3.0, 300.0, tremor=1e-3)
+    t = np.arange(0, 200, 1e-2)
+    shaking = hand.shaking(t, 3)
+    assert np.sqrt(2) * shaking.std() == pytest.approx(1e-3, rel=0.1)
+    power = np.abs(np.fft.rfft(shaking)) ** 2
+    f = np.fft.rfftfreq(t.size, 1e-2)
+    assert power[(f > 7.9) & (f < 12.1)].sum() > 0.99 * power.sum()
+    light = Device(0.03, 0.1)
+    one, same, other = (try_on(NOTHING, light, hand, seed=s).position for s in (1, 1, 2))
+    assert np.array_equal(one, same) and np.abs(one - other).max() > 1e-4
+    refused(BadValue, "tremor reaches the device by", Hand, 0.1, tremor=1e-3)

@@ -420,7 +420,9 @@ def _passive(b, fs, x, y):
     reach, (part, whole) = b.speed / fs + b.encoder, math.modf(round(b.late * fs, 9))
     now, then = (np.r_[np.zeros(int(whole) + k), y][: y.size] for k in (1, 2))
     moved = np.diff(x[1], prepend=x[1][:1])
-    known, held = np.abs(moved) <= reach, part * np.abs(then) + (1 - part) * np.abs(now)
+    since = np.arange(y.size) - np.maximum.accumulate(np.where(moved == 0, -1, np.arange(y.size)))
+    known = (np.abs(moved) <= reach) & (since <= (b.still or np.inf) * fs)
+    held = part * np.abs(then) + (1 - part) * np.abs(now)
     work = np.where(known, (part * then + (1 - part) * now) * moved, -held * reach)
     under_way, last = np.cumsum(np.abs(y)) - np.abs(y) - np.cumsum(held), np.r_[0.0, y[:-1]]
     blurred = np.cumsum(np.abs(np.diff(last, prepend=0.0))) + np.abs(last)
