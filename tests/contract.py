@@ -430,11 +430,22 @@ TABLE = [
         lambda x: ResponseLimit(x, RINGS, 2.0, 1500.0, 3),
         (held,),
     ),
+    Entry("active", "Active", lambda x: b.active(x, 0.5), (normal,), lti=True, unit="N"),
     Entry(
         "passive",
         "Passive",
         lambda x: Passive(
-            constant(60.0, "N/m") * x, x, constant(0.9), 1.5, 2e-3, 3.0, 0.5, 0.0035, 1e-5, 0.02
+            constant(60.0, "N/m") * x,
+            x,
+            constant(0.9),
+            1.5,
+            2e-3,
+            1e-3,
+            3.0,
+            0.5,
+            0.0035,
+            1e-5,
+            0.02,
         ),
         (squeeze,),
         unit="m",

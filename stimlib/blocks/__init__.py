@@ -19,7 +19,7 @@ from .fir_filters import differentiator, fir, moving_average
 from .fractional import equal_force, springpot, springpot_stiffness
 from .friction import friction, stick_slip
 from .impedance import first_order, hysteresis, kelvin_voigt, loading, spring, velocity
-from .integrals import energy, integrate
+from .integrals import active, energy, integrate
 from .noise import coloured_noise, pink_noise, pinking, white_noise
 from .oscillators import carrier, oscillator, pulse_train
 from .resonance import amplifier, mode, mode_shape, notch, pole_swap, resonator, svf
@@ -41,6 +41,7 @@ from .viscoelastic import (
 )
 
 __all__ = [
+    "active",
     "amplifier",
     "at",
     "band_noise",

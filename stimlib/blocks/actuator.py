@@ -408,8 +408,9 @@ class ResponseLimit(Block):
 #   blur    m, half a step of the encoder
 #   half    J, half of the bound
 #   brake   N/m, the largest damping over one sample
+#   rate    J, that a sample may give on purpose
 #   still   samples after which a position that stays is not trusted
-PassiveParams = namedtuple("PassiveParams", "reach rest blur half brake most still")
+PassiveParams = namedtuple("PassiveParams", "reach rest blur half brake most rate still")
 
 # State of `Passive` between samples.
 #   sent   the forces under way, in a ring
@@ -441,6 +442,7 @@ class Passive(Block):
     gain: Block  # of the fade
     most: float
     bound: Above0
+    power: float  # W, that x gives on purpose
     damping: float
     speed: Above0
     late: float  # s
@@ -452,7 +454,7 @@ class Passive(Block):
         late = round(self.late * fs, 9)
         p = PassiveParams(
             self.speed / fs + self.encoder, late % 1.0, self.encoder / 2, self.bound / 2,
-            self.damping * fs, self.most, self.still * fs if self.still else 1e300,
+            self.damping * fs, self.most, self.power / fs, self.still * fs if self.still else 1e300,
         )  # fmt: skip
         sent = np.zeros(int(late) + 2)
         return p, PassiveState(sent, NONE, 0.0, 0.0, 0.0, self.bound, 0.0, 0.0, NONE, 0.0)
@@ -470,7 +472,7 @@ class Passive(Block):
         acting = p.rest * before + (1.0 - p.rest) * now
         held = p.reach * (p.rest * abs(before) + (1.0 - p.rest) * abs(now))
         done = where(known, acting * moved, -held)
-        room = s.room + (held + done)
+        room = s.room + (held + done) + p.rate
         room = where(room > 0.0, room, 0.0)
         short = where(room < p.half, 1.0 - room / p.half, 0.0)
         y = where(known, where(short > 0.0, x + gain * p.brake * short * moved, x), x)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ..core.graph import Block
+from ..core.graph import Block, Map, reach
 from ..core.loops import loop
 from ..core.units import unit
 from ..design import responses
-from ..errors import BadValue, public
+from ..errors import Above0, BadValue, public
 from .events import as_signal
 from .filters import delay
 from .impedance import Lag, LagParams, LagState, sampled
@@ -108,6 +108,64 @@ def integrate(x: Block | float, leak: float = 0.0, onset: str = "step") -> Block
         lambda u: Integrate(u, leak),
         lambda y: 1 / leak if leak else math.inf,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Active(Map):
+    """The force x, which gives so much power on purpose."""
+
+    x: Block
+    power: Above0
+
+    def through(self, p, fs, z, H, value):
+        return H[0]
+
+    @staticmethod
+    def step(p, s, x):
+        return x, s
+
+
+@public
+def active(force: Block, power: Above0) -> Block:
+    """State that a force gives energy on purpose, as vibrations and motors do.
+
+    ``verify``, ``stimlib.virtual`` and the passivity controller of a device then allow
+    it power times the time since sample 0, in addition.
+
+    Parameters
+    ----------
+    force : Block
+        In N, or a torque.
+    power : float
+        The most that it gives on average, in W: a vibration of F N rms gives a hand
+        with a damping of b N s/m no more than F^2/b.
+
+    Returns
+    -------
+    Block
+        The force itself, bit for bit.
+
+    Raises
+    ------
+    BadValue
+        A power not above 0.
+
+    Examples
+    --------
+    A wall with a hum of 0.1 N, held by a finger of 1 N s/m at least:
+
+    >>> import stimlib
+    >>> from stimlib.blocks import active, constant, oscillator, wall
+    >>> hum = active(constant(0.1, "N") * oscillator(150.0), power=0.005)
+    >>> stimlib.Scene({"force": wall(stimlib.Input("x", "m"), 500.0) + hum})
+    Scene(x [m] -> force [N])
+    """
+    return Active(as_signal("active", force, "turn them into a force first"), power)
+
+
+def power_of(force: Block) -> float:
+    """Return the power in W that parts of a force state to give on purpose."""
+    return sum(b.power for b in reach([force]) if isinstance(b, Active))
 
 
 @public

@@ -14,6 +14,7 @@ from ..files.log_reader import MotionFile, SessionLog
 from ..files.log_replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
 from ..run.driver import walk
 from ..run.safety import GAIN, Watch, guarded, protect, to_device
+from ..virtual.device import Device
 from .evidence import Check, Evidence, at_first, last_of, seen_by, stated, with_taps
 from .local import blocks_held
 from .noise import generator, noise
@@ -29,6 +30,7 @@ def verify_log(
     *,
     params: Mapping[str, float] | None = None,
     seed: int | None = None,
+    device: Device | None = None,
 ) -> Report:
     """Verify the delivered samples of a session from its log.
 
@@ -48,6 +50,8 @@ def verify_log(
         Parameters that are expected at every sample, as for ``verify``.
     seed : int, optional
         The seed that is expected.
+    device : Device, optional
+        As of ``verify``.
 
     Returns
     -------
@@ -76,7 +80,7 @@ def verify_log(
         checks += scene_law(law)
     checks += [*limits_kept(e), *blocks_held(e)]
     say_felt(e)
-    say_energy(e)
+    say_energy(e, device)
     e.skipped += log.notes
     rows = (*(event.data for event in log.events if event.kind == "rows"), log.report or {})
     last = {"silent": "", "rejected": {}} | {k: v for data in rows for k, v in data.items()}
@@ -174,9 +178,9 @@ class _MadeSafe:
         inputs = [Input(n, "" if str(b.dim) == "1" else str(b.dim)) for n, b in names.items()]
         self.log, self.scales = log, log.safety.scales(log.outputs)
         over = guarded(log.scene, log.safety)
-        self.places = {f"x{k}": x.name for k, x in enumerate({*over.values()})}
+        self.places = {f"x{k}": x.name for k, x in enumerate({x for x, _ in over.values()})}
         made = {x: n for n, x in self.places.items()}
-        to = {n: Input(made[x.name], str(x.dim)) for n, x in over.items()}
+        to = {n: (Input(made[x.name], str(x.dim)), power) for n, (x, power) in over.items()}
         self.proc = processor(
             log, protect(Scene(dict(zip(log.outputs, inputs, strict=True))), log.safety, to)
         )

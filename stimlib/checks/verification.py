@@ -18,6 +18,7 @@ import numpy as np
 
 from ..analysis.passivity import damping_of
 from ..analysis.thresholds import CHANNELS, device_of, sensation_level
+from ..blocks.integrals import power_of
 from ..core.graph import Block, Const, Input, named, pack, reach, signals, type_name
 from ..core.scene import Scene
 from ..core.units import unit
@@ -28,6 +29,7 @@ from ..files.sidecar import told
 from ..run.driver import samples, walk
 from ..run.processor import Processor, compile
 from ..run.rendering import Rendering
+from ..virtual.device import Device
 from .evidence import Check, Evidence, gather, stated
 from .local import blocks_held
 from .noise import generator, noise
@@ -50,6 +52,7 @@ def verify(
     *,
     params: Mapping[str, float] | None = None,
     seed: int | None = None,
+    device: Device | None = None,
 ) -> Report: ...
 @overload
 def verify(
@@ -59,6 +62,7 @@ def verify(
     *,
     params: Mapping[str, float] | None = None,
     seed: int | None = None,
+    device: Device | None = None,
 ) -> Report: ...
 @public
 def verify(
@@ -68,6 +72,7 @@ def verify(
     *,
     params: Mapping[str, float] | None = None,
     seed: int | None = None,
+    device: Device | None = None,
 ) -> Report:
     """Verify a rendering, or a file, against its scene and motion.
 
@@ -92,6 +97,9 @@ def verify(
         first line of the report.
     seed : int, optional
         The seed that is expected.
+    device : Device, optional
+        Of ``stimlib.virtual``: the report then says of each force over a position what
+        energy it gives there, the damping that it needs, and the smallest margin.
 
     Returns
     -------
@@ -153,7 +161,7 @@ def verify(
     groups = linear_blocks, same_samples, generator, noise, scene_law, limits_kept, blocks_held
     checks = [*stated(e, params, seed), *(check for group in groups for check in group(e))]
     say_felt(e)
-    say_energy(e)
+    say_energy(e, device)
     return Report(checks, e)
 
 
@@ -445,8 +453,12 @@ def say_felt(e: Evidence) -> None:
         e.numbers.append(text)
 
 
-def say_energy(e: Evidence) -> None:
-    """Add a line to the report for each force over a position: the energy it gave."""
+def say_energy(e: Evidence, device: Device | None = None) -> None:
+    """Add a line to the report for each force over a position: the energy it gave.
+
+    With a device it is the energy of the force that comes late, and the damping that
+    this needs is compared with the device's.
+    """
     pairs = [
         (output, name, force.dim * unit("s") / over.dim)
         for output, force in e.scene.outputs.items()
@@ -456,18 +468,44 @@ def say_energy(e: Evidence) -> None:
     if not pairs:
         return
     rows = [([*e.scene.outputs].index(y), [*e.proc.inputs].index(x)) for y, x, _ in pairs]
-    work, least = np.zeros(len(rows)), np.zeros(len(rows))
-    ends = None  # of the stretch before
+    power = np.array([power_of(e.scene.outputs[output]) for output, *_ in pairs])
+    work, least, beyond = np.zeros((3, len(rows)))
+    delay = 0.0 if device is None else device.delay
+    late, ends = round(delay * e.fs), None  # of the stretch before
     for s in e.stretches():
-        y, x = (s.y, s.x) if ends is None else map(np.hstack, zip(ends, (s.y, s.x), strict=True))
+        if ends is None:
+            ends = np.zeros((len(s.y), late + 1)), np.repeat(s.x[:, :1], late + 1, axis=1)
+        y, x = map(np.hstack, zip(ends, (s.y, s.x), strict=True))
+        ends, n = (y[:, -late - 1 :], x[:, -late - 1 :]), s.y.shape[1]
+        t = (s.at + np.arange(n)) / e.fs
         for k, (row, column) in enumerate(rows):
-            done = work[k] + np.cumsum(y[row, :-1] * np.diff(x[column]))  # each sample is held
+            # each sample is held
+            done = work[k] + np.cumsum(y[row, :n] * np.diff(x[column])[-n:])
             least[k] = min(least[k], done.min(initial=0.0))
-            work[k] = done[-1] if done.size else work[k]
-        ends = y[:, -1:], x[:, -1:]
-    needed = damping_of(e.proc)
-    for (output, name, per), given in zip(pairs, -1e3 * least, strict=True):
-        text = f"{output} over {name}: gave at most {given + 0.0:.3g} mJ more than it had got"
-        if (output, name) in needed:
-            text += f"; passive in a device with {needed[output, name]:.3g} {per}, undelayed"
+            beyond[k] = min(beyond[k], (done + power[k] * t).min(initial=0.0))
+            work[k] = done[-1] if n else work[k]
+    needed, margins = damping_of(e.proc, delay), {}
+    for k, (output, name, per) in enumerate(pairs):
+        text = f"{output} over {name}: gave at most {-1e3 * least[k] + 0.0:.3g} mJ more than it"
+        text += " had got" if device is None else f" had got, {1e3 * delay:.3g} ms late"
+        if power[k]:
+            text += (
+                f"; it states to give {1e3 * power[k]:.3g} mW on purpose, and gave"
+                f" {-1e3 * beyond[k] + 0.0:.3g} mJ beyond this"
+            )
+        need = needed.get((output, name))
+        if device is None and need:
+            text += f"; passive in a device with {need:.3g} {per}, undelayed"
+        elif device is not None and need:
+            margins[f"{output} over {name}"] = margin = device.damping / need
+            text += (
+                f"; it needs {need:.3g} {per} and the device has {device.damping:.3g}:"
+                f" {'passive' if margin >= 1 else 'not passive'} in every hand, up to"
+                f" {margin:.3g} times its stiffness"
+            )
+        elif device is not None:
+            text += "; its law gives no damping that it needs: try it in a closed loop"
         e.numbers.append(text)
+    if margins:
+        worst = min(margins, key=margins.__getitem__)
+        e.numbers.append(f"smallest margin of passivity: {margins[worst]:.3g}, {worst}")

@@ -57,6 +57,14 @@ def verify_(
         int | None,
         typer.Option(help="Seed that you expect; by default that of the file.", show_default=False),
     ] = None,
+    device: Annotated[
+        Path | None,
+        typer.Option(
+            help="A device as JSON, as for [bold]stimlib try[/]: report whether its damping is"
+            " enough for each force.",
+            show_default=False,
+        ),
+    ] = None,
     import_: opt.Import = [],
     json_: opt.Json = False,
 ):
@@ -87,7 +95,10 @@ def verify_(
         check_place(report, "page", PAGES)
     run_files(import_)
     scene, wav = _what(scene, wav, log)
-    result = (_of_log if log else _of_file)(log, scene, wav, motions, params, seed)
+    from ..virtual import read_device
+
+    made = None if device is None else read_device(device)
+    result = (_of_log if log else _of_file)(log, scene, wav, motions, params, seed, made)
     try:
         print_result(result, json_)
     # a disk that is full costs the page alone, and a reader that goes away the table
@@ -120,7 +131,13 @@ def _what(scene: str | None, wav: Path | None, log: Path | None) -> tuple[str | 
 
 
 def _of_log(
-    log: Any, scene: str | None, wav: Path | None, motions: Any, params: list[str], seed: int | None
+    log: Any,
+    scene: str | None,
+    wav: Path | None,
+    motions: Any,
+    params: list[str],
+    seed: int | None,
+    device: Any,
 ) -> Any:
     """Return the verification report of a log, against the expected scene if given."""
     if wav is not None or given(motions):
@@ -131,11 +148,17 @@ def _of_log(
     expected = None if scene is None else scene_of(scene)
     read = files.read_log(log)
     stated = params_of(params, read.scene) if params else None
-    return checks.verify_log(read, expected, params=stated, seed=seed)
+    return checks.verify_log(read, expected, params=stated, seed=seed, device=device)
 
 
 def _of_file(
-    log: Any, scene: str | None, wav: Path | None, motions: Any, params: list[str], seed: int | None
+    log: Any,
+    scene: str | None,
+    wav: Path | None,
+    motions: Any,
+    params: list[str],
+    seed: int | None,
+    device: Any,
 ) -> Any:
     """Return the report of a file, checked against the scene and motion if given."""
     from ..checks.verification import scene_told
@@ -147,7 +170,7 @@ def _of_file(
     if given(motions):
         motion = motions(expected or scene_told(wav), contact=touching(scene or ""))[0]
     stated = params_of(params, expected or scene_told(wav)) if params else None
-    return checks.verify(expected, motion, wav, params=stated, seed=seed)
+    return checks.verify(expected, motion, wav, params=stated, seed=seed, device=device)
 
 
 def _names_a_scene(text: str) -> bool:

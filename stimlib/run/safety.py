@@ -19,6 +19,7 @@ import numpy as np
 from ..blocks.actuator import ForceLimit, Passive, ResponseLimit, Tally, slew_limit, static_limit
 from ..blocks.filters import delay
 from ..blocks.fir_filters import fir
+from ..blocks.integrals import power_of
 from ..core.graph import Block, Const, Input, Mul, named
 from ..core.guard import Guard
 from ..core.parameter import Param
@@ -105,7 +106,8 @@ class Passivity:
     Parameters
     ----------
     bound : float, J
-        The most that a force gives beyond what it has got.
+        The most that a force gives beyond what it has got, and beyond the power that it
+        states to give (``stimlib.blocks.active``).
     damping : float, N s/m
         The largest damping that is added; 0: the force only becomes smaller.
     speed : float, m/s
@@ -316,7 +318,9 @@ def quiet_scale(scene: Scene) -> float:
 
 
 @public
-def protect(scene: Scene, safety: Safety, over: Mapping[str, Block] | None = None) -> Scene:
+def protect(
+    scene: Scene, safety: Safety, over: Mapping[str, tuple[Block, float]] | None = None
+) -> Scene:
     """Return a scene whose outputs are safe for a device.
 
     Every output is limited to the peak force (outputs in N) and to full scale. Then
@@ -332,8 +336,9 @@ def protect(scene: Scene, safety: Safety, over: Mapping[str, Block] | None = Non
     ----------
     scene : Scene
     safety : Safety
-    over : dict of str to Block, optional
-        The position of each force, for ``passivity``; by default as it says.
+    over : dict of str to (Block, float), optional
+        For ``passivity``: of each force its position, and the power that it gives on
+        purpose; by default those of the scene.
 
     Returns
     -------
@@ -373,14 +378,17 @@ def protect(scene: Scene, safety: Safety, over: Mapping[str, Block] | None = Non
     gain = Param(GAIN, 0.0)
     made: dict[str, Block] = {n: Mul(_limited(n, scene, safety, scales[n]), gain) for n in names}
     p: Any = safety.passivity
-    for n, x in (guarded(scene, safety) if over is None else over).items():
-        numbers = scales[n], p.bound, p.damping, p.speed, p.delay, p.encoder, p.still
+    for n, (x, power) in (guarded(scene, safety) if over is None else over).items():
+        numbers = scales[n], p.bound, power, p.damping, p.speed, p.delay, p.encoder, p.still
         made[n] = _counted(Passive(made[n], x, gain, *numbers), made[n], "passivity", n)
     return Scene(made)
 
 
-def guarded(scene: Scene, safety: Safety) -> dict[str, Input]:
-    """Return the forces that a passivity controller guards, with their positions."""
+def guarded(scene: Scene, safety: Safety) -> dict[str, tuple[Input, float]]:
+    """Return the forces that a passivity controller guards.
+
+    Each has its position, and the power in W that it states to give on purpose.
+    """
     p: Any = safety.passivity
     if p is None:
         return {}
@@ -391,14 +399,14 @@ def guarded(scene: Scene, safety: Safety) -> dict[str, Input]:
         inputs = named([force], Input)
         over = [n for n, x in inputs.items() if force.dim * x.dim == unit_of("J")]
         if axes and name in axes:
-            found[name] = scene.inputs[axes[name]]
+            found[name] = scene.inputs[axes[name]], power_of(force)
         elif len(over) > 1:
             raise BadValue(
                 f"Passivity: {name} depends on {', '.join(over)}: say along which it acts, such as"
                 f" axes={{{name!r}: {over[0]!r}}}"
             )
         elif over:
-            found[name] = inputs[over[0]]
+            found[name] = inputs[over[0]], power_of(force)
     if not found:
         raise BadValue("Passivity: no output is a force over a position (N over m): leave it out")
     return found

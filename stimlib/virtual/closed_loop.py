@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from ..blocks.filters import delay
+from ..blocks.integrals import power_of
 from ..core.graph import Input
 from ..core.scene import Scene
 from ..core.units import unit
 from ..errors import Above0, BadValue, Count, From0, need, public
 from ..run.processor import compile
-from ..run.safety import GAIN, Safety, Watch, protect
+from ..run.safety import GAIN, Safety, Watch, protect, said_of_energy
 from .device import Device, Faults, Hand, Mechanism
 
 NOBODY, SOUND = Hand(), Faults()
@@ -130,7 +131,7 @@ def try_on(
     told = {} if safety is None else Watch(proc).told()
     return ClosedLoop(
         t[:n], position, read, velocity, y[:, row], np.cumsum(work), y[:, -1], fs, device, hand,
-        told,
+        power_of(scene.outputs[output]), told,
     )  # fmt: skip
 
 
@@ -291,6 +292,8 @@ class ClosedLoop:
     fs : float, Hz
     device : Device
     hand : Hand
+    power : float, W
+        That the scene states to give on purpose, see ``stimlib.blocks.active``.
     told : dict
         What the safety stage did, as in the report of a session: "clips", "faults" and
         "energy".
@@ -306,6 +309,7 @@ class ClosedLoop:
     fs: float
     device: Device
     hand: Hand
+    power: float
     told: dict[str, dict[str, Any]]
 
     @property
@@ -315,6 +319,11 @@ class ClosedLoop:
         A passive scene that starts without stored energy gives none.
         """
         return max(0.0, -float(self.work.min()))
+
+    @property
+    def beyond(self) -> float:
+        """The energy in J that it gave beyond what it states to give on purpose."""
+        return max(0.0, -float(np.min(self.work + self.power * (self.t + 1 / self.fs))))
 
     @property
     def swing(self) -> tuple[float, float]:
@@ -357,6 +366,12 @@ class ClosedLoop:
             f"the scene gave {1e3 * self.given:.3g} mJ more than it had got; the hand did"
             f" {1e3 * self.work[-1]:.3g} mJ in all"
         )
+        if self.power:
+            lines.append(
+                f"it is active on purpose, {1e3 * self.power:.3g} mW: {1e3 * self.beyond:.3g} mJ"
+                " were beyond this"
+            )
+        lines += said_of_energy(self.told.get("energy", {}))
         return "\n".join(lines)
 
 

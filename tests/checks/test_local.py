@@ -50,6 +50,7 @@ EXACT = [
     "NotBelowZero",
     "ForceLimit",
     "Tally",
+    "Active",
     "Guard",
     "Delay",
     "First",

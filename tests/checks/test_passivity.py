@@ -15,6 +15,7 @@ from stimlib import BadValue, Input, Scene
 from stimlib.analysis import passivity
 from stimlib.analysis.passivity import damping_of, needed_damping
 from stimlib.blocks import (
+    active,
     button,
     constant,
     detents,
@@ -27,6 +28,7 @@ from stimlib.blocks import (
     white_noise,
 )
 from stimlib.cli.app import app
+from stimlib.run.safety import Passivity, Safety, protect
 
 X = Input("x", "m")
 
@@ -172,6 +174,44 @@ def test_a_report_has_the_energy_of_each_force_over_its_own_position():
         "torque over angle: gave at most 0 mJ more than it had got;"
         " passive in a device with 0.001 kg·m²·s⁻¹, undelayed",
     ]
+    # in a device: the force acts late, and its damping is what there is
+    device = stimlib.virtual.Device(0.1, 0.4, delay=0.003)
+    given = (
+        -1e3 * np.cumsum(np.r_[np.zeros(4), made["force"]][:1000] * np.diff(place, prepend=0)).min()
+    )
+    told = stimlib.verify(scene, motion, made, device=device).evidence.numbers
+    assert told == [
+        f"force over x: gave at most {given:.3g} mJ more than it had got, 3 ms late;"
+        " it needs 3.5 N·s/m and the device has 0.4: not passive in every hand, up to"
+        " 0.114 times its stiffness",
+        "torque over angle: gave at most 0 mJ more than it had got, 3 ms late;"
+        " it needs 0.007 kg·m²·s⁻¹ and the device has 0.4: passive in every hand, up to"
+        " 57.1 times its stiffness",
+        "smallest margin of passivity: 0.114, force over x",
+    ]
+
+
+def test_a_scene_that_is_active_on_purpose_is_judged_by_its_own_bound():
+    """A motor that pushes with 1 N along 0.1 m, and says so or not."""
+    x, t = Input("x", "m"), np.arange(1000) / 1000
+    push = constant(-1.0, "N") + 0.0 * spring(x, 1.0)
+    for power, beyond in ((None, 99.9), (0.04, 59.9), (0.2, 0.0)):
+        force = push if power is None else active(push, power)
+        scene = Scene({"F": force})
+        made = stimlib.render(scene, {"x": 0.1 * t}, fs=1000, seconds=1.0)
+        (told,) = stimlib.verify(scene, {"x": 0.1 * t}, made).evidence.numbers
+        assert told.startswith("F over x: gave at most 99.9 mJ more")
+        if power:
+            assert (
+                f"states to give {1e3 * power:.3g} mW on purpose, and gave {beyond:.3g} mJ" in told
+            )
+        bound = Passivity(0.01)
+        proc = stimlib.compile(protect(scene, Safety(5.0, passivity=bound)), 1000)
+        proc.set("sink_gain", 1.0, ramp=0.0)
+        y = proc.process((0.1 * t)[None])[0]
+        assert -np.cumsum(y[:-1] * np.diff(0.1 * t)).min() <= (0.01 + (power or 0.0)) * (1 + 1e-9)
+        if beyond == 0.0:
+            assert (y == -1.0).all()
 
 
 def test_the_damping_of_many_outputs_asks_each_for_its_own_inputs(monkeypatch):

@@ -347,7 +347,7 @@ def test_positions_of_forces():
         wrong = Safety(1.0, passivity=Passivity(1.0, axes=axes))
         refused(UnknownName, error, protect, both, wrong)
     told = Safety(1.0, passivity=Passivity(1.0, axes={"F": "y"}))
-    assert {n: x.name for n, x in guarded(both, told).items()} == {"F": "y", "G": "y"}
+    assert {n: x.name for n, (x, _) in guarded(both, told).items()} == {"F": "y", "G": "y"}
     none = Scene({"F": constant(1.0, "N") * Input("u")})
     refused(BadValue, "no output is a force over", protect, none, Safety(1.0, passivity=GIVES))
     refused(BadValue, "give only one", Safety, 1.0, inverse=INVERSE, passivity=GIVES)

@@ -426,7 +426,13 @@ def _passive(b, fs, x, y):
     work = np.where(known, (part * then + (1 - part) * now) * moved, -held * reach)
     under_way, last = np.cumsum(np.abs(y)) - np.abs(y) - np.cumsum(held), np.r_[0.0, y[:-1]]
     blurred = np.cumsum(np.abs(np.diff(last, prepend=0.0))) + np.abs(last)
-    left = b.bound + np.cumsum(work) - reach * under_way - b.encoder / 2 * blurred
+    left = (
+        b.bound
+        + b.power / fs * np.arange(1, y.size + 1)
+        + np.cumsum(work)
+        - reach * under_way
+        - b.encoder / 2 * blurred
+    )
     short = np.clip(1 - 2 * left / b.bound, 0.0, 1.0) * known
     most = np.minimum(b.most * x[2], np.maximum(left, 0.0) / (reach + b.encoder))
     return near(np.clip(x[0] + x[2] * b.damping * fs * moved * short, -most, most), 1e-9)

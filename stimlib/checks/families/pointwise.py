@@ -40,6 +40,7 @@ _maps(
             np.isfinite(x), np.minimum(np.maximum(x, -peak), peak), x
         ),
         "Tally": lambda x, before, after: x,
+        "Active": lambda x: x,
     },
     {"Exp": np.exp, "Log": np.log, "Sin": np.sin, "Cos": np.cos, "Tanh": np.tanh},
 )
