@@ -4,6 +4,7 @@ that use nothing of the code under test.
 
 import numpy as np
 import pytest
+import scipy
 from refusals import refused
 
 import stimlib
@@ -195,7 +196,16 @@ def test_the_default_squeeze_is_felt_and_with_a_level_of_1_it_is_not():
     assert default == pytest.approx(quiet + db(9.0), abs=0.01)
     assert [default, less, quiet] == pytest.approx([10.4, 9.4, -8.7], abs=0.1) and lighter > 10
     assert "felt" in str(found[9.0, 0.1]) and "near" in str(found[8.0, 0.1])
-    assert stimlib.render(squeeze(fingers=1), press, FS, 1.0).felt().pacinian == default
+    y = stimlib.render(squeeze(fingers=1), press, FS, 1.0)
+    assert y.felt().pacinian == default
+    # by hand: the acceleration of 0.1 kg in parts of the threshold, squared, over 0.2 s
+    f, lines = np.fft.rfftfreq(8000, 1 / FS), np.fft.rfft(y["force1"] - 2000 * press["x1"](y.t))
+    in_band = (f >= 40) & (f <= 320)
+    threshold = 1e-7 * np.maximum(250 / np.maximum(f, 1), 1) ** 2 * (2 * np.pi * f) ** 2
+    parts = np.fft.irfft(np.where(in_band, lines / 0.1 / np.maximum(threshold, 1e-9), 0))
+    leak = 1 - np.exp(-1 / (0.2 * FS))
+    energy = scipy.signal.lfilter([leak], [1, leak - 1], 2 * parts**2)  # 1 for a tone there
+    assert 10 * np.log10(energy.max()) == pytest.approx(default, abs=0.05)
 
 
 def test_the_report_says_what_is_felt_and_what_rounding_costs(tmp_path):
