@@ -1,6 +1,6 @@
 """Every block of the table beyond the rates and sizes that it was made for: run below
-1 kHz and above 192 kHz, on inputs down to 1e-300 and up to 1e90, against its reference
-law; and what scales, scales exactly.
+1 kHz and above 192 kHz, on inputs down to 1e-300, and up to 1e90 where it is linear,
+against its reference law; and what scales, scales exactly.
 
 A draw of them; in ``make stress`` all.
 """
@@ -21,7 +21,7 @@ from stimlib.errors import StimlibError
 RATES = 8.0, 100.0, 384e3, 1e6
 POWERS = -300, 100, 333, 600, 665, 997  # of 1/2: 1e90, 1e-30, 1e-100, 1e-180, 1e-200, 1e-300
 EXACT = 600  # until here second words, 2^-106 of a state, are far above maths.TINY
-N = 200
+N = 260
 DRIVEN = [e for e in TABLE if e.inputs]
 
 
@@ -46,7 +46,7 @@ def scaled(entry, fs, power):
     assert not far, f"{entry.name} at {fs:g} Hz, inputs times 2^{-power}, in tolerances: {far}"
     proc.reset()
     y = run(proc, rows(proc, x, entry.inputs))
-    assert proc.fault is None or (power < 0 and not entry.lti)  # exp(1e90) is inf
+    assert proc.fault is None
     return y
 
 
@@ -54,15 +54,15 @@ def scaled(entry, fs, power):
 def usual(entry, fs):
     """Samples of the usual inputs; and whether they scale, as those of 2^-40 do."""
     y = scaled(entry, fs, 0)
-    return y, entry.lti or np.array_equal(scaled(entry, fs, 40), np.ldexp(y, -40))
+    return y, entry.lti or y.any() and np.array_equal(scaled(entry, fs, 40), np.ldexp(y, -40))
 
 
 def assert_lawful(entry, fs, power):
-    if built(entry, fs) is None:
+    if built(entry, fs) is None or (power < 0 and not entry.lti):  # exp(1e90) is inf
         return
     y, scales = usual(entry, fs)
     small = scaled(entry, fs, power)
-    if scales and (power >= 0 or entry.lti):  # limits act on what is large
+    if scales:
         limit = 0.0 if power <= EXACT else local.FADED
         np.testing.assert_allclose(small, np.ldexp(y, -power), rtol=0, atol=limit)
 

@@ -25,7 +25,9 @@ from .movement import Over, PlaceState
 # a straight one. So the work of any motion, sum F dx, is at least the energy k z^2/2
 # that is stored.
 FARTHEST = 1e100  # m before anything slips: a spring without any stiffness
-LEAST = 1e-150  # m of a slip: shorter ones count as none, as their squares underflow
+LEAST = 1e-300  # m of a slip: shorter ones count as none
+# below the first, lengths are multiplied by the second before they are squared
+SHORT, LONGER = 1e-150, 2.0**1000
 
 
 def amount(who: str, name: str, v, text: str, zero: bool = True, why: str = "") -> Block:
@@ -411,8 +413,10 @@ class StickSlip(Friction):
         # whole ones, between the first slip and the last
         teeth = where(more > 0.0, floor(over(more, q)) * q, 0.0)
         rest = between(more - teeth, 0.0, q)
-        area = 0.5 * (c - z) * (c + z) + teeth * (c - 0.5 * q) + rest * (c - q + 0.5 * rest)
-        mean = where(more > 0.0, sign(t) * over(area, abs(dx)), z + 0.5 * dx)
+        up = where(c < SHORT, LONGER, 1.0)
+        area = 0.5 * (up * (c - z)) * (c + z) + up * teeth * (c - 0.5 * q)
+        area = area + up * rest * (c - q + 0.5 * rest)
+        mean = where(more > 0.0, sign(t) * over(area, up * abs(dx)), z + 0.5 * dx)
         none = 0.0 * q  # where nothing can stick
         after = where(sticks > 0.0, where(more > 0.0, sign(t) * (c - q + rest), t), none)
         return k * where(sticks > 0.0, mean, none), FrictionState(x, after, k, 0.0)

@@ -255,12 +255,11 @@ def _sawtooth(z: float, d: float, c: float, tooth: float) -> tuple[float, float]
     start = z = min(max(z, -c), c)
     rest = a
     while rest > (room := c - s * z):
-        area, rest, z = area + room * (z + s * c) / 2, rest - room, s * (c - tooth)
+        area, rest, z = area + room / a * (z + s * c) / 2, rest - room, s * (c - tooth)
         if rest > MANY * tooth:  # teeth that are smaller than what the way can tell would never end
             whole = rest - (math.fmod(rest, tooth) if tooth and math.isfinite(rest) else 0.0)
-            area, rest = area + whole * s * (c - tooth / 2), rest - whole
-    area, z = area + rest * (z + s * rest / 2), z + s * rest
-    return (area / a if a else start), z
+            area, rest = area + whole / a * s * (c - tooth / 2), rest - whole
+    return (area + rest / a * (z + s * rest / 2) if a else start), z + s * rest
 
 
 # The checks ---------------------------------------------------------------------------
@@ -536,5 +535,4 @@ def _stribeck(b, fs, x, y):
 @law("StickSlip", since=1)
 def _stick_slip(b, fs, x, y):
     want, begin = stick_slip(x[0], x[3], x[2], x[1], b.left, y, x.rest)
-    tol = TOL * max(float(np.abs(want).max()), LEAST)
-    return want, np.where(np.arange(y.size) < begin, np.inf, tol)
+    return want, np.where(np.arange(y.size) < begin, np.inf, near(want, TOL)[1])

@@ -179,7 +179,8 @@ def _svf(b, fs, x, y):
         s1, s2 = 2 * bp - s1, 2 * lp - s2
         want[n] = high * hp + band * k[n] * bp + low * lp
     # at fs/2 and above what passes is a rounding
-    return want, max(near(want, 1e-9)[1], 1e-15 * float(np.abs(x[0]).max()))
+    least = 4e-15 * (1 + max(k)) * float(np.abs(x[0]).max())
+    return want, max(near(want, 1e-9)[1], least)
 
 
 @response("Mode")
