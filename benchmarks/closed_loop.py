@@ -1,7 +1,7 @@
 """Which shipped force scenes come to rest on virtual devices, in which hands.
 
-    PYTHONPATH=tests python benchmarks/closed_loop.py            print
-    PYTHONPATH=tests python benchmarks/closed_loop.py --record   and keep docs/tutorial/*.csv
+    PYTHONPATH=tests python benchmarks/closed_loop.py           print
+    PYTHONPATH=tests python benchmarks/closed_loop.py --record  keep docs/tutorial/*.csv
 
 Each hand is thrown at the scene from 10 mm away. A cell has how many of five hands
 come to rest, and the damping that the worst hand needs. Then random force scenes on

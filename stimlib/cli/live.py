@@ -82,11 +82,12 @@ def live(
         float,
         typer.Option(
             help=(
-                "Bandwidth in Hz of the filter that follows the pointer. A lower one is smoother "
-                "but later: the delay is 25 ms + 320 ms / bandwidth."
+                "Bandwidth in Hz of the filter that follows the pointer, at most a quarter of the "
+                "sample rate. A lower one is smoother but later: the delay is 25 ms + 320 ms / "
+                "bandwidth, 65 ms by default."
             )
         ),
-    ] = 11.0,
+    ] = 8.0,
     folder: Annotated[
         Path, typer.Option(help="Folder for recordings; each is the log of a session.")
     ] = Path("."),

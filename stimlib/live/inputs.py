@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks.tracking import track
+from ..blocks.fir_filters import moving_average
 from ..core.graph import Block, Input
 from ..core.scene import Scene
 from ..devices.sources import NONE, none_of, positions_of
@@ -25,20 +25,24 @@ from ..run.processor import Processor, compile
 from .protocol import FINGERS, POINTERS
 
 Array = NDArray[np.float64]
-SMOOTH = 11.0
-"""Bandwidth in Hz of the smoothing of a pointer, which delays by 29 ms."""
+SMOOTH = 8.0
+"""Bandwidth in Hz of the smoothing of a pointer, which delays by 40 ms."""
+# parts of its length, of three means in turn: of all threes this has the least above
+# four times the bandwidth
+MEANS = 0.404, 0.335, 0.261
 DELAY = 0.025
 """Seconds by which a pointer's motion is delayed, so that the next report has come when
 the samples before it are made: 17 ms between two reports at 60 Hz, the way to the
 server, and a block.
 """
-# a pointer that has rested for more than two of these (s) began to move so long before
-# its next report
-APART = 1 / 60
 KEPT = 128  # reports of each finger
 WINDOW = 1.0  # s over which two clocks are compared
 CHANGE = 0.1
 """Seconds in which an input blends to a new source."""
+CATCH_UP = 0.15
+"""Seconds in which the motion of a pointer catches up with a report that came too late,
+or after a rest.
+"""
 
 
 class Clock:
@@ -96,10 +100,18 @@ def first_sources(
 
 
 def following(n: int, bandwidth: float = SMOOTH) -> Scene:
-    """Return the scene that smooths n inputs: x0, on0, x1, on1, .. to y0, y1, .."""
-    outputs: dict[str, Block] = {
-        f"y{k}": track(Input(f"x{k}"), bandwidth, Input(f"on{k}"), max_jump=None) for k in range(n)
-    }
+    """Return the scene that smooths n inputs: x0, x1, .. to y0, y1, ..
+
+    Three moving averages of 2/(pi bandwidth) seconds in all delay by half of that. What
+    is above 4 bandwidth Hz is 50 dB weaker, and a step becomes a curve whose second
+    derivative is continuous.
+    """
+    outputs: dict[str, Block] = {}
+    for k in range(n):
+        y: Block = Input(f"x{k}")
+        for part in MEANS:
+            y = moving_average(y, part * 2 / (math.pi * bandwidth), onset="steady")
+        outputs[f"y{k}"] = y
     return Scene(outputs)
 
 
@@ -107,12 +119,12 @@ class Inputs:
     """The motion of a live scene, computed block by block.
 
     A page reports a pointer 60 to 1000 times a second, in whole pixels.  The motion is
-    a straight line from report to report, by their time stamps and ``delay`` later;
-    then u, v, pressure and value are smoothed by ``stimlib.blocks.track``, because a
-    hand does not jump.  So neither the rate of the reports nor the pixels are felt in
-    the stimulus. Contact is not smoothed.  If the scene has an input for contact or
-    pressure, a hovering finger moves nothing, and a returning finger begins where it
-    lands.
+    a straight line from report to report, by their time stamps and ``delay`` later.
+    Where a report comes later still, the motion catches up within 0.15 s. Then u, v,
+    pressure, value and stream are smoothed (`following`), because a hand does not jump.
+    So neither the rate of the reports nor the pixels are felt in the stimulus. Contact
+    is not smoothed.  If the scene has an input for contact or pressure, a hovering
+    finger moves nothing, and a returning finger begins where it lands.
 
     One thread calls ``columns``; another may call the other methods at the same time,
     and none of them blocks.
@@ -131,7 +143,7 @@ class Inputs:
         Motions of inputs, as functions of time for ``stimlib.render``; they are the
         initial sources of these inputs.
     bandwidth : float
-        Bandwidth of the smoothing in Hz; it delays by 1/(pi bandwidth).
+        Bandwidth of the smoothing in Hz, at most fs/4; it delays by 1/(pi bandwidth).
     delay : float
         Seconds by which the motion of pointers is delayed. 0: a block has the newest
         report, held.
@@ -144,7 +156,7 @@ class Inputs:
     UnknownName
         A motion for an input that does not exist.
     BadValue
-        A motion that is not a function of time, or a bandwidth above fs/2.
+        A motion that is not a function of time, or a bandwidth above fs/4.
 
     Examples
     --------
@@ -198,6 +210,11 @@ class Inputs:
     def smoothing(self, scene: Scene) -> Processor | None:
         """Return the filter for the inputs of a scene."""
         n = len(scene.inputs)
+        if not 0 < self.bandwidth <= self.fs / 4:
+            raise BadValue(
+                f"smoothing of pointers: a bandwidth of {self.bandwidth:g} Hz does not fit fs ="
+                f" {self.fs:g} Hz; give at most {self.fs / 4:g} Hz"
+            )
         return compile(following(n, self.bandwidth), self.fs) if n else None
 
     def change(
@@ -217,10 +234,14 @@ class Inputs:
         old = {n: s for n, s in self.sources.items() if units.get(n) == self._units[n]}
         if list(units) != self.names:
             self._follow = follow
-            self._row = {name: k for k, name in enumerate(follow.inputs)} if follow else {}
             # sample of the source's change; None: the next
             self._changed: dict[str, float | None] = dict.fromkeys(units, -math.inf)
             self._last, self._from = np.zeros(len(units)), np.zeros(len(units))
+            # of each input's way before it is smoothed: where its target, contact and
+            # itself ended, what it has to catch up with since when, its jumps so far
+            self._ends: list[tuple[float, float, float] | None] = [None] * len(units)
+            self._late: list[list[tuple[int, float]]] = [[] for _ in units]
+            self._landed = np.zeros(len(units))
         self.given, self._units, self.names = dict(given), units, list(units)
         self._forces = {n for n, unit in units.items() if LIFTED.get(unit) == "zero"}
         self.sources = first_sources(scene, ranges, self.given) | old
@@ -286,8 +307,8 @@ class Inputs:
         at = 1e-3 * t + self._page.offset(1e-3 * t, now) if t else now
         last = reports[-1][0]
         # where it was until it landed, left, or began to move
-        held = at if self.touches and on != before[3] else at - APART
-        if held > last + (0.0 if held == at else APART):
+        held = at if self.touches and on != before[3] else at - CATCH_UP
+        if held > last:
             reports.append((held - 1e-6, *before))
         reports.append((max(at, last), *self.fingers[finger]))
         self._moves.append((at, t, now))
@@ -342,17 +363,15 @@ class Inputs:
         x = np.empty((len(self.names), n))
         if self._follow is None:
             return x
-        held = np.zeros((2 * len(self.names), n))
         sources, t = dict(self.sources), self._times(at, n)
+        landed = np.zeros((len(self.names), n))
         for k, source in enumerate(sources.values()):
-            zero = self.touches and self.names[k] in self._forces
-            held[self._row[f"x{k}"]], held[self._row[f"on{k}"]] = self._held(source, t, zero)
-        followed = self._follow.process(held)
+            x[k], landed[k] = self._way(k, source, t, at)
+        followed = self._follow.process(x - landed) + landed
         for k, (name, source) in enumerate(sources.items()):
-            x[k] = followed[k]
-            if source["from"] == "contact":
-                x[k] = held[self._row[f"x{k}"]]
-            elif source["from"] in ("sine", "given"):
+            if source["from"] != "contact":
+                x[k] = followed[k]
+            if source["from"] in ("sine", "given"):
                 begin = self._since + at
                 x[k] = positions({name: self._motion(name, source)}, begin, begin + n, self.fs)[0]
             if source["from"] != "contact":
@@ -361,19 +380,45 @@ class Inputs:
         return x
 
     def _times(self, at: int, n: int) -> Array:
-        """Return when the pointers were where samples at .. at + n - 1 have them."""
+        """Return when the pointers were where samples at - 1 .. at + n - 1 are."""
         if at == 0:  # a session begins
             self._samples = Clock()
-        t, now = (at + np.arange(n)) / self.fs, time.perf_counter()
+            self._late = [[] for _ in self.names]
+        t, now = (at + np.arange(-1, n)) / self.fs, time.perf_counter()
         t += self._samples.offset(at / self.fs, now) - self.delay if self.delay else math.inf
         while self._moves and self._moves[0][0] <= t[-1]:
             _, *self.newest = self._moves.popleft()
         return t
 
+    def _way(self, k: int, source: Mapping[str, Any], t: Array, at: int) -> tuple[Array, Array]:
+        """Return an input before it is smoothed, and its jumps at landings.
+
+        Without these jumps it goes on where it was, also if what is known now of the
+        sample before is not what it had: the rest is caught up with.
+        """
+        zero = self.touches and self.names[k] in self._forces
+        x, on = (np.broadcast_to(v, len(t)) for v in self._held(source, t, zero))
+        end, touched, last = self._ends[k] or (x[0], on[0], x[0])
+        chosen, length = self._changed[self.names[k]] is None, CATCH_UP * self.fs
+        late = self._late[k] = [j for j in self._late[k] if at - j[0] < length]
+        if end != x[0] and source["from"] in POINTERS[:3] and self.delay and not chosen:
+            late.append((at, end - x[0]))
+        way, landed = x[1:].copy(), np.full(len(t) - 1, self._landed[k])
+        for begin, jump in late:
+            part = np.clip((at + 1 - begin + np.arange(len(way))) / length, 0.0, 1.0)
+            way += jump * (1 - part) ** 2 * (1 + 2 * part)
+        for i in np.flatnonzero(np.diff(on[1:], prepend=touched) > 0):
+            before = way[i - 1] if i else last
+            way[i:] = x[i + 1 :]
+            landed[i:] += way[i] - before
+            late.clear()
+        self._ends[k], self._landed[k] = (x[-1], on[-1], way[-1]), landed[-1]
+        return way, landed
+
     def _held(
         self, source: Mapping[str, Any], t: Array, zero: bool
     ) -> tuple[Array | float, Array | float]:
-        """Return the target of the smoothing, and whether the finger is in contact.
+        """Return an input's target, and whether the finger is in contact.
 
         ``zero``: a lifted finger makes it 0, as it does a force.
         """

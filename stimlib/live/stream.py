@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -26,7 +27,7 @@ from ..run.processor import compile
 from ..run.safety import Safety, protect
 from ..system.safe_files import unused
 from .describe import Range, description, full_scales, ranges_of
-from .inputs import SMOOTH, Inputs
+from .inputs import DELAY, SMOOTH, Inputs
 from .protocol import GRACE, HEAD, MESSAGE, PAGES, REPORTS, VERSION, message, samples
 from .sink import PageSink
 from .site import Page
@@ -122,6 +123,7 @@ class Stream:
             "title": title,
             "fs": self.fs,
             "block": self.block,
+            "behind": [DELAY, 1 / (math.pi * bandwidth)],
             "stream": stream is not None,
             "marks": bool(send),
         }

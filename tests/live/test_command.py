@@ -81,7 +81,7 @@ def test_an_open_host_warns(served):
         ("--set k=1e9", "outside its range, 0 to 5000; --range k=LOW:HIGH"),
         ("--folder nowhere", "--folder nowhere: there is no such folder"),
         ("--host 192.0.2.1 --full-scale 50", "cannot listen at 192.0.2.1"),
-        ("--smooth 600 --full-scale 50", "does not fit below fs/2"),
+        ("--smooth 600 --full-scale 50", "give at most 250 Hz"),
         ("--block 500 --full-scale 50", "blocks of 500 frames"),  # before a page is served
     ],
 )

@@ -41,12 +41,35 @@ def test_a_sine_and_the_change_to_another_in_100_ms():
     np.testing.assert_allclose(rows[0], np.where(i < cut, before, changed), atol=1e-12)
 
 
-def test_a_finger_moves_its_input_along_a_line_of_a_60th_of_a_second():
-    move = {"move": {"finger": 0, "u": 0.5, "v": 0.0, "p": 1.0, "on": 1, "t": 1}}
-    _, rows, _ = started(20, {5: [move]}, x=source("u"))
-    i = np.arange(rows.shape[1])
-    u = 0.5 * np.clip((i - 5 * MOST + 1) / 134, 0, 1)
-    np.testing.assert_allclose(rows[0], -1 + 4 * u, atol=1e-12)
+DELAY = 1 / 60 + MOST / FS + 0.005  # s
+
+
+def move(t, u, on=1):
+    return {"move": {"finger": 0, "u": u, "v": 0.0, "p": 1.0, "on": on, "t": t}}
+
+
+def test_a_finger_is_where_its_time_stamps_say_a_delay_later():
+    """Two reports come with each block, as the thread hears of them."""
+    say = {k: [move(16 * k - 8, 0.032 * k - 0.016), move(16 * k, 0.032 * k)] for k in range(1, 31)}
+    _, rows, _ = started(32, say, x=source("u"))
+    u = 2 * (np.arange(rows.shape[1]) / FS - DELAY)
+    settled = slice(int(0.2 * FS), 31 * MOST)
+    np.testing.assert_allclose(rows[0, settled], -1 + 4 * u[settled], atol=1e-9)
+
+
+def test_a_finger_that_comes_late_is_caught_up_with_and_lands_at_once():
+    """What a curve has still to go when its report comes, it goes in 0.15 s."""
+    _, rows, _ = started(20, {5: [move(1, 0.5)]}, x=source("u"))
+    i, begun = np.arange(rows.shape[1]), 5 * MOST
+    u = 0.5 * np.clip(((i - begun) / FS - DELAY) / 0.15 + 1, 0, 1)
+    part = np.clip((i + 1 - begun) / (0.15 * FS), 0, 1)
+    u = np.where(i < begun, 0.0, u - u[begun - 1] * (1 - part) ** 2 * (1 + 2 * part))
+    np.testing.assert_allclose(rows[0], -1 + 4 * u, atol=1e-5)
+    contact = {"on": source("contact"), "x": source("u")}
+    _, rows, _ = started(40, {5: [move(1, 0.5)], 20: [move(241, 0.5, 0)]}, **contact)
+    down, up = (int(np.ceil((begin * MOST / FS + DELAY) * FS)) for begin in (5, 20))
+    assert np.array_equal(np.flatnonzero(np.diff(rows[0])), [down - 1, up - 1])
+    np.testing.assert_allclose(rows[1], np.where(np.arange(40 * MOST) < down, -1, 1))
 
 
 def test_another_output_is_heard_after_a_fade_and_all_ends_with_one():

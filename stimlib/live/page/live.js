@@ -54,6 +54,9 @@ function greet(hello) {
   live.panels = [...drawnIn(inputs, "inputs"), ...grouped(outputs).flatMap(g => [...drawnIn(g, "outputs"), ...g.flatMap(vibrates)])];
   show = { params: parameters(hello.params, $("params"), say), sources: sources(hello, $("sources"), say) };
   for (const part of document.querySelectorAll("[data-of=inputs]")) part.hidden = !inputs.length;
+  const ms = s => `${Math.round(1e3 * s)} ms`, [wait, smoothing] = hello.behind ?? [0, 0];
+  $("behind").textContent = `The stimulus follows a pointer ${ms(wait + smoothing)} later, so that no step of it vibrates: ${ms(wait)} until`
+    + ` its next report has come, and ${ms(smoothing)} of smoothing.`;
   $("mark").hidden = !hello.marks;
   introduce(hello);
   $("no-params").hidden = hello.params.length > 0;
@@ -282,7 +285,7 @@ function lag() {
   if (!live.drawn.length) return "";
   const queue = sound.figures ? ` (${(1e3 * sound.figures.fill).toFixed(0)} of them in its queue)` : "";
   const heardToo = sound.played.length ? `, to the sound card ${median(sound.played).toFixed(0)} ms${queue}` : "";
-  return `From the pointer to the picture ${median(live.drawn).toFixed(0)} ms${heardToo} (medians), without the smoothing of the pointer.`;
+  return `From the pointer to the picture ${median(live.drawn).toFixed(0)} ms${heardToo} (medians), without the ${Math.round(1e3 * (live.hello.behind?.[1] ?? 0))} ms of smoothing.`;
 }
 
 let before = 0;

@@ -27,7 +27,8 @@ const hex = buffer => Array.from(new Uint8Array(buffer), b => b.toString(16).pad
 /** The scene, as a server of one page. */
 class Scene {
   constructor(shared) {
-    Object.assign(this, { shared, hello: shared.hello, sources: shared.sources, phase: "idle", session: 0, why: "", heard: 0, recorded: "" });
+    const rate = shared.hello.fs < 8000 || shared.hello.fs > 96000 ? RATE : shared.hello.fs; // worklet.js has the same
+    Object.assign(this, { shared, hello: { ...shared.hello, behind: [1 / 60 + 128 / rate + 0.005, 1 / (8 * Math.PI)] }, sources: shared.sources, phase: "idle", session: 0, why: "", heard: 0, recorded: "" });
     this.params = Object.fromEntries(this.hello.params.map(({ name, value }) => [name, value]));
     this.code = `data:text/javascript,${encodeURIComponent($("worklet").textContent)}`; // Chromium takes no blob: here from disk
     this.motion = shared.motion ? unpacked(shared.motion) : Promise.resolve(new Float64Array(0));

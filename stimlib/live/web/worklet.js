@@ -1,10 +1,27 @@
 // The audio thread of a shared page: the scene as WebAssembly, driven by fingers, sines or the recorded motion. What is heard is
 // one output at the scene's rate; a context of another rate reads it at a fractional step by a 4-point Hermite polynomial.
 "use strict";
-const MOST = 128, RING = 1024, MASK = RING - 1, FINGERS = 10;
-const APART = 1 / 60, CHANGE = 0.1, FADE = 0.02; // s: a line from one report to the next, a change of source, of the sound
+const MOST = 128, RING = 1024, MASK = RING - 1, FINGERS = 10, KEPT = 128; // reports of a finger
+const APART = 1 / 60, LATE = 0.005, CATCH_UP = 0.15, CHANGE = 0.1, FADE = 0.02; // s: between reports; that one is late; inputs.py; of the sound
+const WINDOW = 1; // s over which two clocks are compared
 const now = () => (globalThis.performance ?? Date).now();
-const POINTERS = { u: 0, v: 1, pressure: 2 };
+const POINTERS = { u: 1, v: 2, pressure: 3 };
+
+/** The offset of another clock, from times that arrive late by varying amounts, as in inputs.py. */
+class Clock {
+  before = Infinity;
+  least = Infinity;
+  until = -Infinity;
+
+  offset(then, at) {
+    if (at > this.until) {
+      this.before = at < this.until + WINDOW ? this.least : Infinity;
+      Object.assign(this, { least: Infinity, until: at + WINDOW });
+    }
+    this.least = Math.min(this.least, at - then);
+    return Math.min(this.before, this.least);
+  }
+}
 
 class Scene extends AudioWorkletProcessor {
   constructor({ processorOptions: o }) {
@@ -20,7 +37,13 @@ class Scene extends AudioWorkletProcessor {
     this.on = false;
     this.ring = new Float64Array(RING);
     this.heard = this.wanted = this.gain = this.session = 0;
-    this.fingers = Array.from({ length: FINGERS }, () => ({ now: [0, 0, 0], to: [0, 0, 0], left: 0, on: 0, line: new Float64Array(3 * MOST) }));
+    this.fingers = Array.from({ length: FINGERS }, () => [[-Infinity, 0, 0, 0, 0]]); // reports: s of the samples, u, v, p, on
+    this.delay = APART + MOST / sampleRate + LATE; // so that the next report has come when a block of samples is made
+    this.clock = new Clock();
+    this.moves = [];
+    this.made = 0; // samples of all sessions
+    this.plain = new Float64Array(MOST * o.inputs.length); // ahead of the smoothing
+    this.jumps = new Float64Array(MOST * o.inputs.length); // at landings, which are not smoothed
     this.size = Math.max(MOST, Math.ceil(o.fs / 100)); // of what is posted at once
     this.rows = o.inputs.length + o.outputs.length;
     this.pack = new Float64Array(this.rows * (this.size + MOST));
@@ -39,6 +62,7 @@ class Scene extends AudioWorkletProcessor {
     this.last = this.inputs.map(() => 0);
     this.changed = this.inputs.map(() => -Infinity);
     this.from = this.inputs.map(() => 0);
+    this.ways = this.inputs.map(() => ({ end: null, jumps: 0 }));
     this.run.begin();
     for (const p of params) this.set(p);
   }
@@ -66,45 +90,61 @@ class Scene extends AudioWorkletProcessor {
       if (!before || JSON.stringify(s) === JSON.stringify(before[k])) return;
       this.changed[k] = this.at;
       this.from[k] = this.last[k];
+      this.ways[k].end = null;
     });
   }
 
-  /** A finger goes to its new place along a line; where it lands it is at once. */
+  /** A finger is there a delay later, on a line from its last report; where it lands it is at once. */
   move({ finger, u, v, p, on, t }) {
-    const f = this.fingers[finger];
-    f.to = this.touches && !on ? [f.to[0], f.to[1], 0] : [u, v, on ? p : 0];
-    const lands = this.touches && on && !f.on;
-    if (lands) f.now = f.to.slice();
-    f.left = lands ? 0 : Math.ceil(APART * this.fs);
-    f.on = on;
-    this.moved = t;
+    const reports = this.fingers[finger], before = reports.at(-1), now = this.made / this.fs;
+    const at = t / 1e3 + this.clock.offset(t / 1e3, now), held = this.touches && on !== before[4] ? at : at - CATCH_UP;
+    if (held > before[0]) reports.push([held - 1e-6, ...before.slice(1)]);
+    reports.push([Math.max(at, before[0]), ...(this.touches && !on ? before.slice(1, 3) : [u, v]), on ? p : 0, on]);
+    reports.splice(0, reports.length - KEPT);
+    this.moves.push([at, t]);
+    this.moves.splice(0, this.moves.length - KEPT);
   }
 
   // Samples ------------------------------------------------------------------------------------------------------------
-  lines(n) {
-    for (const f of this.fingers)
-      for (let i = 0; i < n; i++) {
-        for (let j = 0; j < 3; j++) {
-          if (f.left) f.now[j] += (f.to[j] - f.now[j]) / f.left;
-          f.line[j * MOST + i] = f.now[j];
-        }
-        f.left = Math.max(0, f.left - 1);
-      }
-  }
-
-  /** What the smoothing follows for input k: a finger, or a value. */
+  /** What the smoothing follows for input k, a finger or a value, as in inputs.py: it never jumps, but catches up. */
   target(k, n) {
-    const { from, finger, low, high, value } = this.chosen[k], f = this.fingers[finger], axis = POINTERS[from];
-    const x = MOST * this.held.indexOf(`x${k}`), on = MOST * this.held.indexOf(`on${k}`), pointer = axis !== undefined;
-    this.targets.fill(pointer && this.touches && from !== "pressure" ? f.on : 1, on, on + n);
-    if (!pointer) this.targets.fill(from === "contact" ? f.on : value, x, x + n);
-    else for (let i = 0; i < n; i++) this.targets[x + i] = low + (high - low) * f.line[axis * MOST + i];
+    const { from, finger, low, high, value } = this.chosen[k], reports = this.fingers[finger], axis = POINTERS[from], way = this.ways[k];
+    const begin = MOST * this.held.indexOf(`x${k}`), length = CATCH_UP * this.fs, lands = this.touches && axis && from !== "pressure";
+    let j = 0, x = value, on = 1;
+    const go = i => {
+      const t = (this.made + i) / this.fs - this.delay;
+      while (reports[j + 1]?.[0] <= t) j++;
+      const a = reports[j], b = reports[j + 1] ?? a, part = b[0] - a[0] < Infinity && b !== a ? Math.max(0, (t - a[0]) / (b[0] - a[0])) : 0;
+      if (lands) on = a[4];
+      x = axis ? low + (high - low) * (a[axis] + part * (b[axis] - a[axis])) : from === "contact" ? a[4] : value;
+    };
+    go(-1);
+    let { end, touched, last, jumps, late } = way.end === null ? { ...way, end: x, touched: on, last: x, late: [] } : way;
+    late = late.filter(([since]) => this.made - since < length);
+    if (end !== x && axis) late.push([this.made, end - x]);
+    for (let i = 0; i < n; i++) {
+      go(i);
+      if (on > touched) {
+        jumps += x - last;
+        late = [];
+      }
+      last = x;
+      for (const [since, jump] of late) {
+        const part = Math.min(1, (this.made + i + 1 - since) / length);
+        last += jump * (1 - part) ** 2 * (1 + 2 * part);
+      }
+      touched = on;
+      this.plain[k * MOST + i] = x;
+      this.jumps[k * MOST + i] = jumps;
+      this.targets[begin + i] = last - jumps;
+    }
+    this.ways[k] = { end: x, touched, last, jumps, late };
   }
 
   /** What is not smoothed: contact, a sine, the recorded motion; and a change from one source to another. */
   direct(k, n) {
-    const { from, finger, low, high, freq } = this.chosen[k], row = this.x.subarray(k * MOST, k * MOST + n), { at } = this;
-    if (from === "contact") row.fill(this.fingers[finger].on);
+    const { from, low, high, freq } = this.chosen[k], row = this.x.subarray(k * MOST, k * MOST + n), { at } = this;
+    if (from === "contact") row.set(this.plain.subarray(k * MOST, k * MOST + n));
     else if (from === "sine")
       for (let i = 0; i < n; i++) row[i] = (low + high - (high - low) * Math.cos(2 * Math.PI * freq * (at + i) / this.fs)) / 2;
     else if (from === "given") for (let i = 0; i < n; i++) row[i] = this.motion[k * this.length + Math.min(at + i, this.length - 1)];
@@ -116,13 +156,14 @@ class Scene extends AudioWorkletProcessor {
 
   make(n) {
     if (this.targets) {
-      this.lines(n);
       for (let k = 0; k < this.inputs.length; k++) this.target(k, n);
       this.run.follow(n);
+      this.jumps.forEach((v, i) => { this.x[i] += v; });
     }
     for (let k = 0; k < this.inputs.length; k++) this.direct(k, n);
     this.run.run(n);
     this.at += n;
+    this.made += n;
   }
 
   /** The samples of the recorded motion alone, with changes [sample, parameter, value, samples], for their hash. */
@@ -167,10 +208,11 @@ class Scene extends AudioWorkletProcessor {
       this.pack.set(from.subarray(i * MOST, i * MOST + n), k * (size + MOST) + this.packed);
     }
     for (let i = 0; i < n; i++) this.ring[this.head++ & MASK] = y[this.heard * MOST + i] / outputs[this.heard];
-    if (this.moved) {
-      this.port.postMessage({ moved: this.moved, frame: currentFrame });
-      this.seen = this.moved;
-      this.moved = 0;
+    let moved = 0;
+    while (this.moves[0]?.[0] <= this.made / this.fs - this.delay) [, moved] = this.moves.shift();
+    if (moved) {
+      this.port.postMessage({ moved, frame: currentFrame });
+      this.seen = moved;
     }
     if ((this.packed += n) >= size) this.post();
   }
