@@ -23,7 +23,7 @@ from ..errors import SceneError
 from ..run.processor import Processor, compile
 from . import laws
 from .evidence import FEWEST, Check, Evidence, Tap, at_once
-from .power import pairs
+from .power import pairs, tells
 
 GENERATOR = 1e-13  # of two computations of a normal deviate
 FILTERED = 1e-11  # of a filter fed with one and the other, relative to its largest sample
@@ -208,9 +208,9 @@ def noise(e: Evidence) -> list[Check]:
         assert model is not None
         return spectra.whitened(x[:n], e.fs, model, low, high)[2]
 
-    for a, b, low, high, size in pairs(e):
+    for a, b, low, high, bins in pairs(e):
         name = f"{a.title} and {b.title}: independence"
-        if not np.isfinite(size):
+        if not tells(bins, share):
             e.skipped.append(
                 f"{name}: they begin with one seed, or have too few frequencies in common to tell"
                 " even equal noises"

@@ -22,6 +22,7 @@ from .evidence import FEWEST, Check, Evidence, Tap
 from .scenes import scene_law
 
 CHANCE = 0.95
+EQUAL = 1 - 1e-9  # the correlation of equal noises
 OF_IT = "of it"  # the unit of a part of a parameter
 
 
@@ -79,17 +80,10 @@ def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
                 Shows(f"{t.title}: spectrum", *row, CHANCE)
                 for row in _of_bins(f.tobytes(), e.share)
             ]
-    for a, b, _, _, size in pairs(e):
-        if np.isfinite(size):
-            found.append(
-                Shows(
-                    f"{a.title} and {b.title}: independence",
-                    "noise in common",
-                    size,
-                    "correlation",
-                    CHANCE,
-                )
-            )
+    for a, b, _, _, bins in pairs(e):
+        if tells(bins, e.share):
+            size, title = smallest_share(bins, e.share), f"{a.title} and {b.title}: independence"
+            found.append(Shows(title, "noise in common", size, "correlation", CHANCE))
     for c in checks:
         if c.deviation:
             found.append(Shows(c.name, "stiffness", smallest_shift(c), "N/m", CHANCE))
@@ -98,13 +92,12 @@ def certainty(checks: list[Check], e: Evidence) -> list[Shows]:
     return found
 
 
-def pairs(e: Evidence) -> list[tuple[Tap, Tap, float, float, float]]:
-    """Return all pairs of noises, their common band, and the correlation detected.
+def pairs(e: Evidence) -> list[tuple[Tap, Tap, float, float, int]]:
+    """Return all pairs of noises, their common band in Hz, and its number of bins.
 
-    The band is in Hz; the correlation is NaN if none is detected.
+    It is 0 if they have the same keys, in two segments.
     """
     enough, found = [t for t in e.taps if t.model is not None and t.stream.size > FEWEST], []
-    share = e.share
     for k, a in enumerate(enough):
         for b in enough[k + 1 :]:
             n, low, high = (
@@ -112,20 +105,8 @@ def pairs(e: Evidence) -> list[tuple[Tap, Tap, float, float, float]]:
                 max(a.f_low, b.f_low),
                 min(a.f_high, b.f_high),
             )
-            again = a.run != b.run and a.seed == b.seed  # the same keys in another segment
-            found.append(
-                (
-                    a,
-                    b,
-                    low,
-                    high,
-                    (
-                        math.nan
-                        if again
-                        else smallest_share(spectra.bins(n, e.fs, low, high).size, share)
-                    ),
-                )
-            )
+            again = a.run != b.run and a.seed == b.seed
+            found.append((a, b, low, high, 0 if again else spectra.bins(n, e.fs, low, high).size))
     return found
 
 
@@ -223,13 +204,31 @@ def smallest(power: Callable[[float], float]) -> float:
 
 
 @lru_cache(maxsize=512)
+def _lacks(bins: int, alarm: float) -> Callable[[float], float]:
+    """Return the chance by which the test of a correlation lacks ``CHANCE``.
+
+    Given the other noise b, with G = sum |b|^2 Gamma distributed, the statistic is
+    normal around rho sqrt(2 G).
+    """
+    z, size = (
+        -scipy.special.ndtri(alarm / 2),
+        np.sqrt(2 * scipy.special.gammainccinv(bins, (np.arange(400) + 0.5) / 400)),
+    )
+    return lambda rho: (
+        CHANCE - float(np.mean(scipy.special.ndtr((rho * size - z) / math.sqrt(1 - rho * rho))))
+    )
+
+
+def tells(bins: int, alarm: float) -> bool:
+    """Return whether the test of independence detects that two noises are equal."""
+    return bool(bins) and _lacks(bins, alarm)(EQUAL) < 0
+
+
+@lru_cache(maxsize=512)
 def smallest_share(bins: int, alarm: float) -> float:
     """Return the smallest correlation of two noises that the test detects.
 
     It is NaN if even equal noises are not detected.
-
-    Given the other noise b, with G = sum |b|^2 Gamma distributed, the statistic is
-    normal around rho sqrt(2 G).
 
     Examples
     --------
@@ -237,18 +236,8 @@ def smallest_share(bins: int, alarm: float) -> float:
     >>> round(smallest_share(1000, 1e-6), 3), smallest_share(8, 1e-6)
     (0.146, nan)
     """
-    z, size = (
-        -scipy.special.ndtri(alarm / 2),
-        np.sqrt(2 * scipy.special.gammainccinv(bins, (np.arange(400) + 0.5) / 400)),
-    )
-
-    def lacks(rho: float) -> float:
-        return (
-            float(np.mean(scipy.special.ndtr((rho * size - z) / math.sqrt(1 - rho * rho)))) - CHANCE
-        )
-
-    top = 1 - 1e-9
-    return float(scipy.optimize.brentq(lacks, 0.0, top)) if lacks(top) > 0 else math.nan
+    lacks = _lacks(bins, alarm)
+    return float(scipy.optimize.brentq(lacks, 0.0, EQUAL)) if tells(bins, alarm) else math.nan
 
 
 def smallest_shift(c: Check) -> float:
