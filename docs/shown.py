@@ -45,7 +45,8 @@ def axes_of(figure):
         beside = [a.get_ylabel() for a in axes.get_shared_y_axes().get_siblings(axes)]
         over = next(filter(None, [axes.get_xlabel(), *below]), "")
         what = next(filter(None, [axes.get_ylabel(), *beside, axes.get_title()]), "")
-        shown[f"{what} over {over}" if over and what else over or what] = None
+        said = f"{what} over {over}" if over and what else over or what
+        shown[" ".join(said.split())] = None
     return "; ".join(filter(None, shown))
 
 

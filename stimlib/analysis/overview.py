@@ -2,7 +2,8 @@
 
 The details of an output are its vibration, its course over position and its spectrum.
 
-Signals share a panel only where their samples are identical, so no curve hides another.
+Signals share a panel only where their samples are identical, or where their names
+differ by digits alone; these have lines of different kinds, so none hides another.
 """
 
 from __future__ import annotations
@@ -13,7 +14,10 @@ import io
 import os
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import cycle
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -34,6 +38,11 @@ MOST = 12  # rows: of a scene with more signals the first are drawn
 CLOSEUP = 0.06  # s
 PLACES = "m", "rad"
 NEGLIGIBLE = 1e-5  # of a signal: what vibrates less is rounding
+UNSEEN = 0.05  # of a signal: what vibrates less is not seen in its curve
+BINS = 20  # of positions
+TURNS = 8  # of a vibration; a step has fewer
+INPUT, OUTPUT, LAW = "#0072b2", "#d55e00", "k"  # Okabe and Ito's, for the colour-blind
+LINES = "-", "--", ":", "-."
 FLOOR = 1e-12  # of the top: what of a spectrum is below is rounding
 FORMATS = (".png", ".svg", ".pdf")
 
@@ -53,12 +62,10 @@ class Against(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A signal over time: panel name, unit, samples and colour."""
+    """Signals over time in one panel: samples and colour by name, and their unit."""
 
-    name: str
+    curves: dict[str, tuple[np.ndarray, str]]
     unit: str
-    y: np.ndarray
-    color: str
 
 
 class Signals(NamedTuple):
@@ -74,6 +81,10 @@ class Signals(NamedTuple):
         block = (self.scene.inputs | self.scene.outputs)[name]
         return "rad" if isinstance(block, Input) and block.unit == "rad" else f"{block.dim}"
 
+    def kind(self, name: str) -> tuple[str, str]:
+        """Return what signals in one panel share: unit, and name but for digits."""
+        return self.unit(name), name.rstrip("0123456789")
+
     def over(self, output: str) -> str | None:
         """Return the input over which an output is drawn, or None.
 
@@ -87,10 +98,18 @@ class Signals(NamedTuple):
         return next(iter(places or (names if len(names) == 1 else ())), None)
 
     def detailed(self) -> list[str]:
-        """Return the outputs with details: no input as it came, no output twice."""
+        """Return the outputs with details: no input as it came, no output twice.
+
+        An output that shares the panel of an input is seen beside it.
+        """
         drawn = {y.tobytes() for y in self.inputs.values()}
+        kinds = {self.kind(name) for name in self.inputs}
         first = {y.tobytes(): name for name, y in reversed([*self.outputs.items()])}
-        names = [n for data, n in reversed([*first.items()]) if data not in drawn]
+        names = [
+            n
+            for data, n in reversed([*first.items()])
+            if data not in drawn and self.kind(n) not in kinds
+        ]
         return (names or list(self.outputs))[:MOST]
 
 
@@ -235,7 +254,10 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
 def title_of(rendering: Rendering) -> str:
     """Return what a picture shows: the scene, its parameters, sample rate and seed."""
     units = {name: f"{param.dim}" for name, param in rendering.scene.params.items()}
-    numbers = [f"{k} = {v:.4g} {units[k]}".removesuffix(" 1") for k, v in rendering.params.items()]
+    numbers = [
+        f"{k} = {v:.4g} {'Hz' if units[k] == '1/s' else units[k]}".removesuffix(" 1")
+        for k, v in rendering.params.items()
+    ]
     names = [part.law for part in rendering.scene.parts]
     return ", ".join([*names, *numbers, f"{rendering.fs:g} Hz"][:MOST])
 
@@ -281,42 +303,91 @@ def heights(s: Signals) -> tuple[float, float]:
 
 
 def rows_of(s: Signals) -> list[Row]:
-    """Return a row for each signal; identical signals share one row."""
-    groups: dict[tuple[str, bytes], list[str]] = {}
+    """Return the rows of a picture.
+
+    Identical signals are one curve. What vibrates in an output has a row of its own
+    where it would not be seen in that of the output.
+    """
+    same: dict[tuple[str, bytes], list[str]] = {}
     signals = {**s.inputs, **s.outputs}
     for name, y in signals.items():
-        groups.setdefault((s.unit(name), y.tobytes()), []).append(name)
-    return [
-        Row(" = ".join(names), unit, signals[names[0]], "C0" if names[0] in s.inputs else "C1")
-        for (unit, _), names in groups.items()
-    ][:MOST]
+        same.setdefault((s.unit(name), y.tobytes()), []).append(name)
+    rows: dict[Any, Row] = {}
+    for (unit, _), names in same.items():
+        y, color = signals[names[0]], INPUT if names[0] in s.inputs else OUTPUT
+        row = rows.setdefault(s.kind(names[0]), Row({}, unit))
+        row.curves[" = ".join(names)] = y, color
+        if color == OUTPUT and hidden(y, s.fs):
+            name = f"{names[0]}, above {CUTOFF:g} Hz"
+            rows[name] = Row({name: (vibration(y, s.fs), color)}, unit)
+    return list(rows.values())[:MOST]
 
 
 def over_time(fig: Any, rows: list[Row], fs: float, start: int = 0) -> None:
     """Draw a panel over time for each row, beginning at sample ``start``."""
     axes = fig.subplots(len(rows), 1, squeeze=False, sharex=True)[:, 0]
-    for ax, (name, unit, y, color) in zip(axes, rows, strict=True):
-        curve(ax, (start + np.arange(y.size)) / fs, y, color=color)
-        _axes(ax, name, unit, most=10)
-    axes[-1].set(xlabel="time / s", xlim=(start / fs, (start + max(y.size - 1, 1)) / fs))
+    size = 1
+    for ax, (curves, unit) in zip(axes, rows, strict=True):
+        for (name, (y, color)), line in zip(curves.items(), cycle(LINES), strict=False):
+            curve(ax, (start + np.arange(y.size)) / fs, y, color=color, ls=line, label=name)
+            size = y.size
+        _axes(ax, fill(", ".join(curves), 13, break_long_words=False), unit, most=10)
+        if len(curves) > 1:
+            ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
+    axes[-1].set(xlabel="time / s", xlim=(start / fs, (start + max(size - 1, 1)) / fs))
 
 
 def close_by(fig: Any, s: Signals, spectra: Mapping[str, Against]) -> None:
     """Draw the details of each output: vibration, course over position, spectrum.
 
     The vibration is shown where it is largest, if the output ``vibrates``; the course
-    is shown if the output depends on a position or angle, or on one input alone.
+    is shown if the output depends on a position or angle, or on one input alone, unless
+    it is noise over it. Vibration that is ``hidden`` in the output is shown by itself.
     """
     names = s.detailed()
     for row, name in zip(fig.subfigures(len(names), 1, squeeze=False)[:, 0], names, strict=True):
-        source, own = s.over(name), vibrates(s.outputs[name], s.fs)
-        count = 1 + own + (source is not None)
-        axes = row.subplots(1, count, squeeze=False, gridspec_kw={"wspace": 0.06})[0]
-        if own:
-            _vibration(axes[0], s, name)
+        y, source, own = s.outputs[name], s.over(name), vibrates(s.outputs[name], s.fs)
+        shown_as = f"{name}, above {CUTOFF:g} Hz" if own and hidden(y, s.fs) else name
+        fast = vibration(y, s.fs) if shown_as != name else y
+        within = None
         if source is not None:
-            _over_position(axes[-2], s, name, source)
+            x = s.inputs[source]
+            within = (x.min(), x.max()) if shown_as != name else _within(x, y)
+        widths = [1] * own + [1 if own else 2] * (within is not None) + [1]
+        grid = {"wspace": 0.06, "width_ratios": widths}
+        axes = row.subplots(1, len(widths), squeeze=False, gridspec_kw=grid)[0]
+        if own:
+            _vibration(axes[0], s, name, fast, shown_as)
+        if source is not None and within is not None:
+            _over_position(axes[-2], s, fast, shown_as, s.unit(name), source, within)
         against(axes[-1], spectra[name]) if name in spectra else _density(axes[-1], s, name)
+
+
+def hidden(y: np.ndarray, fs: float) -> bool:
+    """Return whether a signal vibrates so little that its curve does not show it."""
+    if fs <= 2 * CUTOFF or not np.isfinite(y).all() or not vibrates(y, fs):
+        return False
+    fast = vibration(y, fs)[_inner(y, fs)]
+    top = np.abs(fast).max()
+    turns = np.count_nonzero(np.diff(np.sign(fast[np.abs(fast) > top / 4])))
+    return bool(turns >= TURNS and NEGLIGIBLE * np.ptp(y) < top < UNSEEN * np.ptp(y))
+
+
+def _within(x: np.ndarray, y: np.ndarray) -> tuple[float, float] | None:
+    """Return the range of positions to draw a signal over.
+
+    That is all of it, or a tenth where more would be a filled area, or None where that
+    would be one too, because the signal is not the same at the same position.
+    """
+    low, wide = float(x.min()), float(np.ptp(x))
+    bins = np.minimum((x - low) / (wide or 1.0) * BINS, BINS - 1).astype(int)
+    starts = np.flatnonzero(np.diff(bins, prepend=-1))  # of each way through a bin
+    sizes = np.diff(starts, append=x.size)
+    means, squares = (np.add.reduceat(v, starts) / sizes for v in (y, y * y))
+    if not np.mean(squares - means**2 > np.var(y) / 4) > 0.9:
+        return low, low + wide
+    steps = np.diff(y[np.argsort(x, kind="stable")])
+    return None if np.mean(steps**2) > np.var(y) else (low + 0.45 * wide, low + 0.55 * wide)
 
 
 def vibrates(y: np.ndarray, fs: float) -> bool:
@@ -359,48 +430,69 @@ def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
 
 
 def _axes(ax: Any, name: str, unit: str, most: int = 4, over: str = "1") -> None:
-    """Label an axis with prefixed units, such as 20 mm or 5 mN.
+    """Label an axis with units of one prefix, such as 20 mm or 0.5 N.
 
     Numbers without a unit are printed without a prefix.
     """
-    from matplotlib.ticker import EngFormatter, MaxNLocator
+    from matplotlib.ticker import MaxNLocator
 
     for axis, u in ((ax.yaxis, unit), (ax.xaxis, over)):
         if u != "1":
-            eng = EngFormatter(unit=u)
-            axis.set_major_formatter(lambda v, _, eng=eng: eng(v) if v else "0")
+            axis.set_major_formatter(partial(_tick, axis, u))
     ax.xaxis.set_major_locator(MaxNLocator(most, steps=[1, 2, 5, 10]))
     ax.set_ylabel(shown(name))
     ax.grid(alpha=0.3)
 
 
-def _vibration(ax: Any, s: Signals, name: str) -> None:
+def _tick(axis: Any, unit: str, value: float, _: int) -> str:
+    """Return the label of a value; all labels of an axis have the same prefix."""
+    from matplotlib.ticker import EngFormatter
+
+    top = np.abs(axis.get_view_interval()).max()
+    power = 3 * int(np.clip(np.floor(np.log10(top) / 3 + 1e-9), -8, 8)) if top > 0 else 0
+    number = f"{value / 10.0**power:.6g}".replace("-", "\N{MINUS SIGN}")
+    return f"{number} {EngFormatter.ENG_PREFIXES[power]}{unit}" if value else "0"
+
+
+def _vibration(ax: Any, s: Signals, name: str, drawn: np.ndarray, shown_as: str) -> None:
     y = s.outputs[name]
     fast = vibration(y, s.fs) if s.fs > 2 * CUTOFF else y
     half = max(1, round(CLOSEUP * s.fs / 2))
     inner = _inner(y, s.fs)
     at = (inner.start or 0) + int(np.abs(fast[inner]).argmax())
     part = slice(max(0, at - half), at + half)
-    curve(ax, np.arange(y.size)[part] / s.fs, fast[part], color="C1")
-    _axes(ax, f"{name}, above {CUTOFF:g} Hz", s.unit(name))
+    curve(ax, np.arange(y.size)[part] / s.fs, drawn[part], color=OUTPUT)
+    _axes(ax, shown_as, s.unit(name))
     ax.set(xlabel="time / s", title="vibration, where it is largest", xmargin=0)
 
 
-def _over_position(ax: Any, s: Signals, name: str, source: str) -> None:
-    x, y = s.inputs[source], s.outputs[name]
+def _over_position(
+    ax: Any,
+    s: Signals,
+    y: np.ndarray,
+    name: str,
+    unit: str,
+    source: str,
+    within: tuple[float, float],
+) -> None:
+    x, by_itself = s.inputs[source], y is not s.outputs.get(name)
     back = round(0.01 * s.fs) + 1  # 10 ms: the codes of an encoder go to and fro
     inward = x > np.r_[np.full(min(back, x.size), x[0]), x[:-back]]
+    inside = (x >= within[0]) & (x <= within[1])
     # equally spaced: the way there and back are seen, not each sample
-    some = slice(None, None, -(-x.size // 6000))
+    some = slice(None, None, -(-np.count_nonzero(inside) // 6000) or 1)
     for mask, label, style in (
-        (~inward, "back, or held", {"lw": 3, "color": "0.75"}),
-        (inward, "forwards", {"lw": 0.8, "color": "C3"}),
+        (~inward, "back, or held", {"lw": 3, "color": "0.75", "zorder": 3 if by_itself else 1}),
+        (inward, "forwards", {"lw": 0.8, "color": OUTPUT}),
     ):
         # the wider one below shows on both sides
-        ax.plot(x[some], np.where(mask, y, np.nan)[some], **style, label=label)
+        ax.plot(x[some], np.where(mask & inside, y, np.nan)[some], **style, label=label)
     place = "position, " * (s.unit(source) in PLACES)
-    _axes(ax, name, s.unit(name), over=s.unit(source))
-    ax.set(xlabel=shown(source), title=shown(f"over {place}{source}"))
+    part = ", a tenth of it" * (not inside.all())
+    _axes(ax, name, unit, over=s.unit(source))
+    ax.set(xlabel=shown(source), title=shown(f"over {place}{source}{part}"))
+    if part:
+        ax.set_xlim(within)
     _legend(ax)
 
 
@@ -424,7 +516,7 @@ def _density(ax: Any, s: Signals, name: str) -> None:
     with np.errstate(over="ignore", invalid="ignore"):  # squares of huge numbers are not drawn
         f, S = welch(y, s.fs, nperseg=min(4096, y.size), detrend="linear")
     S = np.maximum(S[1:], 1e-30)
-    ax.loglog(f[1:], S, lw=0.9, color="C1")
+    ax.loglog(f[1:], S, lw=0.9, color=OUTPUT)
     _spectral(ax, s.unit(name), f"spectrum of {name}")
     if S.size and np.isfinite(S).all():
         ax.set_ylim(bottom=max(0.3 * S.min(), FLOOR * S.max()))
@@ -447,10 +539,10 @@ def against(ax: Any, a: Against) -> None:
         a.f,
         a.measured,
         **({"ls": "", "marker": "o", "ms": 3} if bands else {"lw": 3, "alpha": 0.4}),
-        color="C0",
+        color=INPUT,
         label="rendered",
     )
-    ax.loglog(a.f, a.law, "--", color="C3", lw=0.8, label="law")  # thin, on the wide one
+    ax.loglog(a.f, a.law, "--", color=LAW, lw=0.8, label="law")  # thin, on the wide one
     _spectral(ax, a.unit, a.title)
     ax.set_ylim(bottom=bottom)
     _legend(ax)

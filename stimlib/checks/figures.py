@@ -9,13 +9,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
-from ..analysis.overview import Against, Row, Signals, close_by, curve, heights, over_time, rows_of
+from ..analysis.overview import (
+    INPUT,
+    OUTPUT,
+    Against,
+    Row,
+    Signals,
+    close_by,
+    curve,
+    heights,
+    over_time,
+    rows_of,
+)  # fmt: skip
 from ..system.packages import package
 from .evidence import Evidence, Tap
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+THIRD = "#009e73"  # the green of Okabe and Ito
 OUTPUTS = 6  # of so many there are pictures: a layout's time grows with the square of its rows
 
 
@@ -69,9 +81,9 @@ def _fingers(fig, e):
     axes = fig.subplots(3, len(e.fingers), squeeze=False, sharex=True, sharey="row")
     t = np.arange(e.x.shape[1]) / e.fs
     for (top, middle, bottom), (name, finger) in zip(axes.T, e.fingers.items(), strict=True):
-        curve(top, t, e.y[list(e.scene.outputs).index(name)] - finger.mean, color="C1")
-        curve(middle, t, finger.v)
-        curve(bottom, t, finger.gate.astype(float), color="C2")
+        curve(top, t, e.y[list(e.scene.outputs).index(name)] - finger.mean, color=OUTPUT)
+        curve(middle, t, finger.v, color=INPUT)
+        curve(bottom, t, finger.gate.astype(float), color=THIRD)
         top.set_title(name)
         bottom.set(xlabel="time / s", xlim=(0, max(t[-1], 1 / e.fs)))
     for ax, label in zip(axes[:, 0], ("force - k x / N", "rate / (m/s)", "gate"), strict=True):
@@ -82,9 +94,12 @@ def _fingers(fig, e):
 
 def _curves(fig, s, e):
     """Draw the motion, the delivered signals and the law's signals, in close-up."""
-    rows = rows_of(s) + [Row(name, "1", y, "C2") for name, y in e.curves.items()]
-    start = e.closeup.start or 0
-    over_time(fig, [row._replace(y=row.y[e.closeup]) for row in rows], e.fs, start)
+    rows = rows_of(s) + [Row({name: (y, THIRD)}, "1") for name, y in e.curves.items()]
+    parts = [
+        row._replace(curves={name: (y[e.closeup], c) for name, (y, c) in row.curves.items()})
+        for row in rows
+    ]
+    over_time(fig, parts, e.fs, e.closeup.start or 0)
 
 
 def spectra_of(e: Evidence) -> dict[str, Against]:

@@ -32,7 +32,7 @@ DEVICES = ("pen", "mouse")
     drive={
         "x": "sinusoid(0.04, 0.7, 0.06)",
         "y": "sinusoid(0.03, 0.9, 0.05)",
-        "press": "sinusoid(0.5, 0.5, 0.5)",
+        "press": "sinusoid(0.49, 0.5, 0.5)",
     },
 )
 def soft_surface(

@@ -41,15 +41,19 @@ def signals(motion):
     return Signals(SCENE, FS, r.motion, {n: r[n] for n in r.outputs})
 
 
+def labels(fig):
+    return [" ".join(ax.get_ylabel().split()) for ax in fig.axes if ax.axison]
+
+
 @pytest.mark.parametrize(
     ("motion", "inputs"),
     [(SAME, ["x = z", "contact"]), (SAME | {"z": 0.02 * T}, ["x", "z", "contact"])],
 )
-def test_signals_share_a_panel_only_where_they_are_the_same(motion, inputs):
+def test_signals_share_a_panel_only_where_they_are_the_same_or_alike(motion, inputs):
     fig = Figure()
     over_time(fig, rows_of(signals(motion)), FS)
     assert all(len(ax.lines) <= 2 for ax in fig.axes)
-    shown = [ax.get_ylabel() for ax in fig.axes if ax.axison]
+    shown = labels(fig)
     assert shown == [*inputs, "thumb", "index", "noise"]
 
 
@@ -121,11 +125,11 @@ def test_an_input_that_comes_out_again_is_drawn_once_and_an_angle_is_a_position(
 def test_no_text_of_a_panel_meets_another_panel():
     scene = stimlib.Scene({"force_of_the_thumb": -K * X})  # down to -500 mN
     fig = figure(
-        stimlib.render(scene, {"x": 5e-4 * T + 1e-4 * np.sin(300 * T)}, FS, target="python")
+        stimlib.render(scene, {"x": 5e-4 * T + 1e-5 * np.sin(600 * T)}, FS, target="python")
     )
     fig.draw_without_rendering()
-    _, left, middle, _ = (ax.get_ylabel() for ax in fig.axes[1:])
-    assert left.startswith("force_of_the_thumb, above") and middle == "force_of_the_thumb"
+    names = [name.removeprefix("force_of_the_thumb") for name in labels(fig)]
+    assert names == ["x", "", *3 * [", above 40 Hz"], "PSD / N²/Hz"]
     for ax in fig.axes:
         texts = [
             ax.xaxis.label,
@@ -139,6 +143,42 @@ def test_no_text_of_a_panel_meets_another_panel():
             assert other is ax or not any(
                 text.get_window_extent().overlaps(frame) for text in texts if text.get_text()
             )
+
+
+def test_a_squeeze_shows_its_vibration_and_no_two_panels_of_one_kind():
+    """Two fingers are two lines of a panel; 1 N in 40 N is seen where it is alone."""
+    motion = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.015)}
+    r = stimlib.render(stimlib.scenes.squeeze(), motion, 4 * FS, seconds=1.0)
+    fig = figure(r)
+    names = labels(fig)
+    fast = ["force1, above 40 Hz", "force2, above 40 Hz"]
+    assert names[:4] == ["x1, x2", "force1, force2", *fast]
+    assert [n for n in names[4:] if "PSD" not in n] == [fast[0]] * 2 + [fast[1]] * 2
+    assert len({line.get_linestyle() for line in fig.axes[0].lines}) == 2
+    assert [t.get_text() for t in fig.axes[1].get_legend().get_texts()] == ["force1", "force2"]
+
+
+@pytest.mark.parametrize(
+    ("drawn", "titles"),
+    [
+        (lambda x: np.sin(5e4 * x), ["over position, x, a tenth of it"]),  # ridges
+        (lambda x: np.random.default_rng(1).normal(size=x.size), []),
+        (lambda x: 40 * x, ["over position, x"]),
+    ],
+    ids=["ridges", "noise", "spring"],
+)
+def test_over_position_a_filled_area_is_enlarged_or_left_out(drawn, titles):
+    x, fig = 0.05 * np.sin(2 * np.pi * np.arange(8 * FS) / FS), Figure()
+    close_by(fig, Signals(stimlib.Scene({"force": K * X}), FS, {"x": x}, {"force": drawn(x)}), {})
+    assert [ax.get_title() for ax in fig.axes if "over" in ax.get_title()] == titles
+
+
+def test_the_labels_of_an_axis_have_one_prefix():
+    r = stimlib.render(stimlib.Scene({"force": K * X}), {"x": 2e-3 * T}, FS, target="python")
+    fig = figure(r)
+    fig.draw_without_rendering()
+    ticks = [t.get_text() for t in fig.axes[1].get_yticklabels()]
+    assert {tick.partition(" ")[2] for tick in ticks if tick != "0"} == {"N"}
 
 
 @pytest.mark.parametrize(("width", "band"), [(1e-6, []), (0.5, ["correct"])])
