@@ -168,7 +168,10 @@ class Range(NamedTuple):
 
 Above0 = Annotated[float, Range("a number above 0", lambda v: 0 < v < math.inf)]
 From0 = Annotated[float, Range("a number, 0 or above", lambda v: 0 <= v < math.inf)]
+Upto1 = Annotated[float, Range("a number above 0 and at most 1", lambda v: 0 < v <= 1)]
+Below1 = Annotated[float, Range("a number above 0 and below 1", lambda v: 0 < v < 1)]
 Count = Annotated[int, Range("a whole number above 0", lambda v: v > 0)]
+Several = Annotated[int, Range("a whole number from 2 to 1000", lambda v: 2 <= v <= 1000)]
 RANGES: dict[Any, Any] = {"Above0": Above0, "From0": From0, "Count": Count}
 """Ranges by the names that annotations give them."""
 

@@ -15,10 +15,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..errors import Above0, BadValue, public
+from ..errors import Above0, Upto1, public
+
+Waveform = Literal["square", "sine", "sawtooth", "half_sine"]
+Rectified = Literal["half", "full"] | None
 
 
-def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
+@public
+def envelope_series(waveform: Waveform, duty: Upto1, n: np.ndarray) -> np.ndarray:
     """Return the Fourier coefficients E_n of an envelope.
 
     e(u) = sum of E_n exp(2 pi i n u).
@@ -46,8 +50,6 @@ def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
     >>> abs(envelope_series("square", 0.5, np.arange(4))).round(4)
     array([0.5   , 0.3183, 0.    , 0.1061])
     """
-    if not 0 < duty <= 1:
-        raise BadValue(f"duty = {duty!r} must be above 0 and at most 1")
     n = np.asarray(n, float)
     # of waves that are even about the middle of the ridge
     middle = duty * np.exp(-1j * np.pi * n * duty)
@@ -59,13 +61,12 @@ def envelope_series(waveform: str, duty: float, n: np.ndarray) -> np.ndarray:
         c = math.cos(math.pi * duty)
         top = (np.sinc((n - 1) * duty) + np.sinc((n + 1) * duty)) / 2 - c * np.sinc(n * duty)
         return middle * top / (1 - c)
-    if waveform == "sawtooth":
-        a = 2j * np.pi * np.where(n == 0, 1.0, n) * duty
-        return np.where(n == 0, duty / 2, duty * (1 - (1 + a) * np.exp(-a)) / a**2)
-    raise BadValue(f"waveform {waveform!r}; choose one of square, sine, sawtooth, half_sine")
+    a = 2j * np.pi * np.where(n == 0, 1.0, n) * duty  # sawtooth
+    return np.where(n == 0, duty / 2, duty * (1 - (1 + a) * np.exp(-a)) / a**2)
 
 
-def carrier_series(rectify: str | None, m: np.ndarray, sampled: float = 0.0) -> np.ndarray:
+@public
+def carrier_series(rectify: Rectified, m: np.ndarray, sampled: float = 0.0) -> np.ndarray:
     """Return the Fourier coefficients C_m of a carrier.
 
     c(phase) = sum of C_m exp(i m phase).
@@ -99,12 +100,11 @@ def carrier_series(rectify: str | None, m: np.ndarray, sampled: float = 0.0) -> 
     even = np.where(m % 2 == 0, 1 / (np.pi * np.where(abs(m) == 1, 1.0, 1 - m * m)), 0.0)
     own = np.where(abs(m) == 1, -0.25j * m, 0)
     series = {None: 2 * own, "half": even + own, "full": 2 * even + 0j}
-    if rectify not in series:
-        raise BadValue(f"rectify = {rectify!r}; choose None, 'half' or 'full'")
     return series[rectify] * (np.sinc(m * sampled) / np.sinc(sampled) if rectify else 1.0)
 
 
-def envelope_mean_square(waveform: str, duty: float) -> float:
+@public
+def envelope_mean_square(waveform: Waveform, duty: Upto1) -> float:
     """Return the mean of the squared envelope e^2 over one period.
 
     Parameters
@@ -124,12 +124,8 @@ def envelope_mean_square(waveform: str, duty: float) -> float:
     >>> [round(envelope_mean_square(w, 0.5), 6) for w in ("square", "sine", "sawtooth")]
     [0.5, 0.25, 0.166667]
     """
-    if not 0 < duty <= 1:
-        raise BadValue(f"duty = {duty!r} must be above 0 and at most 1")
-    if waveform in ("square", "sawtooth", "half_sine"):
-        return duty / {"square": 1, "sawtooth": 3, "half_sine": 2}[waveform]
     if waveform != "sine":
-        raise BadValue(f"waveform {waveform!r}; choose one of square, sine, sawtooth, half_sine")
+        return duty / {"square": 1, "sawtooth": 3, "half_sine": 2}[waveform]
     a = 2 * math.pi * duty  # the mean square is (a (2 + cos a) - 3 sin a) / (4 pi (1 - cos(a/2))^2)
     if a > 2:
         top = a * (2 + math.cos(a)) - 3 * math.sin(a)
@@ -143,10 +139,10 @@ def envelope_mean_square(waveform: str, duty: float) -> float:
 
 @public
 def rms(
-    waveform: str,
-    duty: float,
+    waveform: Waveform,
+    duty: Upto1,
     amplitude: float = 1.0,
-    rectify: Literal["half", "full"] | None = "half",
+    rectify: Rectified = "half",
 ) -> float:
     """Return the RMS of a stimulus over one bump, averaged over the carrier's phase.
 
@@ -181,13 +177,13 @@ def rms(
 
 @public
 def sampled_rms(
-    waveform: str,
-    duty: float,
+    waveform: Waveform,
+    duty: Upto1,
     amplitude: float,
     rate: Above0,
     freq: float,
     fs: float,
-    rectify: Literal["half", "full"] | None = "half",
+    rectify: Rectified = "half",
 ) -> float:
     """Return the RMS over one bump of a stimulus rendered at a sample rate.
 
@@ -227,7 +223,7 @@ def sampled_rms(
 
 
 def meeting(
-    waveform: str, duty: float, rate: float, freq: float, fs: float, seconds: float
+    waveform: Waveform, duty: Upto1, rate: float, freq: float, fs: float, seconds: float
 ) -> float:
     """Return the largest relative error of ``rms`` over a whole number of bumps.
 
@@ -274,13 +270,13 @@ class Lines(NamedTuple):
 
 @public
 def line_spectrum(
-    waveform: str,
-    duty: float,
+    waveform: Waveform,
+    duty: Upto1,
     amplitude: float,
     rate: Above0,
     freq: Above0,
     top: Above0,
-    rectify: Literal["half", "full"] | None = "half",
+    rectify: Rectified = "half",
     fs: float | None = None,
     u0: float = 0.0,
     phase: float = 0.0,

@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import Above0, BadValue, public
+from ..errors import Above0, BadValue, Upto1, public
 from ..motion.source import unmasked
 
 SHORTEST = 8  # samples
@@ -48,7 +48,7 @@ def cues(
     f: ArrayLike,
     fs: Above0,
     v: ArrayLike | None = None,
-    prominence: float = 0.1,
+    prominence: Upto1 = 0.1,
     window: Literal["hann", "none"] = "hann",
     single: bool = False,
 ) -> Cues:
@@ -153,7 +153,7 @@ def cues_of(
     y: ArrayLike,
     fs: Above0,
     v: ArrayLike | None = None,
-    prominence: float = 0.1,
+    prominence: Upto1 = 0.1,
     window: Literal["hann", "none"] = "hann",
     single: bool = False,
 ) -> Callable[[ArrayLike], Cues]:
@@ -193,8 +193,6 @@ def _prepared(
     y: ArrayLike, fs: float, v: ArrayLike | None, prominence: float, window: str, single: bool
 ) -> Callable[[ArrayLike], Cues]:
     """Return a function that computes the cues of forces, with what is known of y."""
-    if not 0 < prominence <= 1:
-        raise BadValue(f"cues: prominence = {prominence!r} must be above 0 and at most 1")
     pos, up = _scaled(_record("y", y))
     rate, fast = _scaled(_record("v", v) if v is not None else np.gradient(pos, 1 / fs))
     fast += up if v is None else 0

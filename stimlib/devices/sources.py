@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, MotionError, one_of, public, shortened
+from ..errors import BadValue, MotionError, Upto1, one_of, public, shortened
 from ..motion.source import check_names, positions, sources_of
 from . import words
 from .rows import REMEDIES
@@ -77,11 +77,7 @@ class Live:
         delay does not grow.
     """
 
-    keep: float = 0.05
-
-    def __post_init__(self):
-        if not 0 < self.keep <= 1.0:
-            raise BadValue(f"Live: keep = {self.keep} s must be above 0, at most 1")
+    keep: Upto1 = 0.05
 
 
 SILENT = 0.05
@@ -138,7 +134,6 @@ class Stream(Live):
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self):
-        super().__post_init__()
         if not callable(self.receive):
             raise BadValue("Stream: receive must be a function, such as lsl_motion('hand')")
         one_of("Stream: silence", self.silence, SILENCES)

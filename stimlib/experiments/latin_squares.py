@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import BadValue, public
+from ..errors import BadValue, Several, public
 
 _POLYNOMIALS = {4: 0b111, 8: 0b1011, 16: 0b10011, 32: 0b100101}  # irreducible over GF(2)
 
@@ -198,7 +198,7 @@ def check_graeco_latin(square: ArrayLike) -> None:
 
 
 @public
-def williams(n: int) -> NDArray[np.int64]:
+def williams(n: Several) -> NDArray[np.int64]:
     """Return orders that are balanced for first-order carry-over.
 
     Source: Williams 1949, Australian Journal of Scientific Research A 2, 149-168.
@@ -234,8 +234,6 @@ def williams(n: int) -> NDArray[np.int64]:
     >>> williams(3).shape
     (3, 6)
     """
-    if not 2 <= n <= 1000:
-        raise BadValue(f"williams: n = {n!r} must be a number of conditions from 2 to 1000")
     k = np.arange(n)
     first = np.where(k % 2, (k + 1) // 2, -(k // 2)) % n  # 0, 1, n - 1, 2, n - 2 ..
     square = (first[:, None] + k) % n

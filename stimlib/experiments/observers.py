@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..core.scene import Scene
-from ..errors import BadValue, UnknownName, need, public
+from ..errors import BadValue, Count, UnknownName, need, public
 from ..motion.source import frames_of, positions, sources_of
 from ..run.processor import Processor
 from ..run.rendering import Rendering
@@ -496,7 +496,7 @@ def power(
     participants: int,
     *,
     truth: float = math.nan,
-    experiments: int = 100,
+    experiments: Count = 100,
     alpha: float = 0.05,
     seed: int = 0,
     workers: int | None = 1,
@@ -540,8 +540,6 @@ def power(
     """
     from .signal_detection import wilson
 
-    if experiments < 1:
-        raise BadValue(f"power: experiments = {experiments!r} must be at least 1")
     codes = [f"E{e}-P{p + 1:02d}" for e in range(experiments) for p in range(participants)]
     people = {code: observer(stream(seed, "person", code)) for code in codes}
     columns = simulate(experiment, people, codes, seed=seed, workers=workers, progress=progress)

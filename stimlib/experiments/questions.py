@@ -6,7 +6,7 @@ import dataclasses as dc
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from ..errors import BadValue, public
+from ..errors import BadValue, Count, Several, public
 from ..system.fields import number
 
 if TYPE_CHECKING:
@@ -191,7 +191,7 @@ def choice(name: str, text: str, *choices: str, keys: str = "") -> Question:
 
 
 @public
-def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question:
+def rating(name: str, text: str, low: str, high: str, most: Several = 7) -> Question:
     """Make a question that asks for a number from 1 (low) to ``most`` (high).
 
     An example is an adjective pair of the touch-screen thesis, section 4.3.
@@ -217,8 +217,6 @@ def rating(name: str, text: str, low: str, high: str, most: int = 7) -> Question
     Traceback (most recent call last):
     stimlib.errors.BadValue: roughness: 8 is no answer; answer a whole number from 1 ...
     """
-    if not 2 <= most <= 1000:
-        raise BadValue(f"rating {name!r}: most = {most} must be 2 to 1000")
     return Question(name, text, "rating", (low, high), (), most)
 
 
@@ -255,7 +253,7 @@ def ranking(name: str, text: str, *items: str) -> Question:
 
 
 @public
-def places(name: str, text: str, most: int) -> Question:
+def places(name: str, text: str, most: Count) -> Question:
     """Make a question that asks for the positions where something was felt.
 
     At most ``most`` positions are allowed, in the units of the scene's inputs.
@@ -265,8 +263,6 @@ def places(name: str, text: str, most: int) -> Question:
     >>> from stimlib.experiments import places
     >>> places("nodules", "Where are they?", most=3).check([[0.01, 0.02]])
     """
-    if most < 1:
-        raise BadValue(f"places {name!r}: most = {most} must be at least 1")
     return Question(name, text, "places", (), (), most)
 
 

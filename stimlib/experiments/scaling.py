@@ -9,10 +9,9 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, need, public
+from ..errors import BadValue, Below1, need, public
 from .compare import Coefficient
 from .likelihood import numbers
-from .signal_detection import quantile
 
 
 @dataclass(frozen=True)
@@ -255,7 +254,7 @@ def bradley_terry(
     rankings: Sequence[Sequence[str | int]],
     participants: Sequence[str | int] | None = None,
     reference: str | int | None = None,
-    confidence: float = 0.95,
+    confidence: Below1 = 0.95,
 ) -> tuple[Coefficient, ...]:
     """Estimate a scale from pairs (Bradley-Terry) or rankings (Plackett-Luce).
 
@@ -310,7 +309,6 @@ def bradley_terry(
     felt 0.85 +- 0.69
     cork 0.00 +- 0.00
     """
-    quantile("bradley_terry", confidence)
     for k, row in enumerate(list(rankings) or [()]):
         if not 1 < len(row) == len(set(row)):
             raise BadValue(

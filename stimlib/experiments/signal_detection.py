@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, public
+from ..errors import BadValue, Below1, Several, public
 from .likelihood import Estimate, curve, numbers
 
 CORRECTIONS = {
@@ -152,7 +152,7 @@ class Proportion:
 
 
 @public
-def wilson(k: float, n: float, confidence: float = 0.95) -> Proportion:
+def wilson(k: float, n: float, confidence: Below1 = 0.95) -> Proportion:
     """Return a proportion with its Wilson score interval.
 
     Parameters
@@ -182,7 +182,6 @@ def wilson(k: float, n: float, confidence: float = 0.95) -> Proportion:
     (0.9484, 0.9138, 0.9696)
     """
     _counts("wilson", k, n)
-    quantile("wilson", confidence)
     found = scipy.stats.binomtest(int(k), int(n)).proportion_ci(confidence, method="wilson")
     return Proportion(k / n, float(found.low), float(found.high), int(k), int(n))
 
@@ -198,7 +197,7 @@ class Diagnosis:
 
 @public
 def diagnosis(
-    hits: float, signals: float, correct_rejections: float, noises: float, confidence: float = 0.95
+    hits: float, signals: float, correct_rejections: float, noises: float, confidence: Below1 = 0.95
 ) -> Diagnosis:
     """Return sensitivity, specificity and accuracy.
 
@@ -264,13 +263,13 @@ class ForcedChoice:
     d: float
     interval: tuple[float, float]
     proportion: Proportion
-    alternatives: int
+    alternatives: Several
     problems: tuple[str, ...]
 
 
 @public
 def forced_choice(
-    correct: float, trials: float, alternatives: int = 2, confidence: float = 0.95
+    correct: float, trials: float, alternatives: Several = 2, confidence: Below1 = 0.95
 ) -> ForcedChoice:
     """Return d' of a forced choice between m alternatives, one of which has the signal.
 
@@ -315,9 +314,6 @@ def forced_choice(
     ('ceiling',)
     """
     _counts("forced_choice", correct, trials)
-    if not 2 <= alternatives <= 1000:
-        raise BadValue(f"forced_choice: alternatives = {alternatives} must be from 2 to 1000")
-    quantile("forced_choice", confidence)
     k, n, tail = int(correct), int(trials), (1 - confidence) / 2
     low = float(scipy.special.betaincinv(k, n - k + 1, tail)) if k else 0.0
     high = float(scipy.special.betaincinv(k + 1, n - k, 1 - tail)) if k < n else 1.0
@@ -390,7 +386,7 @@ class Roc:
 
 
 @public
-def roc(signal: ArrayLike, noise: ArrayLike, confidence: float = 0.95) -> Roc:
+def roc(signal: ArrayLike, noise: ArrayLike, confidence: Below1 = 0.95) -> Roc:
     """Return the ROC of ratings: its points, area, z slope and d_a.
 
     The standard error of the area is that of DeLong et al., its interval is on the
@@ -445,7 +441,7 @@ def roc(signal: ArrayLike, noise: ArrayLike, confidence: float = 0.95) -> Roc:
         )
     for k, trials in zip(np.concatenate(rows), np.repeat([m, n], S.size), strict=True):
         _counts("roc", float(k), float(trials))
-    z = quantile("roc", confidence)
+    z = float(scipy.special.ndtri((1 + confidence) / 2))
     # the part of noise that is below a signal of each rating, of signals above a noise
     below, above = (np.cumsum(N) - N / 2) / n, 1 - (np.cumsum(S) - S / 2) / m
     area = float(S @ below / m)
@@ -503,20 +499,6 @@ def _binormal(S: np.ndarray, N: np.ndarray, rounds: int) -> tuple[np.ndarray, np
             step /= 2
         theta = theta + step
     return np.full(2, np.nan), np.full((2, 2), np.nan)
-
-
-def quantile(what: str, confidence: float) -> float:
-    """Return the normal quantile of an interval.
-
-    Examples
-    --------
-    >>> from stimlib.experiments.signal_detection import quantile
-    >>> round(quantile("wilson", 0.95), 4)
-    1.96
-    """
-    if not 0 < confidence < 1:
-        raise BadValue(f"{what}: confidence = {confidence!r} must be between 0 and 1")
-    return float(curve("probit")[2]((1 + confidence) / 2))
 
 
 def _counts(what: str, k: float, n: float) -> None:

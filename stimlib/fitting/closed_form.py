@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..blocks.fractional import Alpha
-from ..errors import Above0, BadValue, Count, From0, public
+from ..errors import Above0, BadValue, Below1, Count, From0, Upto1, public
 
 Onset = Literal["steady", "step"]
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
@@ -132,7 +132,7 @@ def maxwell_force(
 
 
 @public
-def mittag_leffler(x: ArrayLike, alpha: float, beta: float = 1.0) -> np.ndarray:
+def mittag_leffler(x: ArrayLike, alpha: Upto1, beta: Above0 = 1.0) -> np.ndarray:
     """Return the Mittag-Leffler function E_alpha,beta(-x) for x not below 0.
 
     E_alpha(-(k/chi) t^alpha) is the relaxation of a spring k in series with a springpot
@@ -177,11 +177,6 @@ def mittag_leffler(x: ArrayLike, alpha: float, beta: float = 1.0) -> np.ndarray:
     x = np.asarray(x, float)
     if not (np.isfinite(x).all() and (x >= 0).all()):
         raise BadValue("mittag_leffler: x must be finite and not below 0: the argument is -x")
-    if not (0 < alpha <= 1 and 0 < beta < math.inf):
-        raise BadValue(
-            f"mittag_leffler: alpha = {alpha}, beta = {beta}; choose alpha above 0 and at most 1,"
-            " beta above 0"
-        )
     n = 28
     way = 1 + 3j * (np.arange(n) + 0.5) / n  # upper half of the parabola
     s = math.pi * n / 12 * way**2
@@ -194,7 +189,7 @@ def springpot_series_force(
     t: ArrayLike,
     y: ArrayLike,
     chi: Above0,
-    alpha: float,
+    alpha: Below1,
     *,
     k: Above0 | None = None,
     b: Above0 | None = None,
@@ -244,8 +239,6 @@ def springpot_series_force(
     other = b if k is None else k
     if other is None or (k is not None and b is not None):
         raise BadValue("springpot_series_force: give either k (a spring) or b (a dashpot)")
-    if not 0 < alpha < 1:
-        raise BadValue(f"springpot_series_force: alpha = {alpha} must be above 0 and below 1")
     order, beta, scale, ratio = (
         (1 - alpha, 2 - alpha, chi, chi / other) if k is None else (alpha, 2.0, other, other / chi)
     )

@@ -353,7 +353,7 @@ NORMAL = {"deviations": (1.0,)}
             {"items": ((PAIR, 1.0),), "repeats": 2, "shuffle": "apart"},
             "two items or more",
         ),
-        *((williams, {"n": n}, f"n = {n} must be a number") for n in (1, 0, -4, 1001)),
+        *((williams, {"n": n}, f"n = {n} must be .* 2 to 1000") for n in (1, 0, -4, 1001)),
         (williams, {"n": 2.5}, "n = 2.5 must be a whole number"),
         (Interleaved, {"tracks": [STAIRS]}, "tracks = .* must be a dict"),
         (Interleaved, {"tracks": {}}, "name of its track"),

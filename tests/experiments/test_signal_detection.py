@@ -142,7 +142,7 @@ def test_problems_of_ratings():
     ("call", "said"),
     [
         (lambda: forced_choice(41, 40), "forced_choice: 41 of 40"),
-        (lambda: forced_choice(3, 4, 1), "alternatives = 1 must be from 2 to 1000"),
+        (lambda: forced_choice(3, 4, 1), "alternatives = 1 must be .* from 2 to 1000"),
         (lambda: forced_choice(3, 4, confidence=95), "confidence = 95"),
         (lambda: roc([1, 2], [1, 2, 3]), r"shapes \(2,\) and \(3,\)"),
         (lambda: roc([3], [3]), "two or more ratings"),

@@ -343,8 +343,8 @@ def test_lines_of_a_rendered_scene(waveform, rectify):
                 lambda d=duty: rms("square", d),
             )
         ),
-        ("choose one of", lambda: envelope_series("triangle", 0.5, ONE)),
-        ("choose one of", lambda: envelope_mean_square("triangle", 0.5)),
+        ("must be one of", lambda: envelope_series("triangle", 0.5, ONE)),
+        ("must be one of", lambda: envelope_mean_square("triangle", 0.5)),
         ("half", lambda: carrier_series("both", ONE)),
         ("half", lambda: rms("sine", 0.5, 1.0, "both")),
         ("rate", lambda: line_spectrum("sine", 0.5, 1.0, 0.0, 100.0, 500.0)),

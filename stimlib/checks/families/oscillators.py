@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any, cast
 
 import numpy as np
 
@@ -175,9 +176,10 @@ def _bumps(a: Asked) -> list[Check]:
     ):
         whole = int(abs(u[-1] - u[0]))
         y = a.y["voltage"][1 : 1 + round(whole / abs(speed[0]) * a.fs)] / top
-        model = am.sampled_rms(g["waveform"], duty[0], 1.0, abs(speed[0]), freq[0], a.fs)
+        wave = cast(Any, g["waveform"])
+        model = am.sampled_rms(wave, duty[0], 1.0, abs(speed[0]), freq[0], a.fs)
         limit = 0.005 + am.meeting(
-            g["waveform"], duty[0], abs(speed[0]), freq[0], a.fs, whole / abs(speed[0])
+            wave, duty[0], abs(speed[0]), freq[0], a.fs, whole / abs(speed[0])
         )
         if limit > 0.2:
             a.e.skipped.append(
