@@ -45,8 +45,8 @@ server: is  fields                       meaning
 hello       version, title, fs, block,   first message, and again when the scene was
             inputs, params, outputs,     edited; see below. stream: whether there is one
             view, about, stream, marks,  to choose; marks: whether markers are sent
-            behind                       somewhere; behind: s from a pointer's time stamp
-                                         to its motion, and those of its smoothing
+            behind                       somewhere; behind: s from a pointer's time
+                                         stamp to its motion, and those of its smoothing
 state       role, controlled, phase,     after hello and after every change. role:
             session, log, recorded,      control or watch; controlled: whether any page
             sources, params, why         has control; phase: idle, starting, running or

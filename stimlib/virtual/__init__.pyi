@@ -10,3 +10,4 @@ from .device import (
     Hand as Hand,
     read_device as read_device,
 )
+from .smooth import smooth as smooth

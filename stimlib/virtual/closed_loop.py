@@ -68,8 +68,8 @@ def try_on(
     push : float, array_like or callable
         A force of the hand in N, in addition, such as a recorded one.
     axis : (str, str), optional
-        The output and the input of the device; by default the only one in N and the
-        only one in m.
+        The output and the input of the device; by default the only force over a
+        position, or torque over an angle, whose device has its numbers in rad and N m.
     motion : dict of str to float, array_like or callable
         All other inputs, by default 0.
     params : dict of str to float
@@ -156,21 +156,23 @@ def _guarded(scene: Scene, output: str, safety: Safety | None) -> Scene:
 
 
 def _axis_of(scene: Scene, axis: tuple[str, str] | None) -> tuple[str, str]:
-    """Return an axis, or the only output in N and the only input in m."""
+    """Return an axis, or the only force over a position, or torque over an angle."""
     if axis is not None:
         need("axis", axis[:1], scene.outputs, "output")
         need("axis", axis[1:], scene.inputs, "input")
         return axis
     found = [
-        [name for name, b in blocks.items() if b.dim == unit(of)]
-        for blocks, of in ((scene.outputs, "N"), (scene.inputs, "m"))
+        (force, over)
+        for force, y in scene.outputs.items()
+        for over, x in scene.inputs.items()
+        if y.dim * x.dim == unit("J")
     ]
-    if [len(names) for names in found] != [1, 1]:
+    if len(found) != 1:
         raise BadValue(
-            f"outputs in N are {found[0]} and inputs in m {found[1]}, and one of each is"
+            f"forces over a position, or torques over an angle, are {found}, and one of them is"
             " the axis of the device: give axis=(output, input)"
         )
-    return found[0][0], found[1][0]
+    return found[0]
 
 
 def _course(given: Course, t: np.ndarray, what: str) -> np.ndarray:

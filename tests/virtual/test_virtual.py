@@ -13,8 +13,17 @@ from scipy.integrate import solve_ivp
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnknownName, constant
 from stimlib.analysis import needed_damping
-from stimlib.blocks import fir, friction, spring, wall
-from stimlib.virtual import Device, Faults, Hand, margin, read_device, swept_damping, try_on
+from stimlib.blocks import fir, friction, spring, velocity, wall
+from stimlib.virtual import (
+    Device,
+    Faults,
+    Hand,
+    margin,
+    read_device,
+    smooth,
+    swept_damping,
+    try_on,
+)
 
 X = Input("x", "m")
 NOTHING = Scene({"force": 0.0 * spring(X, 1.0)})
@@ -251,3 +260,26 @@ def test_tremor_is_of_8_to_12_hz_and_of_the_stated_amplitude():
     one, same, other = (try_on(NOTHING, light, hand, seed=s).position for s in (1, 1, 2))
     assert np.array_equal(one, same) and np.abs(one - other).max() > 1e-4
     refused(BadValue, "tremor reaches the device by", Hand, 0.1, tremor=1e-3)
+
+
+@pytest.mark.parametrize(
+    "device", [Device(0.1, 0.5), Device(0.1, 0.5, delay=0.0027, compliance=1e-4, handle=0.03)]
+)
+def test_the_smooth_part_moves_as_all_of_it_and_has_derivatives(device):
+    jax = pytest.importorskip("jax")
+    damper = Param("c", 1.0, "N*s/m") * velocity(X, 50.0)
+    scene = Scene({"force": Param("k", 300.0, "N/m") * X + damper})
+    how = {"aim": lambda t: 1e-3 + 0.01 * np.sin(19 * t), "push": 1.0, "start": 1e-3}
+    words = how | {"seconds": 0.2, "seed": 4}
+    hand = dc.replace(HAND, tremor=1e-3)
+    with jax.enable_x64(True):
+        run, trial = smooth(scene, device, hand, **words), try_on(scene, device, hand, **words)
+        for name, row in run().items():
+            want = getattr(trial, name)
+            assert np.abs(np.asarray(row) - want).max() < 1e-12 * np.abs(want).max(), name
+        for value in (lambda r: abs(r["position"]).max(), lambda r: r["work"][-1]):
+            slope = jax.grad(lambda k, value=value: value(run({"k": k})))(300.0)
+            low, high = (value(run({"k": k})) for k in (299.99, 300.01))
+            assert slope == pytest.approx((high - low) / 0.02, rel=1e-5)
+    for field in ("coulomb", "encoder", "dac", "limit", "lag"):
+        refused(BadValue, "leave out", smooth, scene, dc.replace(device, **{field: 0.01}))
