@@ -500,8 +500,8 @@ def say_energy(e: Evidence, device: Device | None = None) -> None:
             margins[f"{output} over {name}"] = margin = device.damping / need
             text += (
                 f"; it needs {need:.3g} {per} and the device has {device.damping:.3g}:"
-                f" {'passive' if margin >= 1 else 'not passive'} in every hand, up to"
-                f" {margin:.3g} times its stiffness"
+                f" {'' if margin >= 1 else 'not '}passive in every hand, which {margin:.3g} times"
+                " its stiffness would just be"
             )
         elif device is not None:
             text += "; its law gives no damping that it needs: try it in a closed loop"

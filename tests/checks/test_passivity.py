@@ -182,11 +182,11 @@ def test_a_report_has_the_energy_of_each_force_over_its_own_position():
     told = stimlib.verify(scene, motion, made, device=device).evidence.numbers
     assert told == [
         f"force over x: gave at most {given:.3g} mJ more than it had got, 3 ms late;"
-        " it needs 3.5 N·s/m and the device has 0.4: not passive in every hand, up to"
-        " 0.114 times its stiffness",
+        " it needs 3.5 N·s/m and the device has 0.4: not passive in every hand,"
+        " which 0.114 times its stiffness would just be",
         "torque over angle: gave at most 0 mJ more than it had got, 3 ms late;"
-        " it needs 0.007 kg·m²·s⁻¹ and the device has 0.4: passive in every hand, up to"
-        " 57.1 times its stiffness",
+        " it needs 0.007 kg·m²·s⁻¹ and the device has 0.4: passive in every hand,"
+        " which 57.1 times its stiffness would just be",
         "smallest margin of passivity: 0.114, force over x",
     ]
 
