@@ -128,10 +128,10 @@ def try_on(
     numbers = (*x.shape[1:], *y.shape[1:], [*proc.inputs].index(name), row, n)
     _coupled()(own, other, *arrays, *numbers, _measured(start, device.encoder))
     read, position, velocity, work = ends.T
-    told = {} if safety is None else Watch(proc).told()
+    told = {"power": power_of(scene.outputs[output]), **Watch(proc).told()}
     return ClosedLoop(
         t[:n], position, read, velocity, y[:, row], np.cumsum(work), y[:, -1], fs, device, hand,
-        power_of(scene.outputs[output]), told,
+        told,
     )  # fmt: skip
 
 
@@ -294,11 +294,10 @@ class ClosedLoop:
     fs : float, Hz
     device : Device
     hand : Hand
-    power : float, W
-        That the scene states to give on purpose, see ``stimlib.blocks.active``.
     told : dict
         What the safety stage did, as in the report of a session: "clips", "faults" and
-        "energy".
+        "energy"; and the "power" in W that the scene states to give on purpose, see
+        ``stimlib.blocks.active``.
     """
 
     t: np.ndarray
@@ -311,8 +310,7 @@ class ClosedLoop:
     fs: float
     device: Device
     hand: Hand
-    power: float
-    told: dict[str, dict[str, Any]]
+    told: dict[str, Any]
 
     @property
     def given(self) -> float:
@@ -325,7 +323,7 @@ class ClosedLoop:
     @property
     def beyond(self) -> float:
         """The energy in J that it gave beyond what it states to give on purpose."""
-        return max(0.0, -float(np.min(self.work + self.power * (self.t + 1 / self.fs))))
+        return max(0.0, -float(np.min(self.work + self.told["power"] * (self.t + 1 / self.fs))))
 
     @property
     def swing(self) -> tuple[float, float]:
@@ -368,12 +366,12 @@ class ClosedLoop:
             f"the scene gave {1e3 * self.given:.3g} mJ more than it had got; the hand did"
             f" {1e3 * self.work[-1]:.3g} mJ in all"
         )
-        if self.power:
+        if power := self.told["power"]:
             lines.append(
-                f"it is active on purpose, {1e3 * self.power:.3g} mW: {1e3 * self.beyond:.3g} mJ"
+                f"it is active on purpose, {1e3 * power:.3g} mW: {1e3 * self.beyond:.3g} mJ"
                 " were beyond this"
             )
-        lines += said_of_energy(self.told.get("energy", {}))
+        lines += said_of_energy(self.told["energy"])
         return "\n".join(lines)
 
 

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnknownName, constant
 from stimlib.analysis import needed_damping
-from stimlib.blocks import fir, friction, spring, velocity, wall
+from stimlib.blocks import active, fir, friction, spring, velocity, wall
 from stimlib.virtual import (
     Device,
     Faults,
@@ -283,3 +283,13 @@ def test_the_smooth_part_moves_as_all_of_it_and_has_derivatives(device):
             assert slope == pytest.approx((high - low) / 0.02, rel=1e-5)
     for field in ("coulomb", "encoder", "dac", "limit", "lag"):
         refused(BadValue, "leave out", smooth, scene, dc.replace(device, **{field: 0.01}))
+
+
+def test_a_trial_says_what_was_beyond_what_is_on_purpose():
+    pushes = constant(-0.5, "N") + 0.0 * spring(X, 1.0)
+    for force, power in ((pushes, 0.0), (active(pushes, 0.02), 0.02), (active(pushes, 0.5), 0.5)):
+        trial = try_on(Scene({"F": force}), Device(0.1, 5.0), seconds=1.0)
+        at = trial.t + 1e-3
+        assert trial.beyond == max(0.0, -(trial.work + power * at).min())
+        assert (f"{1e3 * trial.beyond:.3g} mJ were beyond this" in str(trial)) == (power > 0)
+    assert trial.beyond == 0.0 < trial.given
