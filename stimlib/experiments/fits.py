@@ -16,11 +16,19 @@ from numpy.typing import ArrayLike
 from ..core.units import pretty
 from ..errors import BadValue, need, public, shortened
 from ..system.packages import package
-from .goodness import allowed, best_possible, dispersion, goodness, parameters
+from .goodness import (
+    allowed,
+    best_possible,
+    dispersion,
+    goodness,
+    highest_of_any,
+    parameters,
+)
 from .likelihood import (
     FREE,
     GUESSES,
     LAPSES,
+    NEAR,
     PROBIT,
     PROBLEMS as ESTIMATES,
     Array,
@@ -83,7 +91,7 @@ LATTICE = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)  # shared rates to begin from, of the
 # trials at a level, beyond which likelihoods are too coarse for intervals; size of a
 # level
 MOST, LARGEST = 1e9, 1e100
-TOGETHER = 64  # sets in one call, so that memory stays small
+TOGETHER = 256  # sets in one call, so that memory stays small
 Interval = tuple[float, float]
 Key = TypeVar("Key", bound=Hashable)
 
@@ -297,7 +305,8 @@ class Fit:
         model, fall, how = self.method
         at, yes, asked = np.array(self.data).T[:, None]
         sets = Sets(np.log10(at) if self.log else at, yes, asked)
-        low, high = _around(sets, model, np.array([fall]), how, part)[0, :, 0].tolist()
+        best = maximum(sets, _middle(sets, model), model)
+        low, high = _around(sets, model, np.array([fall]), how, best, part)[0, :, 0].tolist()
         return (float(_power(low)), float(_power(high))) if self.log else (low, high)
 
     def _part(self, p: ArrayLike) -> Array:
@@ -711,7 +720,8 @@ def _fitted(part: Sequence[Sets], model: Model, rates: Mapping[str, float], how:
         problems[i] += ("beyond",) * outside + ("edge",) * largest
     around = np.full((2, 2, len(part)), math.nan)
     if usable:
-        around[..., usable] = _around(_some(sets, usable), model, falls[usable], how)
+        some = Found(*(v[usable] for v in best))
+        around[..., usable] = _around(_some(sets, usable), model, falls[usable], how, some)
     return [
         _fit(
             one,
@@ -733,18 +743,19 @@ def _fitted(part: Sequence[Sets], model: Model, rates: Mapping[str, float], how:
     ]
 
 
-def _around(sets: Sets, model: Model, falls: Array, how: _How, part: float = 0.5) -> Array:
+def _around(
+    sets: Sets, model: Model, falls: Array, how: _How, best: Found, part: float = 0.5
+) -> Array:
     """Return the ends of the level of a part of the curve, and of sigma, on the axis.
 
     Of each set, as `profile`; nan without intervals.
     """
     if how.interval == "profile":
-        return profile(sets, model, how.confidence, falls, part)
+        return _profile(sets, model, falls, part, best)
     around = np.full((2, 2, falls.size), math.nan)
     if how.interval == "none":
         return around
     middle = _middle(sets, model)
-    best = maximum(sets, middle, model)
     at, spread = middle + (curve(model.link).inverse(part) - best.a) / best.b, 1 / best.b
     wider = np.sqrt(falls / allowed(math.nan, 0, how.confidence))
     for i, asked in enumerate(sets.n > 0):  # a set without what fills it up
@@ -968,39 +979,62 @@ def profile(
     """
     each = np.broadcast_arrays(*sets)
     shape, sets = each[0].shape[:-1], Sets(*(v.reshape(-1, v.shape[-1]) for v in each))
-    middle, up = _middle(sets, model), _quantile(model, part)
-    best = maximum(sets, middle, model)
     fall = allowed(math.nan, 0, confidence) if fall is None else numbers("profile: fall", fall)
     if fall.ndim and fall.shape != shape or not (fall > 0).all():
         raise BadValue(
             f"profile: fall, of shape {fall.shape}, must be above 0, and one number or one for each"
             f" set: {shape}"
         )
-    z = np.sqrt(np.broadcast_to(fall, shape).ravel())
+    best = maximum(sets, _middle(sets, model), model)
+    fall = np.broadcast_to(fall, shape).ravel()
+    return _profile(sets, model, fall, part, best).reshape(2, 2, *shape)
+
+
+def _profile(sets: Sets, model: Model, fall: Array, part: float, best: Found) -> Array:
+    """Return profile-likelihood intervals, (2, 2, sets), about known maxima."""
+    middle, up, z = _middle(sets, model), _quantile(model, part), np.sqrt(fall)
     both = np.repeat([-1.0, 1.0], middle.size)  # the lower ends of all sets, then the upper ones
+    peaks, z, middles = Found(*(np.tile(v, 2) for v in best)), np.tile(z, 2), np.tile(middle, 2)
+    twice = _some(sets, np.tile(np.arange(middle.size), 2))
     width = np.sqrt(total(sets.n * (sets.x - middle[:, None]) ** 2) / total(sets.n)) / 8
 
-    def fallen(k: Array, c: Array, **held: Array) -> Array:
-        """Return how far the profile has fallen, which is nearly straight."""
-        peak = Found(*(v[k] for v in best))
-        least = maximum(_some(sets, k), c, model, start=peak, **held)
-        return np.sqrt(2 * np.maximum(peak.loglik - least.loglik, 0.0)) - z[k]
+    def found(start: Array, step: Array, hold: Callable[[Array, Array], dict[str, Array]]) -> Array:
+        """Return the ends along one way to hold a parameter."""
+        last = Found(*(v.copy() for v in peaks))
 
-    def at_level(m: Array, rows: Array) -> Array:
-        return fallen(rows % middle.size, m, a=np.full(m.shape, up))
+        def fallen(x: Array, k: Array, search: bool) -> Array:
+            """Return how far the profile has fallen, which is nearly straight."""
+            now = Found(*(v[k] for v in last))
+            at = dict(c=middles[k]) | hold(x, k)
+            least = maximum(_some(twice, k), model=model, start=now, search=search, **at)
+            for v, new in zip(last, least, strict=True):
+                v[k] = new
+            return np.sqrt(2 * np.maximum(peaks.loglik[k] - least.loglik, 0.0)) - z[k]
 
-    def at_slope(logs: Array, rows: Array) -> Array:
-        k = rows % middle.size
-        return fallen(k, middle[k], b=np.exp(np.clip(logs, -60, 60)))
+        at = ends(lambda x, k: fallen(x, k, False), start, step)
+        # where another peak is higher there, the end is further away
+        k = np.flatnonzero(np.isfinite(at) & bool(model.guess or model.lapse))
+        k = k[fallen(at[k], k, True) < -NEAR] if k.size else k
+        if k.size:
+            for v, peak in zip(last, peaks, strict=True):
+                v[k] = peak[k]
+            at[k] = ends(lambda x, rows: fallen(x, k[rows], True), start[k], step[k])
+        return at
 
-    sigmas = np.exp(-ends(at_slope, np.tile(np.log(np.abs(best.b)), 2), -0.2 * both))
+    def at_level(m: Array, k: Array) -> dict[str, Array]:
+        return dict(c=m, a=np.full(m.shape, up))
+
+    def at_slope(logs: Array, k: Array) -> dict[str, Array]:
+        return dict(b=np.exp(np.clip(logs, -60, 60)))
+
+    sigmas = np.exp(-found(np.log(np.abs(peaks.b)), -0.2 * both, at_slope))
     if model.pse is not None:  # then the level goes with sigma
         away = up * sigmas if up else np.zeros(sigmas.shape)
         levels = np.sort(model.pse + away.reshape(2, -1), axis=0).ravel()
     else:
         start = np.tile(middle + (up - best.a) / best.b, 2)
-        levels = ends(at_level, start, both * np.tile(width, 2))
-    return np.stack([levels, sigmas]).reshape(2, 2, *shape)
+        levels = found(start, both * np.tile(width, 2), at_level)
+    return np.stack([levels, sigmas]).reshape(2, 2, -1)
 
 
 @public
@@ -1241,28 +1275,42 @@ def undetermined(sets: Sets) -> tuple[str, ...]:
     return ("falling",) if some_yes.max() <= some_no.min() else ()
 
 
+def _gain(sets: Sets, middle: Array, model: Model, found: Found, least: float) -> Array:
+    """Return twice the gain in log-likelihood of another model; -inf if below least.
+
+    The model is fitted only where curves of any form can gain so much.
+    """
+    rates = [v if isinstance(v, float) else 0.0 for v in (model.guess, model.lapse)]
+    low, high = rates if model.guess is not None else rates[1:] * 2
+    gain = np.full(middle.shape, -np.inf)
+    at = np.flatnonzero(2 * (highest_of_any(sets, low, high) - found.loglik) > least)
+    if at.size:
+        best = maximum(_some(sets, at), middle[at], model).loglik
+        gain[at] = 2 * (best - found.loglik[at])
+    return gain
+
+
 def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
     """Return what is wrong with answers that have a best curve; "" if nothing is."""
-    free = model._replace(lapse=FREE)
     eta = found.a[:, None] + found.b[:, None] * (sets.x - middle[:, None])
     # but for lapses, they are separated
     near = np.sum((np.abs(eta) < BEYOND) & (sets.n > 0), axis=1)
     flat = 2 * (found.loglik - maximum(sets, middle, model, b=0.0).loglik) < scipy.stats.chi2.ppf(
         0.95, 1
     )
-    gain = np.zeros(flat.shape)
+    # at the edge of its range: half of chi squared
+    least = scipy.stats.chi2.isf(2 * SURE, 1)
+    gain = np.full(flat.shape, -np.inf)
     if model.lapse != FREE:
-        gain = 2 * (maximum(sets, middle, free).loglik - found.loglik)
-    lapses = gain > scipy.stats.chi2.isf(
-        2 * SURE, 1
-    )  # at the edge of its range: half of chi squared
+        gain = _gain(sets, middle, model._replace(lapse=FREE), found, least)
+    lapses = gain > least
     guess = np.zeros(flat.shape, bool)
     if model.guess != FREE and model.pse is None:
         others = [0.5] if model.guess is None else [g for g in CHANCES if g != model.guess]
-        each = [maximum(sets, middle, model._replace(guess=g)).loglik for g in others]
-        better = 2 * (np.max(each, axis=0) - found.loglik)
-        guess = better > (AS_GOOD if model.guess is None else scipy.stats.chi2.isf(SURE, 1))
-        guess &= ~lapses | (better > gain)
+        least = AS_GOOD if model.guess is None else scipy.stats.chi2.isf(SURE, 1)
+        each = [_gain(sets, middle, model._replace(guess=g), found, least) for g in others]
+        better = np.max(each, axis=0)
+        guess = (better > least) & (~lapses | (better > gain))
     names = np.select(
         [flat, found.b <= 0, near < 1 + (model.pse is None), guess, lapses],
         ["flat", "falling", "separated", "guess", "lapses"],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
@@ -162,7 +164,13 @@ def goodness(sets: Sets, c: float, model: Model, found: Found, seed: int = 0) ->
     drawn = np.random.default_rng(seed).binomial(sets.n.astype(int), p, (DRAWS, p.size))
     score = ((drawn - sets.n * p) / (p * q)) @ d.T
     gained = np.sum(score * np.linalg.lstsq(information, score.T, rcond=1e-12)[0].T, axis=1)
-    larger = _deviance(drawn, sets.n, p, q) - gained >= _deviance(sets.yes, sets.n, p, q)
+    # a table of counts is shorter than the draws, but where there are very many answers
+    if sets.n.max() < DRAWS:
+        counts = np.arange(sets.n.max() + 1)[:, None]
+        deviance = _deviances(counts, sets.n, p, q)[drawn, np.arange(p.size)]
+    else:
+        deviance = _deviances(drawn, sets.n, p, q)
+    larger = deviance.sum(axis=1) - gained >= _deviances(sets.yes, sets.n, p, q).sum()
     return float((1 + np.sum(larger)) / (1 + DRAWS))
 
 
@@ -176,9 +184,59 @@ def best_possible(sets: Sets) -> float:
     )
 
 
-def _deviance(yes: Array, n: Array, p: Array, q: Array) -> Array:
-    """Return the deviance of answers from probabilities."""
-    no = n - yes
-    return 2 * np.sum(
-        scipy.special.xlogy(yes, yes / (n * p)) + scipy.special.xlogy(no, no / (n * q)), axis=-1
-    )
+def _deviances(yes: Array, n: Array, p: Array, q: Array) -> Array:
+    """Return what counts add to the deviance, at each level."""
+    no = np.maximum(n - yes, 0.0)
+    return 2 * (scipy.special.xlogy(yes, yes / (n * p)) + scipy.special.xlogy(no, no / (n * q)))
+
+
+def highest_of_any(sets: Sets, low: float, high: float) -> Array:
+    """Return an upper bound of the log-likelihood of curves, whatever their form.
+
+    It is that of the proportions nearest to the answers that rise with the level, or
+    fall, between a rate of guesses and 1 less one of lapses.
+
+    Parameters
+    ----------
+    sets : Sets
+        Shape (sets, levels); levels in order.
+    low, high : float
+        The least rates of guesses and lapses.
+
+    Returns
+    -------
+    ndarray, shape (sets,)
+
+    References
+    ----------
+    Ayer et al. (1955), Annals of Mathematical Statistics 26:641 (adjacent violators).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.experiments.goodness import highest_of_any
+    >>> from stimlib.experiments.likelihood import Sets
+    >>> sets = Sets(*np.array([[[1.0, 2.0, 3.0]], [[0, 2, 1]], [[2, 2, 2]]]))
+    >>> highest_of_any(sets, 0.0, 0.0).round(3)  # of 0, 3/4 and 3/4
+    array([-2.249])
+    """
+    best = np.empty(len(sets.n))
+    for at, (yes, n) in enumerate(zip(sets.yes, sets.n, strict=True)):
+        y, m = yes[n > 0], n[n > 0]
+        both = [_rising(*way) for way in ((y, m), (y[::-1], m[::-1]))]
+        each = [np.clip(p, low, 1 - high) for p in (both[0], both[1][::-1])]
+        best[at] = max(
+            np.sum(scipy.special.xlogy(y, p) + scipy.special.xlogy(m - y, 1 - p)) for p in each
+        )
+    return best
+
+
+def _rising(yes: Array, n: Array) -> Array:
+    """Return the most likely proportions that never fall with the level."""
+    blocks: list[list[Any]] = []  # yes, trials, levels
+    for one in zip(yes.tolist(), n.tolist(), strict=True):
+        blocks.append([*one, 1])
+        while len(blocks) > 1 and blocks[-2][0] * blocks[-1][1] > blocks[-1][0] * blocks[-2][1]:
+            last = blocks.pop()
+            blocks[-1] = [v + w for v, w in zip(blocks[-1], last, strict=True)]
+    return np.repeat([y / m for y, m, _ in blocks], [k for *_, k in blocks])

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import product
+from itertools import combinations_with_replacement, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,17 +24,18 @@ LINKS = ("probit", "logit", "gumbel", "weibull")
 FREE = "free"  # a rate of guesses or lapses that is fitted
 # the largest rates of lapses and guesses that are looked for
 LAPSES, GUESSES = 0.1, 0.8
-STEPS, FEW = 40, 10  # of Fisher scoring, or halvings of a step
-STARTS = [(0.0, 0.0), (0.0, 2.0), *((k / 4, 8.0) for k in range(-6, 7, 2))]
-"""Where scoring starts: middle and slope, in spreads of the levels; where there may be
-several peaks.
-"""
-# rounds and points of the search for a rate of lapses, before it is scored with the
-# rest
-ZOOMS, GRID = 4, 6
+STEPS, FEW = 60, 10
+# of the search: steps with the rates held, places kept, and how near two are the same
+HELD, KEPT, SAME = 8, 14, 1e-7
+# lattice of starts, where there may be several peaks: middles, slopes of each sign, the
+# flattest in spreads of the levels, and how many sigmas two levels of a step are apart
+MIDDLES, SLOPES, FLATTEST, STEP = 17, 12, 0.25, 80.0
+FAR = 2.0  # sigmas that a step may move a curve, or half of its slope
 # of the search for an end of an interval: steps, and how near 0 it ends
 DOUBLINGS, SECANTS, NEAR = 14, 30, 1e-7
 FLOOR = 1e-15  # of a probability
+EDGE = 1e-12  # of the range of a rate
+LITTLE = 1e-18  # gain of a step, relative, at which a climb ends
 PROBLEMS = {
     "few": (
         "all answers are the same, or to one level, or too few: nothing can be estimated; choose"
@@ -242,6 +243,7 @@ def maximum(
     a: ArrayLike | None = None,
     b: ArrayLike | None = None,
     start: Found | None = None,
+    search: bool = True,
 ) -> Found:
     """Return the most likely a and b of each set, by Fisher scoring.
 
@@ -258,6 +260,9 @@ def maximum(
         Held there and not fitted: with a = 0, c is the middle of the curve.
     start : Found, optional
         Where to begin, which saves steps where it is near.
+    search : bool
+        Whether to look for a higher peak elsewhere, where there may be several; else
+        the one that is reached from the start is returned.
 
     Returns
     -------
@@ -296,14 +301,30 @@ def maximum(
     yes, n = (np.broadcast_to(v, z.shape) for v in sets[1:])
     size = np.sqrt(total(n * z * z) / total(n))
     size = np.where(size > 0, size, 1.0)
-    sets, b = Sets(z / size[..., None], yes, n), b * size
-    if not model.guess and not model.lapse:  # there is one peak
-        begin = Found(*(np.broadcast_to(v, shape) for v in (a, b, 0.0, 0.0, 0.0)))
-    else:
-        begin = _search(sets, model, a, b, free, ZOOMS if start is None else 1)
-    found = _climb(sets, model, begin, (*free, *_rates(model)), STEPS)
-    guess = found.lapse if model.guess is None else found.guess
-    return found._replace(b=found.b / size, guess=guess)
+    z = z / size[..., None]
+    rows = _Rows(*(np.ascontiguousarray(v.reshape(-1, v.shape[-1]).T) for v in (z, yes, n - yes)))
+    at = np.zeros((4, size.size))
+    rates = (0.0, 0.0) if start is None else (start.lapse, start.guess)
+    for row, value in zip(at, (a, b * size, *rates), strict=True):
+        row[:] = np.broadcast_to(np.asarray(value), shape).ravel()
+    fitted = (*free, *_rates(model))
+    if search and (model.guess or model.lapse):  # there may be several peaks
+        at = _search(rows, model, at, fitted, start is not None)
+    at, loglik = _climb(rows, model, at, fitted, STEPS)
+    a, b, lapse, guess = at
+    each = a, b / size.ravel(), lapse, lapse if model.guess is None else guess, loglik
+    return Found(*(v.reshape(shape) for v in each))
+
+
+class _Rows(NamedTuple):
+    """Answers of many sets, each (levels, sets), so that sums over levels are in order.
+
+    The levels are from c on, in spreads.
+    """
+
+    z: Array
+    yes: Array
+    no: Array
 
 
 def _rates(model: Model) -> tuple[bool, bool]:
@@ -311,102 +332,216 @@ def _rates(model: Model) -> tuple[bool, bool]:
     return model.lapse == FREE, model.guess == FREE
 
 
-def _search(
-    sets: Sets, model: Model, a: Array, b: Array, free: tuple[bool, bool], zooms: int
-) -> Found:
-    """Return the best of many starts and rates, after a few steps each.
+def _search(rows: _Rows, model: Model, at: Array, free: tuple[bool, ...], warm: bool) -> Array:
+    """Return a place for each set from which to climb to the highest peak.
 
-    x is in spreads of the levels.
+    The likelihood is taken on a lattice of curves and rates.  The best of each slope,
+    of each middle and of each pair of rates climb a few steps, and ``at`` too if warm.
     """
-    shape, each = sets.x.shape[:-1], Sets(*(v[..., None, :] for v in sets))
-    looked = _rates(model)
-    fixed = [0.0 if v in (None, FREE) else v for v in (model.lapse, model.guess)]
-    lowest = np.broadcast_to(fixed, (*shape, 2))
-    highest = np.where(looked, [LAPSES, GUESSES], lowest)
-    grid = np.array(list(product(*(np.linspace(0, 1, GRID if v else 1) for v in looked))))
-    # what is held makes many of them one
-    starts = list(dict.fromkeys((free[0] * m, free[1] * s) for m, s in STARTS))
-    middles, slopes = (np.tile(v, len(grid)) for v in np.array(starts).T)
-    low, high = lowest, highest
-    for _ in range(zooms if any(looked) else 1):
-        rates = low[..., None, :] + (high - low)[..., None, :] * grid
-        rates = np.repeat(rates, len(starts), axis=-2)
-        steep = slopes if free[1] else b[..., None]
-        start = -middles * steep if free[0] else a[..., None]
-        begin = (start, steep, rates[..., 0], rates[..., 1], 0.0)
-        found = _climb(
-            each,
-            model,
-            Found(*(np.broadcast_to(v, rates.shape[:-1]) for v in begin)),
-            (*free, False, False),
-            FEW,
-        )
-        best = np.argmax(found.loglik, axis=-1)[..., None]
-        found = Found(*(np.take_along_axis(v, best, -1)[..., 0] for v in found))
-        at, step = np.stack([found.lapse, found.guess], axis=-1), (high - low) / (GRID - 1)
-        low, high = np.maximum(at - step, lowest), np.minimum(at + step, highest)
-    return found
+    sets = at.shape[1]
+    slopes, places = _lattice(rows, free)
+    b = slopes if free[1] else at[1:2]
+    # a curve that is nearly flat is moved by as much as a steep one
+    a = -places[:, None] * np.where(free[1] | (np.abs(b) > 1), b, 1.0) if free[0] else at[:1, None]
+    a, b = np.broadcast_arrays(a + 0 * b, b + 0 * a)
+    each = [
+        np.linspace(0, most, k) if v == FREE else [v or 0.0]
+        for v, most, k in ((model.lapse, LAPSES, 3), (model.guess, GUESSES, 5))
+    ]
+    rates = np.array(list(product(*each)))
+    heights = np.stack(_heights(rows, model, a, b, rates))
+    which, i, j = np.indices(heights.shape[:3]).reshape(3, -1)
+    best = []
+    for axis, some in enumerate((len(rates) > 1, free[0], free[1])):
+        if some:
+            order = np.moveaxis(np.arange(which.size).reshape(heights.shape[:3]), axis, 0)
+            groups = order.reshape(len(order), -1)
+            tops = np.argmax(heights.reshape(-1, sets)[groups], axis=1)
+            best.append(np.take_along_axis(groups, tops, 1))
+    picks = np.concatenate(best) if best else np.zeros((1, sets), int)
+    column, held = np.arange(sets), (*free[:2], False, False)
+    starts = np.stack(
+        [v[i[picks], j[picks], column] for v in (a, b)] + [rates[which[picks], k] for k in (0, 1)]
+    )
+    if warm:
+        starts = np.concatenate([starts, at[:, None]], axis=1)
+    for fitted, steps, left in ((held, HELD, KEPT), (free, FEW, 1)):
+        many = starts.shape[1]
+        wide = _Rows(*(np.tile(v, many) for v in rows))
+        starts, height = _climb(wide, model, starts.reshape(4, -1), fitted, steps)
+        starts, height = starts.reshape(4, many, sets), height.reshape(many, sets)
+        order = np.argsort(-height, axis=0, kind="stable")
+        ranked = np.take_along_axis(height, order, 0)
+        again = np.zeros(order.shape, bool)
+        again[1:] = ranked[1:] > ranked[:-1] - SAME * np.abs(ranked[:-1])
+        order = np.take_along_axis(order, np.argsort(again, axis=0, kind="stable")[:left], 0)
+        starts = np.take_along_axis(starts, order[None], 1)
+    return starts[:, 0]
 
 
-def _climb(sets: Sets, model: Model, start: Found, free: tuple[bool, ...], steps: int) -> Found:
-    """Climb from one row for each start.
+def _heights(rows: _Rows, model: Model, a: Array, b: Array, rates: Array) -> list[Array]:
+    """Return the log-likelihoods of curves with each pair of rates."""
+    of = curve(model.link)
+    heights = [np.zeros(a.shape) for _ in rates]
+    for z, yes, no in zip(*rows, strict=True):
+        eta = a + b * z
+        F, upper = of.F(eta), of.upper(eta)
+        for height, (lapse, guess) in zip(heights, rates, strict=True):
+            low = lapse if model.guess is None else guess
+            rest = 1 - low - lapse
+            height += yes * np.log(np.maximum(low + rest * F, FLOOR))
+            height += no * np.log(np.maximum(lapse + rest * upper, FLOOR))
+    return heights
 
-    A row is left alone when its steps have become small.  The columns are intercept,
+
+def _lattice(rows: _Rows, free: tuple[bool, ...]) -> tuple[Array, Array]:
+    """Return slopes, from nearly flat to a step between two levels, and middles.
+
+    The middles are levels and half-way between them; some, where there are many.
+    """
+    asked = rows.yes + rows.no > 0
+    levels = np.sort(np.where(asked, rows.z, np.inf), axis=0)
+    rank = np.rint(np.linspace(0, 2, MIDDLES)[:, None] * (asked.sum(axis=0) - 1)).astype(int)
+    below, above = (np.take_along_axis(levels, k // 2, 0) for k in (rank, rank + 1))
+    if free[0]:
+        with np.errstate(invalid="ignore"):
+            gaps = np.diff(levels, axis=0, prepend=-np.inf)
+    else:  # from where the curve is held
+        gaps = np.abs(levels)
+    nearest = np.maximum(np.where(gaps > 0, gaps, np.inf).min(axis=0), 1e-3)
+    steepest = np.maximum(STEP / nearest, STEP / 10)
+    up = FLATTEST * (steepest / FLATTEST) ** np.linspace(0, 1, SLOPES)[:, None]
+    middles = (below + above) / 2
+    return np.concatenate([-up[::-1], up]), np.concatenate(
+        [middles[:1] - FAR, middles, middles[-1:] + FAR]
+    )
+
+
+def _climb(
+    rows: _Rows, model: Model, start: Array, free: tuple[bool, ...], steps: int
+) -> tuple[Array, Array]:
+    """Climb from a place of each row; return the places reached, and log-likelihoods.
+
+    A row is left alone when its steps have become small.  The places are intercept,
     slope, and the rates of lapses and guesses.
     """
-    shape = start.a.shape
-    z, yes, n = (np.broadcast_to(v, shape + v.shape[-1:]).reshape(start.a.size, -1) for v in sets)
-    at = np.stack([v.ravel() for v in start[:4]], axis=1)
-    highest = np.maximum([LAPSES, GUESSES], at[:, 2:])
-    loglik, step = _score(at, z, yes, n, model, free)
-    active = np.arange(len(at))
+    reached, heights = start.copy(), np.empty(start.shape[1])
+    highest = np.maximum([[LAPSES], [GUESSES]], start[2:])
+    at, active, moves = start, np.arange(heights.size), np.ones(heights.size, bool)
+    loglik, step, _ = _score(at, rows, model, free)
     for _ in range(steps):
-        before, by = loglik[active], step[active]
-        trial = at[active] + by
+        if model.guess or model.lapse:
+            step = _within(step, at, highest)
+        trial = at + step
         if any(free[2:]):
-            trial[:, 2:] = np.clip(trial[:, 2:], 0.0, highest[active])
-        new, newer = _score(trial, z, yes, n, model, free)
-        better = new >= before - 1e-12 * np.abs(before)
-        at[active[better]], loglik[active[better]] = trial[better], new[better]
-        step[active] = now = np.where(better[:, None], newer, by / 2)
-        moves = (np.abs(now) > 1e-11 * (1 + np.abs(at[active]))).any(axis=1)
-        if not moves.all():
-            active, z, yes, n = (v[moves] for v in (active, z, yes, n))
-            if not active.size:
+            trial[2:][trial[2:] < EDGE] = 0.0
+            trial[2:] = np.where(trial[2:] > highest - EDGE, highest, trial[2:])
+        new, newer, gain = _score(trial, rows, model, free)
+        # a row that is left alone keeps its bits, whatever rows are beside it
+        better = moves & (new >= loglik - 1e-12 * np.abs(loglik))
+        at, loglik = np.where(better, trial, at), np.where(better, new, loglik)
+        step = np.where(better, newer, step / 2)
+        moves &= (np.abs(step) > 1e-11 * (1 + np.abs(at))).any(axis=0)
+        moves &= ~better | (gain > LITTLE * (1 + np.abs(loglik)))
+        if 2 * np.count_nonzero(moves) < moves.size:
+            reached[:, active], heights[active] = at, loglik
+            if not moves.any():
                 break
-    return Found(*(v.reshape(shape) for v in (*at.T, loglik)))
+            active, at, step, loglik, highest = (
+                v[..., moves] for v in (active, at, step, loglik, highest)
+            )
+            rows, moves = _Rows(*(v[:, moves] for v in rows)), moves[moves]
+    reached[:, active], heights[active] = at, loglik
+    return reached, heights
+
+
+def _within(step: Array, at: Array, highest: Array) -> Array:
+    """Return steps cut at FAR, and where a rate comes to the end of its range."""
+    part = (FAR + np.abs(at[1]) / 2) / np.maximum(np.abs(step[:2]).max(axis=0), FLOOR)
+    room = np.where(step[2:] > 0, highest - at[2:], at[2:])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        parts = np.where(room > 0, room / np.abs(step[2:]), 1.0)
+    return step * np.minimum(np.minimum(part, 1.0), parts.min(axis=0))
 
 
 def _score(
-    at: Array, z: Array, yes: Array, n: Array, model: Model, free: tuple[bool, ...]
-) -> tuple[Array, Array]:
-    """Return the log-likelihood of each row, and its step.
+    at: Array, rows: _Rows, model: Model, free: tuple[bool, ...]
+) -> tuple[Array, Array, Array]:
+    """Return the log-likelihood of each row, its step, and twice what that should gain.
 
-    The step is the expected information's inverse times the gradient; where a rate is
-    fitted too, it is Newton's.
+    The step is Newton's; where the log-likelihood is not concave, the inverse of the
+    expected information times the gradient.
     """
-    of, eta, lapse = curve(model.link), at[:, :1] + at[:, 1:2] * z, at[:, 2:3]
-    guess = lapse if model.guess is None else at[:, 3:]
-    p, q = probability(eta, model.link, guess, lapse)
-    slope, no = (1 - guess - lapse) * of.density(eta), n - yes
-    fit = yes * np.log(p) + no * np.log(q)
-    if any(free[2:]):
-        return total(fit), _joint_step(at, z, yes, n, model, free, eta, p, q, slope)
-    r = yes / p - no / q
-    g = slope * r
-    w = n * slope * slope / (p * q)
+    z, yes, no = rows
+    a, b, lapse, guess = at
+    of, eta, symmetric = curve(model.link), a + b * z, model.guess is None
+    if symmetric:
+        guess = lapse
+    F, upper, density, rest = of.F(eta), of.upper(eta), of.density(eta), 1 - guess - lapse
+    p, q = np.maximum(guess + rest * F, FLOOR), np.maximum(lapse + rest * upper, FLOOR)
+    slope, u, v = rest * density, yes / p, no / q
+    r, observed, expected = u - v, u / p + v / q, (yes + no) / (p * q)
+    bent = slope * r * of.bend(eta)
     if not model.guess and not model.lapse:  # concave, but where FLOOR is the probability
-        newton = slope * slope * (yes / (p * p) + no / (q * q)) - g * of.bend(eta)
-        w = np.where(newton > 0, newton, w)
-    gz, wz = g * z, w * z
-    loglik, g0, g1, w0, w1, w2 = total(np.stack([fit, g, gz, w, wz, wz * z]))
-    step = np.zeros_like(at)
-    if free[:2] == (True, True):
-        det = w0 * w2 - w1 * w1 + FLOOR
-        step[:, 0], step[:, 1] = (w2 * g0 - w1 * g1) / det, (w0 * g1 - w1 * g0) / det
-    else:
-        step[:, 0], step[:, 1] = free[0] * g0 / (w0 + FLOOR), free[1] * g1 / (w2 + FLOOR)
-    return loglik, step
+        square = slope * slope
+        bent = np.where(square * observed > bent, bent, square * (observed - expected))
+    # derivatives of p, and the second ones times r; p is a straight line over a rate
+    first = [slope, slope * z, 1 - 2 * F if symmetric else -F, upper]
+    second = {(0, 0): bent, (0, 1): bent * z, (1, 1): bent * z * z}
+    fitted = [k for k in range(4) if free[k]]
+    if any(free[2:]):
+        side = (-2 if symmetric else -1) * density * r
+        second |= {(i, k): side * z if i else side for i in (0, 1) for k in (2, 3)}
+    pairs = list(combinations_with_replacement(fitted, 2))
+    products = [first[i] * first[j] for i, j in pairs]
+    terms = [yes * np.log(p) + no * np.log(q), *(first[k] * r for k in fitted)]
+    terms += [v * observed - second.get(pair, 0.0) for pair, v in zip(pairs, products, strict=True)]
+    # over the first axis, of which numpy adds one row after the other
+    loglik, *sums = np.add.reduce(np.stack([*terms, z], axis=1), axis=0)[:-1]
+    k, step, gain = len(fitted), np.zeros_like(at), np.zeros(a.shape)
+    if not k:
+        return loglik, step, gain
+    gradient = np.stack(sums[:k])
+    # a rate at an end of its range is held there while the gradient points outwards
+    held = np.stack(
+        [
+            np.where(g > 0, at[i] >= (LAPSES, GUESSES)[i - 2], at[i] <= 0) & (i > 1)
+            for i, g in zip(fitted, gradient, strict=True)
+        ]
+    )
+    gradient = np.where(held, 0.0, gradient)
+    found, sure = _solved(sums[k:], gradient, held)
+    if not sure.all():
+        some = ~sure
+        least = [v[:, some] * expected[:, some] for v in products]
+        least = np.add.reduce(np.stack([*least, z[:, some]], axis=1), axis=0)[:-1]
+        found[:, some] = _solved(list(least), gradient[:, some], held[:, some])[0]
+    step[fitted] = found
+    return loglik, step, np.sum(found * gradient, axis=0)
+
+
+def _solved(upper: list[Array], gradient: Array, held: Array) -> tuple[Array, Array]:
+    """Return an information's inverse times the gradient, and where it is positive.
+
+    By Gauss and Jordan, each a row of many; ``upper`` is the upper triangle.
+    """
+    k = len(gradient)
+    m = np.empty((k, k + 1, gradient.shape[1]))
+    for (i, j), v in zip(combinations_with_replacement(range(k), 2), upper, strict=True):
+        m[i, j] = m[j, i] = np.where(held[i] | held[j], 0.0, v)
+    m[:, k] = gradient
+    little = FLOOR + 1e-12 * sum(np.abs(m[i, i]) for i in range(k))
+    sure = np.ones(little.shape, bool)
+    for i in range(k):
+        m[i, i] += little  # what is held has none
+    for i in range(k):
+        positive = m[i, i] > 0
+        sure &= positive
+        m[i] /= np.where(positive, m[i, i], 1.0)
+        for j in range(k):
+            if j != i:
+                m[j] -= m[j, i] * m[i]
+    return m[:, k], sure
 
 
 def directions(z: Array, eta: Array, slope: Array, model: Model, free: Sequence[bool]) -> Array:
@@ -434,52 +569,6 @@ def directions(z: Array, eta: Array, slope: Array, model: Model, free: Sequence[
     F = curve(model.link).F(eta)
     each = slope, slope * z, 1 - 2 * F if model.guess is None else -F, 1 - F
     return np.stack([f * v for f, v in zip(free, each, strict=True)], axis=-2)
-
-
-def _joint_step(
-    at: Array,
-    z: Array,
-    yes: Array,
-    n: Array,
-    model: Model,
-    free: tuple[bool, ...],
-    eta: Array,
-    p: Array,
-    q: Array,
-    slope: Array,
-) -> Array:
-    """Return Newton's step of all four.
-
-    Where the log-likelihood is not concave, it is by the expected information.
-    """
-    of = curve(model.link)
-    d = directions(z, eta, slope, model, free)
-    r = yes / p - (n - yes) / q
-    gradient = total(d * r[:, None])
-    # a rate at an end of its range is held there while the gradient points outwards
-    rates, uphill = at[:, 2:], gradient[:, 2:] > 0
-    held = np.where(uphill, rates >= [LAPSES, GUESSES], rates <= 0)
-    d[:, 2:][held] = 0.0
-    gradient[:, 2:][held] = 0.0
-    # how dp/deta changes with a rate
-    both = -of.density(eta)[:, None] * [[2 if model.guess is None else 1], [1]]
-    both = both * (np.array(free[2:]) & ~held)[..., None]
-    line = np.stack([free[0] + 0 * z, free[1] * z, 0 * z, 0 * z], axis=1)
-    cross = np.zeros((*d.shape[:2], *d.shape[1:]))
-    cross[:, :, 2:] = line[:, :, None] * both[:, None]
-    second = line[:, :, None] * line[:, None] * (slope * of.bend(eta))[:, None, None]
-    second = second + cross + np.swapaxes(cross, 1, 2)
-    outer = d[:, :, None] * d[:, None]
-    expected = total(outer * (n / (p * q))[:, None, None])
-    observed = total(
-        outer * (yes / p**2 + (n - yes) / q**2)[:, None, None] - second * r[:, None, None]
-    )
-    # what is held has none
-    little = (1e-12 * np.trace(expected, axis1=1, axis2=2) + FLOOR)[:, None, None] * np.eye(4)
-    concave = np.linalg.eigvalsh(observed + little)[:, :1, None] > 0
-    return np.linalg.solve(np.where(concave, observed, expected) + little, gradient[..., None])[
-        ..., 0
-    ]
 
 
 def ends(excess: Callable[[Array, Array], Array], start: ArrayLike, step: ArrayLike) -> Array:

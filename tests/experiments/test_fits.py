@@ -35,7 +35,6 @@ from stimlib.experiments.goodness import allowed, dispersion, goodness
 from stimlib.experiments.likelihood import (
     LINKS,
     PROBIT,
-    Found,
     Model,
     Sets,
     curve,
@@ -248,13 +247,13 @@ def test_a_step_that_goes_too_far_is_halved(guess, yes, starts):
     """
     p = (np.array(yes) / 10 - guess) / (1 - guess)
     low, high = np.log(p / (1 - p))
-    sets = Sets(np.array([-1.0, 1.0]), np.array(yes, float), np.array([10.0, 10.0]))
-    a, b = np.transpose(starts).astype(float)
-    start = Found(a, b, 0 * a, guess + 0 * a, 0 * a)
+    said = np.repeat(np.array(yes, float)[:, None], len(starts), axis=1)
+    rows = likelihood._Rows(np.array([[-1.0], [1.0]]) + 0 * said, said, 10 - said)
+    start = np.array([*np.transpose(starts).astype(float), [0.0] * 3, [guess] * 3])
     free = (True, True, False, False)
-    found = likelihood._climb(sets, Model("logit", guess), start, free, 60)
-    np.testing.assert_allclose(found.a, (high + low) / 2, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(found.b, (high - low) / 2, rtol=0, atol=1e-9)
+    (a, b, *_), _ = likelihood._climb(rows, Model("logit", guess), start, free, 60)
+    np.testing.assert_allclose(a, (high + low) / 2, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(b, (high - low) / 2, rtol=0, atol=1e-9)
 
 
 def drifting(nu, people, levels=7, asked=20, seed=4):
