@@ -115,8 +115,8 @@ def test_a_length_that_is_none(seconds):
     refused(BadValue, says, render, SCENE, {"x": np.sin}, 1000, seconds)
 
 
-def test_more_than_memory_is_refused_with_the_name_of_the_limit(monkeypatch):
-    """Samples of all outputs count; a stream has no such limit."""
+def test_more_than_memory_is_refused_with_the_name_of_the_limit(monkeypatch, tmp_path):
+    """Samples of all outputs count; a stream or a given array has no such limit."""
     says = "s: .* is more than limits.render_bytes.*STIMLIB_LIMITS="
     for seconds in (1e9, 1e6 * 3600):
         refused(BadValue, says, render, SCENE, {"x": np.sin}, 8000, seconds)
@@ -127,6 +127,11 @@ def test_more_than_memory_is_refused_with_the_name_of_the_limit(monkeypatch):
     render(scene, {"x": RAMP}, 1000)
     monkeypatch.setattr(stimlib.limits, "render_bytes", 2 * 8 * 6 - 1)
     refused(BadValue, "limits.render_bytes", render, scene, {"x": RAMP}, 1000)
+    kept = np.lib.format.open_memmap(tmp_path / "y.npy", "w+", float, (2, 6))
+    made = render(scene, {"x": RAMP}, 1000, out=kept)
+    assert made.y is kept and (np.load(tmp_path / "y.npy") == [RAMP, 2 * RAMP]).all()
+    for out, says in ((np.empty((2, 7)), r"out must be .*\(2, 6\)"), ([], "must be an array")):
+        refused(BadValue, says, lambda out=out: render(scene, {"x": RAMP}, 1000, out=out))
 
 
 @pytest.mark.parametrize("scene", [{"force": x}, x, None, [], "squeeze", SCENE.outputs])

@@ -210,7 +210,7 @@ def _made(b: Any, fs: float) -> Modes | Callable[[int], Row]:
 
 @lru_cache(32)
 def _equal(direct: Any, r: tuple[Any, ...], L: tuple[Any, ...]) -> Modes:
-    """Return one object for equal modes, with which what follows from them is kept."""
+    """Return one object for equal modes, so that what follows from them is kept."""
     return Modes(direct, np.array(r), np.array(L))
 
 

@@ -154,9 +154,7 @@ def sums_of(e: Evidence) -> Sums:
         squares, scale = np.zeros((3, len(e.y))), np.where(top > 0, top, 1.0)
         for k, (y, got) in enumerate(zip(s.y, s.shown, strict=True)):
             error, y = (got - y) / scale[k], y / scale[k]  # squares of 1e200 would be too large
-            squares[:, k] = [
-                _square(row) for row in (y, y - _smoothed(y, size), error)
-            ]
+            squares[:, k] = [_square(row) for row in (y, y - _smoothed(y, size), error)]
         tops = np.fmax(tops, top)
         parts.append((scale, squares, s.y.shape[1] / e.frames))
     scales = np.where(tops > 0, tops, 1.0)

@@ -94,9 +94,10 @@ def samples(
     changes: Iterable[Change] = (),
     start: int = 0,
     block: int | Callable[[], int] = 8192,
+    out: Array | None = None,
 ) -> Array:
     """Return all samples that ``walk`` yields, shape (n_outputs, stop - start)."""
-    y = np.empty((len(proc.outputs), stop - start))
+    y = np.empty((len(proc.outputs), stop - start)) if out is None else out
     for at, part in walk(proc, motion, stop, changes, start, block):
         y[:, at - start : at - start + part.shape[1]] = part
     return y

@@ -19,6 +19,7 @@ from ..errors import BadValue, Count, FaultError, need, outside, public
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from ..system.limits import limits
 from ..system.packages import package
+from .arguments import explain
 from .driver import rows_of, samples, walk
 from .processor import Processor
 
@@ -449,6 +450,7 @@ def render(
     seed: int = 0,
     target: str = "llvm",
     on_fault: Literal["warn", "raise", "ignore"] = "warn",
+    out: np.ndarray | None = None,
 ) -> Rendering:
     """Drive a scene with a motion and keep the samples.
 
@@ -469,6 +471,9 @@ def render(
     target : {"llvm", "python"}
     on_fault : {"warn", "raise", "ignore"}
         What happens where an output was not finite; ``Rendering.fault`` then names it.
+    out : ndarray, shape (n_outputs, n), float64, C-contiguous, optional
+        Written, and kept in ``Rendering.y``.  With an array in a file, such as one of
+        ``numpy.lib.format.open_memmap``, hours need no more memory than seconds.
 
     Returns
     -------
@@ -485,8 +490,9 @@ def render(
     Raises
     ------
     BadValue, UnknownName
-        As ``compile``, ``stream`` and ``Processor.set``; more samples than
-        ``stimlib.limits.render_bytes`` (``stream`` and files have no such limit).
+        As ``compile``, ``stream`` and ``Processor.set``; an ``out`` of another shape or
+        type; more samples than ``stimlib.limits.render_bytes`` (``stream``, files and
+        ``out`` have no such limit).
     FaultError
         An output was not finite, and ``on_fault`` is "raise".
 
@@ -503,12 +509,14 @@ def render(
     """
     proc = _driven(scene, fs, params, seed, target, on_fault)
     frames, sources = _plan(proc, motion, seconds)
-    limits.check(
-        "render_bytes", 8 * frames * len(proc.outputs), f"render: bytes of {frames / proc.fs:g} s"
-    )
+    if out is None:
+        size = 8 * frames * len(proc.outputs)
+        limits.check("render_bytes", size, f"render: bytes of {frames / proc.fs:g} s")
+    else:
+        explain("out", out, proc.outputs, (len(proc.outputs), frames))
     warn_beyond(proc.program, proc.fs, frames)
     warn_fast(sources, scene, frames / proc.fs, proc.fs)
-    y = samples(proc, rows_of(sources, proc.fs), frames)
+    y = samples(proc, rows_of(sources, proc.fs), frames, out=out)
     _tell(proc.fault, proc.fs, on_fault)
     made = Rendering(
         scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion or {})
