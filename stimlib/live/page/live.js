@@ -256,9 +256,9 @@ function meter(seconds) {
 
 /** The meter in words: of the newest half second. */
 function loudness() {
-  const { hello, history } = live, { unit, full } = hello.outputs[heard];
+  const { hello, history } = live, { unit, full, vibrates } = hello.outputs[heard]; // the whole, where nothing vibrates
   if (!runs() || away) return "–";
-  const rms = history.rms(hello.inputs.length + hello.outputs.length + heard, hello.fs / 2);
+  const rms = history.rms(hello.inputs.length + (vibrates ? hello.outputs.length : 0) + heard, hello.fs / 2);
   const { factor, unit: shown } = scaled(unit, rms > LEAST * full ? rms : full);
   return `${short(rms > LEAST * full ? rms * factor : 0)} ${shown} rms`.replace("  ", " ");
 }
