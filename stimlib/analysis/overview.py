@@ -379,13 +379,13 @@ def _within(x: np.ndarray, y: np.ndarray) -> tuple[float, float] | None:
     That is all of it, or a tenth where more would be a filled area, or None where that
     would be one too, because the signal is not the same at the same position.
     """
-    low, wide = float(x.min()), float(np.ptp(x))
+    low, high, wide = float(x.min()), float(x.max()), float(np.ptp(x))
     bins = np.minimum((x - low) / (wide or 1.0) * BINS, BINS - 1).astype(int)
     starts = np.flatnonzero(np.diff(bins, prepend=-1))  # of each way through a bin
     sizes = np.diff(starts, append=x.size)
     means, squares = (np.add.reduceat(v, starts) / sizes for v in (y, y * y))
     if not np.mean(squares - means**2 > np.var(y) / 4) > 0.9:
-        return low, low + wide
+        return low, high
     steps = np.diff(y[np.argsort(x, kind="stable")])
     return None if np.mean(steps**2) > np.var(y) else (low + 0.45 * wide, low + 0.55 * wide)
 

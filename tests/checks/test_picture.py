@@ -168,7 +168,7 @@ def test_a_squeeze_shows_its_vibration_and_no_two_panels_of_one_kind():
     ids=["ridges", "noise", "spring"],
 )
 def test_over_position_a_filled_area_is_enlarged_or_left_out(drawn, titles):
-    x, fig = 0.05 * np.sin(2 * np.pi * np.arange(8 * FS) / FS), Figure()
+    x, fig = 0.03 * np.sin(2 * np.pi * np.arange(8 * FS) / FS) - 1e-3, Figure()
     close_by(fig, Signals(stimlib.Scene({"force": K * X}), FS, {"x": x}, {"force": drawn(x)}), {})
     assert [ax.get_title() for ax in fig.axes if "over" in ax.get_title()] == titles
 
