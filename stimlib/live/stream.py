@@ -33,6 +33,7 @@ from .sink import PageSink
 from .site import Page
 
 logger = logging.getLogger(__name__)
+CONTROLLING = "the page that had control"
 RAMP = 0.02
 """Duration in s of a slider's change."""
 
@@ -148,6 +149,8 @@ class Stream:
         # or they would end it
         self._left = False
         self._expects = False  # that a page comes which has control
+        self._lost = ""  # name of the page that had control last
+        self._next: Any = None  # a page that came while control was kept for another
         self._kept = ""  # for the page of this name control is kept, until
         self._until: asyncio.TimerHandle | None = None
         self._wake = asyncio.Event()
@@ -304,6 +307,7 @@ class Stream:
     def join(self, page: Page) -> None:
         """Accept a page that has sent a valid hello; the first gets control."""
         again = page.name and page.name in (self._kept, getattr(self.control, "name", ""))
+        self._next = page if self._kept and not again else self._next
         if again or self._expects:
             self._expects = False
             self._give(page)
@@ -325,22 +329,26 @@ class Stream:
         self.pages.remove(page)
         if self.control is page:
             self.control = None
+            self._lost = page.name
             if page.name and page.end[0] != 4408:
                 self._kept, self._until = page.name, self._loop.call_later(GRACE, self._gone)
             else:
-                self._gone()
+                self._gone("answered nothing" if page.end[0] == 4408 else "was closed")
         self._tell_state()
 
-    def _gone(self) -> None:
-        """Fade the session out, which no page controls."""
+    def _gone(self, how: str = "was closed") -> None:
+        """Fade out, as no page controls; one that opened meanwhile does from now on."""
         self._kept, self._left = "", True
-        self._ask("stop", "the page that had control has gone")
+        self._ask("stop", f"{CONTROLLING} {how}, so the stimulus was faded out")
+        if self._next in self.pages:
+            self._give(self._next)
+            self._tell_state()
 
     def _give(self, page: Page) -> None:
         """Give a page control, with all fingers lifted."""
         if self._until is not None:
             self._until.cancel()
-        self._kept, self.control = "", page
+        self._kept, self._next, self.control = "", None, page
         self.inputs.lift()
 
     def do(self, page: Page, message: dict[str, Any]) -> None:
@@ -544,7 +552,10 @@ class Stream:
         }
         for page in self.pages:
             if page is not but:
-                page.tell(state | {"role": "control" if page is self.control else "watch"})
+                role = "control" if page is self.control else "watch"
+                own = page.name == self._lost != ""
+                why = self.why.replace(CONTROLLING, "this page" if own else CONTROLLING)
+                page.tell(state | {"role": role, "why": why})
 
     async def _report(self) -> None:
         while True:

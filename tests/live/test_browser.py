@@ -326,7 +326,8 @@ def test_a_page_that_was_silent_connects_again(page, site):
     stream = site.server.stream
     stream._loop.call_soon_threadsafe(stream.control.close, 4408, "no answer from this page")
     said(page, "Connected, stopped; this page controls")
-    assert "has gone" in page.js("document.querySelector('#note').textContent")
+    note = "document.querySelector('#note').textContent"  # in the words of the page itself
+    page.until(f"{note} === 'this page answered nothing, so the stimulus was faded out'")
 
 
 SERVED = """
@@ -371,19 +372,45 @@ def test_a_page_sees_that_its_server_is_silent_killed_or_another(site, begun):
     assert page.js(shown) == ["Start", "–"]
     idle = "['#run', '#record', '#params input'].every(q => document.querySelector(q).disabled)"
     assert page.js(idle)
+    time.sleep(1.5)  # the longer it stands still, the more is missing
     server.send_signal(signal.SIGCONT)
     page.until(RUNS)
-    page.until(r"/[1-9]\d* without an answer/.test(document.querySelector('#gaps').textContent)")
+    gaps = "document.querySelector('#gaps').textContent"
+    lacks = page.until(
+        f"{gaps}.match(/[1-9]\\d* without an answer .*\\(([\\d.]+) s were not/)?.[1]"
+    )
+    assert 2.0 < float(lacks) < 60.0
+    page.until("document.querySelector('#note').textContent.endsWith(' s were not computed.')")
     # at least one: counts begin anew where the silence has ended the session
     until(page, "live.sound.causes['server late'] > 0")
     server.kill()
     server.wait()
-    said(page, "trying again")
+    said(page, "Connection lost: the server or the network is gone; trying again")
     server, url = begun(url.split(":")[2].split("/")[0], "B" * 32)
     said(page, "Refused: the token is missing or wrong")
     page.js(f"location.href = {url!r}")  # in the same tab
     said(page, "Connected, stopped; this page controls")
+    server.send_signal(signal.SIGINT)
+    said(page, "The server has ended; trying again")
     page.close()
+
+
+def test_captions_and_words_say_the_sample_that_is_drawn(page):
+    """While the finger moves, and after it: of one frame."""
+    look = """new Promise(done => requestAnimationFrame(() => setTimeout(() => done(
+      ["#inputs output", "#inputs span:nth-child(2) output", "#where", "#outputs output"].map(
+      css => document.querySelector(css).textContent)))))"""
+    press(page, 0.2, 0.5)
+    found = []
+    for u in np.linspace(0.2, 0.9, 40):
+        page.mouse("Moved", *place(page, u, 0.5))
+        found.append(page.js(look))
+    for x1, x2, where, force in found:
+        assert where.endswith(f"; the stimulus is at x1 = {x1}, x2 = {x2}.")
+        wanted = 2 * float(x1.removesuffix(" mm"))  # N
+        assert float(force.removesuffix(" N")) == pytest.approx(wanted, abs=0.6)  # of three digits
+    assert len({x1 for x1, *_ in found}) > 10
+    release(page, 0.9)
 
 
 def test_who_wants_less_motion_sees_few_pictures(page):

@@ -63,14 +63,14 @@ told({ is: "report", at: 0 });
             ["hello", "seen", "stop"],
         ),
         # samples go to the sound and their vibration to the page, of a ramp in three
-        # messages; after a gap, as at first, a vibration begins with 0, and a move is
-        # marked in the first message that contains it
+        # messages; at first a vibration begins with 0, after a gap it is not known, and a
+        # move is marked in the first message that contains it
         (
             """const audio = [];
             told({ is: "hello", fs: 8000, inputs: [], outputs: [{}] });
             onmessage({ data: { audio: { postMessage: m => audio.push(m) } } });
             audio.pop();
-            const firsts = [[100, 7], [108, 7], [120, 9]].map(([at, move]) => {
+            const firsts = [[0, 7], [8, 7], [20, 9]].map(([at, move]) => {
               const data = new ArrayBuffer(6 * 8 + 4 * 8);
               new Float64Array(data, 0, 6).set([at, move, 0, at / 1000, 2, 8]);
               new Float32Array(data, 48).set(Array.from({ length: 8 }, (_, k) => at + k));
@@ -78,10 +78,10 @@ told({ is: "report", at: 0 });
               return new Float32Array(said.pop().samples, 48 + 32)[0];
             });
             const sent = audio.map(m => [m.at, m.session, m.made, m.t, m.y.length]);
-            console.log(JSON.stringify([firsts.map(v => v !== 0), sent]));""",
+            console.log(JSON.stringify([firsts.map(v => v === v ? v !== 0 : null), sent]));""",
             [
-                [False, True, False],
-                [[100, 2, 0.1, 7, 8], [108, 2, 0.108, 0, 8], [120, 2, 0.12, 9, 8]],
+                [False, True, None],
+                [[0, 2, 0, 7, 8], [8, 2, 0.008, 0, 8], [20, 2, 0.02, 9, 8]],
             ],
         ),
     ],

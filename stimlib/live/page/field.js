@@ -134,8 +134,8 @@ export class Field {
   }
 
   // Drawing ------------------------------------------------------------------------------------------------------------
-  /** A sentence on the first finger. */
-  words() {
+  /** A sentence on the first finger as it is drawn, and on where the stimulus has followed it to, by the sample that is drawn. */
+  words(drawn = {}) {
     const f = this.fingers.get(0), { u, v } = axes(this.sources);
     if (!f) return "No finger touches.";
     const say = ({ input, low, high }, at) => {
@@ -144,7 +144,10 @@ export class Field {
     };
     const mine = (all, at) => all.filter(a => a.finger === 0).map(a => say(a, at));
     const pressure = f.on ? [`pressure ${short(f.p)}`] : [];
-    return [f.on ? "The finger touches" : "The finger is lifted", ...mine(u, f.u), ...mine(v, f.v), ...pressure].join(", ") + ".";
+    const is = [f.on ? "The finger touches" : "The finger is lifted", ...mine(u, f.u), ...mine(v, f.v), ...pressure].join(", ");
+    const known = [...u, ...v].filter(a => a.finger === 0 && Number.isFinite(drawn[a.input]));
+    const followed = known.map(a => say(a, (drawn[a.input] - a.low) / (a.high - a.low)));
+    return `${is}${followed.length ? `; the stimulus is at ${followed.join(", ")}` : ""}.`;
   }
 
   axis(all, length) { // ticks of what an axis drives: of the first, if they differ

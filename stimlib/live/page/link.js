@@ -1,6 +1,6 @@
 // A worker that owns the WebSocket and feeds the audio thread itself, so that a slow or hidden page never starves the sound.
 // From the page: {open, token, page}, {audio: MessagePort}, {listen: number of the output}, and whatever the protocol has ({do: ..}).
-// To the page: {state: "open" | "lost" | "silent" | "heard" | "refused", code, why, seconds}, {text: what the server said},
+// To the page: {state: "open" | "lost" | "silent" | "heard" | "refused", code, why, seconds}: lost with the code with which it was closed, {text: what the server said},
 // {samples: ArrayBuffer, at: ms}: as they came, and after them what vibrates in each output,
 // {played: t of the move that has just been heard, at: ms}, {audio: figures of the audio thread}.
 
@@ -30,10 +30,10 @@ function open() {
   };
   mine.onclose = ({ code, reason }) => {
     if (mine !== ws) return;
-    const refused = REFUSED.includes(code);
+    const refused = REFUSED.includes(code), first = up || !hello; // or of a try to find it again
     up = false;
     ws = null;
-    if (refused || !quiet) postMessage({ state: refused ? "refused" : "lost", code, why: reason });
+    if (refused || first) postMessage({ state: refused ? "refused" : "lost", code, why: reason });
     if (!refused) retry = setTimeout(open, Math.min(1000, 125 * 2 ** tries++));
     else heard = Infinity;
   };
@@ -46,7 +46,7 @@ setInterval(() => {
   heard += late;
   opened += late;
   const silent = ticked - heard, tried = ticked - opened;
-  if (hello?.fs && silent > SILENT) {
+  if (hello?.fs && ws && silent > SILENT && (up || quiet)) {
     quiet = true;
     postMessage({ state: "silent", seconds: Math.round(silent / 1000) });
   }
@@ -69,7 +69,7 @@ function samples(data) {
   const more = new ArrayBuffer(data.byteLength + 4 * all * n), size = 8 * HEAD;
   new Uint8Array(more).set(new Uint8Array(data));
   new Float32Array(more, data.byteLength).set(new Float32Array(data, size + 4 * of * n));
-  for (let k = 0; k < all; k++) vibration.take(new Float32Array(more, data.byteLength + 4 * k * n, n), k, head[0] !== next);
+  for (let k = 0; k < all; k++) vibration.take(new Float32Array(more, data.byteLength + 4 * k * n, n), k, head[0] !== next, head[0] > 0);
   next = head[0] + n;
   if (audio) {
     const y = new Float32Array(more, data.byteLength + 4 * output * n, n).slice();

@@ -8,7 +8,7 @@ import { History, Panel, Spectrum, Turn, grouped, palette } from "./plots.js";
 import { scaled, short } from "./scales.js";
 import { LEAST, Level } from "./sound.js";
 
-const HEAD = 6, LONGEST = 10, QUIET = -60; // float64 ahead of the samples, s that are kept, dB below which nothing is shown
+const HEAD = 6, ENDED = 1012, LONGEST = 10, QUIET = -60; // float64 ahead of the samples, s that are kept, dB below which nothing is shown
 const WORDS = { idle: "stopped", starting: "fading in", running: "running", stopping: "fading out" };
 const $ = id => document.getElementById(id), clock = () => performance.timeOrigin + performance.now();
 const calm = matchMedia("(prefers-reduced-motion: reduce)");
@@ -22,6 +22,7 @@ export const live = {
   drawn: [], pictures: 0, // ms from the pointer to the picture; pictures of the curves
 };
 let colours = palette(), show = {}, heard = 0, level = null, clips = 0, away = true, silences = 0; // no server; how often it was silent
+let hole = null, missing = 0, drawn = {}; // a silence that is not over yet; s that were not computed in all; the sample that is drawn
 let part = -1, clipped = -1e9, told = 0, shown = -1, marks = [], last = 0; // when, and for which samples
 
 const mine = () => !away && live.state?.role === "control", runs = () => ["running", "starting"].includes(live.state?.phase);
@@ -83,7 +84,8 @@ function become(state) {
   if (another || back) field.again();
   if (another) {
     Object.assign(sound, { gaps: 0, causes: {} });
-    silences = 0;
+    silences = missing = 0;
+    hole = null;
     refit();
   }
   show.params?.(state.params);
@@ -113,8 +115,12 @@ function enable() {
 function lost({ state, code, why, seconds }) {
   const more = code === 4401 ? "" : "; load this page again to retry";
   if (state === "silent") words(`No answer from the server since ${seconds} s; trying again`, "bad");
-  else words(state === "refused" ? `Refused: ${why}${more}` : "Connection lost, trying again", "bad");
-  silences += !away && runs();
+  else if (state === "refused") words(`Refused: ${why}${more}`, "bad");
+  else words(code === ENDED ? "The server has ended; trying again" : "Connection lost: the server or the network is gone; trying again", "bad");
+  if (!away && runs()) {
+    silences++;
+    hole ??= live.report;
+  }
   away = true;
   $("clock").textContent = "–";
   if (live.state) enable();
@@ -124,7 +130,20 @@ function found() {
   if (away && live.state) become(live.state);
 }
 
+/** What was not computed in a silence, by the clock of the server; its first reports may have to catch up. */
+function fill(report) {
+  if (report.session !== hole.session) hole = null;
+  else {
+    hole.all ??= missing;
+    hole.back ??= report.time;
+    missing = hole.all + Math.max(0, report.time - hole.time - (report.at - hole.at) / live.hello.fs);
+    if (report.time > hole.back + 1) hole = null;
+    note(missing > 0.2 ? `The server did not answer; ${missing.toFixed(1)} s were not computed.` : "");
+  }
+}
+
 function count(report) {
+  if (hole) fill(report);
   live.report = report;
   const all = Object.values(report.clips).flatMap(Object.values).reduce((a, b) => a + b, 0);
   if (all > clips) clipped = performance.now();
@@ -276,7 +295,7 @@ function gaps() {
   if (underruns) all.push(`${underruns} in the stimulus (server late: ${short(lost / live.hello.fs)} s lost)`);
   if (skipped) all.push(`${skipped} blocks not drawn (browser late)`);
   for (const [why, n] of Object.entries(rejected ?? {})) all.push(`${n} rows of motion rejected (${why})`);
-  if (silences) all.push(`${silences} without an answer from the server`);
+  if (silences) all.push(`${silences} without an answer from the server${missing > 0.2 ? ` (${missing.toFixed(1)} s were not computed)` : ""}`);
   return all.join("; ") || "none";
 }
 
@@ -294,7 +313,8 @@ function plot(now) {
   const { fs, inputs, outputs } = live.hello;
   shown = live.history.end;
   live.pictures++;
-  for (const p of live.panels) p.draw(fs, +$("window").value, colours);
+  for (const p of live.panels) { p.draw(fs, +$("window").value, colours); p.tell(); }
+  drawn = Object.fromEntries(inputs.map(({ name }, k) => [name, live.history.newest(k)]));
   if (spectrum.take(inputs.length + heard, fs) || lines.due(now, 250))
     lines.take(now, () => spectrum.draw(fs, outputs[heard].unit, colours));
   for (const t of marks) if (live.drawn.push(clock() - t) > 1000) live.drawn.shift();
@@ -303,16 +323,15 @@ function plot(now) {
 
 function tick(now) {
   requestAnimationFrame(tick);
-  field.refresh(now, colours, live.outputs);
+  let seen = field.refresh(now, colours, live.outputs);
   const telling = live.hello && now - told > 250;
   meter(Math.min(0.2, (now - before) / 1000));
   before = now;
   if (telling) {
     told = now;
-    for (const p of live.panels) { p.leaveOut(live.hello.fs); p.tell(live.hello.fs); }
+    for (const p of live.panels) { p.leaveOut(live.hello.fs); p.rms(live.hello.fs); }
     sound.ask();
     $("lag").textContent = lag();
-    $("where").textContent = field.words();
     $("level").textContent = loudness();
     $("meter").setAttribute("aria-valuenow", Math.round(QUIET * (1 - part)));
     $("meter").setAttribute("aria-valuetext", $("level").textContent);
@@ -326,6 +345,7 @@ function tick(now) {
     }
   }
   const fresh = live.history && (live.history.end !== shown || now - curves.last > 500); // or another size, theme or choice
-  if (fresh && curves.due(now, calm.matches ? 250 : 0)) curves.take(now, () => plot(now));
+  if (fresh && curves.due(now, calm.matches ? 250 : 0)) curves.take(now, () => { plot(now); seen = true; });
+  if (seen || telling) $("where").textContent = field.words(runs() && !away ? drawn : {}); // what is drawn, in its words
 }
 requestAnimationFrame(tick);

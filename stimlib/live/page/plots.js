@@ -230,12 +230,20 @@ export class Panel {
   /** In what its values are shown. */
   shown(least = 0) { return scaled(this.signals[0].unit, Math.max(Math.abs(this.bottom), Math.abs(this.top), least) * 0.999); }
 
-  /** The legend, also of a curve that is out of sight. */
-  tell(fs) {
-    const { history, signals } = this, all = signals.map(s => (s.least ? history.rms(s.index, fs / 2) : history.newest(s.index)))
-      .map((v, i) => (v < signals[i].least ? 0 : v));
+  /** Takes the rms of what vibrates, of the newest half second. */
+  rms(fs) {
+    this.fast = this.signals.map(s => { const v = s.least ? this.history.rms(s.index, fs / 2) : 0; return v < s.least ? 0 : v; });
+    this.tell();
+  }
+
+  /** The legend: of the sample that is drawn, also where the curve is out of sight. */
+  tell() {
+    const { history, signals } = this, all = signals.map((s, i) => (s.least ? this.fast?.[i] ?? 0 : history.newest(s.index)));
     const { factor, unit } = this.shown(Math.max(...all.map(v => Math.abs(v) || 0)));
-    this.values.forEach((v, i) => { v.textContent = `${short(all[i] * factor)} ${unit}${signals[i].least ? " rms" : ""}`; });
+    this.values.forEach((v, i) => {
+      const text = `${short(all[i] * factor)} ${unit}${signals[i].least ? " rms" : ""}`;
+      if (v.textContent !== text) v.textContent = text;
+    });
   }
 }
 

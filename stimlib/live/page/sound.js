@@ -14,8 +14,13 @@ export class Level {
 
   /** Samples at fs Hz in the output's unit; whether the full scale is another now. */
   take(y, fs) {
-    for (const v of y) { this.sum += v * v; this.peak = Math.max(this.peak, Math.abs(v)); }
-    if ((this.n += y.length) < fs / 20) return false;
+    for (const v of y)
+      if (v === v) { // none after a gap
+        this.sum += v * v;
+        this.peak = Math.max(this.peak, Math.abs(v));
+        this.n++;
+      }
+    if (this.n < fs / 20) return false;
     const rms = Math.sqrt(this.sum / this.n);
     this.sum = this.n = 0;
     if (rms < this.least) return false;
