@@ -91,7 +91,13 @@ soak: .venv/ready
 	@sh tests/devices/install.sh
 	$(ENV) PYTHONPATH=tests $(BIN)/python benchmarks/soak.py
 
-docs: .venv/ready
+# What compiles the scenes that can be played on the pages, where neither clang with wasm-ld nor zig is installed: 100 MB.
+.venv/wasm: .venv/ready requirements-wasm.txt
+	{ command -v clang && command -v wasm-ld || command -v zig; } >/dev/null 2>&1 || \
+	  $(BIN)/python -m pip install -q --disable-pip-version-check --require-hashes -r requirements-wasm.txt
+	@touch $@
+
+docs: .venv/ready .venv/wasm
 	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build
 
 # What a browser makes of the pages: cut code, overflow, alt texts, the front page, search, copying.
@@ -109,6 +115,7 @@ bench: .venv/ready
 LOCK := .venv-lock/bin/uv pip compile -q pyproject.toml --all-extras --group dev --universal --python-version 3.11 --generate-hashes \
 	--no-annotate --custom-compile-command "make lock"
 LOCK_BROWSERS := $(subst pyproject.toml --all-extras --group dev,--group browsers -c requirements.txt,$(LOCK))
+LOCK_WASM := $(subst pyproject.toml --all-extras --group dev,--group wasm,$(LOCK))
 LOCK_NEWEST := $(subst --universal --python-version 3.11,--python-version 3.13,$(LOCK))
 
 lock:
@@ -117,6 +124,7 @@ lock:
 	$(LOCK) -o requirements.txt
 	$(LOCK) --resolution lowest-direct -o requirements-lowest.txt
 	$(LOCK_BROWSERS) -o requirements-browsers.txt
+	$(LOCK_WASM) -o requirements-wasm.txt
 	$(LOCK_NEWEST) --upgrade -o requirements-newest.txt
 
 clean:

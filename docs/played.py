@@ -16,6 +16,9 @@ FRAME = (
 )
 
 
+MADE: set[Path] = set()  # by this build
+
+
 class Played(SphinxDirective):
     """The shared page of a shipped scene in a frame.
 
@@ -34,7 +37,9 @@ class Played(SphinxDirective):
         path.parent.mkdir(exist_ok=True)
         motion = {i: parse_motion(text) for i, text in ROWS[name].drive.items()}
         try:
-            share(SHIPPED[name](), 8000.0, path, motion, title=name)
+            if path not in MADE:
+                share(SHIPPED[name](), 8000.0, path, motion, title=name)
+            MADE.add(path)
         except MissingPackage:
             said = nodes.paragraph(
                 "", "These pages were built without a compiler for WebAssembly. "

@@ -41,8 +41,15 @@ SEARCHED = (
     "PsychoPy",
     "Unity",
     "calibration",
+    "funneling",
+    "multichannel",
+    "Likert",
+    "ASIO",
+    "apparent motion",
+    "Windows",
+    "hardware",
 )
-BEGIN = ("install.html", "page.html", "first_experiment.html")
+BEGIN = ("install.html", "#try-it", "first_experiment.html")
 ENDS = """Object.fromEntries([...document.querySelectorAll('article a')].map(
   a => [a.getAttribute('href').split('/').pop(), a.getBoundingClientRect().bottom]).reverse())"""
 LOOK = """(() => {

@@ -16,7 +16,8 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 EXTRAS = PROJECT["project"]["optional-dependencies"]
 GROUPS = PROJECT["dependency-groups"]
-BROWSERS = [Requirement(r) for r in GROUPS.pop("browsers")]  # with a file of their own
+# with files of their own
+BROWSERS, WASM = ([Requirement(r) for r in GROUPS.pop(name)] for name in ("browsers", "wasm"))
 DECLARED = [
     Requirement(r)
     for part in (PROJECT["project"]["dependencies"], *EXTRAS.values(), *GROUPS.values())
@@ -71,6 +72,7 @@ def test_lower_bounds_are_what_test_lowest_installs():
         ],
         ("requirements-newest.txt", "3.13.0", DECLARED),
         ("requirements-browsers.txt", "3.11.7", BROWSERS),
+        ("requirements-wasm.txt", "3.11.7", WASM),
     ],
 )
 def test_what_is_installed_is_allowed(file, python, declared):
@@ -86,6 +88,7 @@ def test_what_is_installed_is_allowed(file, python, declared):
         "requirements-lowest.txt",
         "requirements-newest.txt",
         "requirements-browsers.txt",
+        "requirements-wasm.txt",
     ],
 )
 def test_every_release_has_hashes_and_no_file_names_a_server(file):

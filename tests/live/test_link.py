@@ -63,8 +63,8 @@ told({ is: "report", at: 0 });
             ["hello", "seen", "stop"],
         ),
         # samples go to the sound and their vibration to the page, of a ramp in three
-        # messages; at first a vibration begins with 0, after a gap it is not known, and a
-        # move is marked in the first message that contains it
+        # messages; at first a vibration begins with 0, after a gap it is not known, and
+        # a move is marked in the first message that contains it
         (
             """const audio = [];
             told({ is: "hello", fs: 8000, inputs: [], outputs: [{}] });
