@@ -5,6 +5,9 @@
 runs every test and computes every figure that papers.toml names, and writes the tables
 of docs/reference/papers_lines.rst; it takes some minutes on two cores.  Without
 --record it only checks.  Names of rows (ugrip, or li2016.eq-3) limit it to these rows.
+--falsify runs the tests of all rows with the numbers that they compare 2 % off
+(tests/off.py), and records which of them fail then, as they should; names of rows
+limit it, too.
 """
 
 from __future__ import annotations
@@ -12,7 +15,9 @@ from __future__ import annotations
 import ast
 import csv
 import io
+import os
 import re
+import subprocess
 import sys
 import time
 import tomllib
@@ -38,6 +43,8 @@ SOURCES = ("ugrip", "caldiran", "li2016", "touchscreen")
 """Labels of the sources in docs/reference/papers.rst."""
 VERDICTS = ("works", "differs", "not here", "open")
 ERRATA = "errata"
+RED = TABLES / "red.txt"
+"""Tests that fail if the numbers that they compare are 2 % off."""
 
 
 # Rows ---------------------------------------------------------------------------------
@@ -70,6 +77,7 @@ class Row:
     open: str = ""
     note: str = ""
     must: str = ""
+    read: bool = False
 
     @property
     def name(self) -> str:
@@ -214,6 +222,23 @@ def tested(nodes: Iterable[str], workers: int = 2) -> dict[str, Counter[str]]:
     return counted.outcomes
 
 
+def falsified(nodes: Iterable[str]) -> set[str]:
+    """Return the tests that fail if each number that they compare is 2 % off."""
+    words = ["-q", "-n2", "--tb=no", "-rfE", "-p", "off", "-p", "no:cacheprovider"]
+    paths = os.pathsep.join([str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])
+    ran = subprocess.run(
+        [sys.executable, "-m", "pytest", *words, *sorted(set(nodes))],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+    )
+    found = re.findall(r"^FAILED (tests/[^\s\[@]+)", ran.stdout, re.MULTILINE)
+    if ran.returncode not in (0, 1):
+        raise RuntimeError(ran.stdout[-2000:] + ran.stderr[-2000:])
+    return set(found)
+
+
 def value_of(figure: Figure, names: dict[str, Any]) -> tuple[str, bool]:
     """Compute a figure: its value as text, and whether it is as the row says."""
     value = eval(figure.of, names)
@@ -286,6 +311,15 @@ def main(given: Any) -> int:
         print(*wrong, sep="\n", file=sys.stderr)
         return 1
     asked = [r for r in data.rows if not given.rows or {r.source, r.name} & set(given.rows)]
+    if given.falsify:
+        tests = {t for r in asked for t in r.tests}
+        others = {t for r in data.rows for t in r.tests} - tests
+        known = set(RED.read_text("utf-8").splitlines()) if RED.is_file() else set()
+        red = sorted(others & known | falsified(tests))
+        RED.write_text("\n".join(red) + "\n", "utf-8")
+        of = len(tests | others)
+        print(f"{len(red)} of {of} tests fail if the numbers that they compare are 2 % off")
+        return 0
     began, names, values = time.monotonic(), {"__name__": "papers"}, {}
     exec(compile(data.setup, f"{DATA.name}, setup", "exec"), names)
     with progress("figures", sum(len(r.figures) for r in asked)) as advance:
@@ -328,5 +362,6 @@ def main(given: Any) -> int:
 
 if __name__ == "__main__":
     parser = options(__doc__, cores=None)
+    parser.add_argument("--falsify", action="store_true", help="record which tests fail 2 % off")
     parser.add_argument("rows", nargs="*", help="names of sources or rows; all by default")
     sys.exit(main(parser.parse_args()))

@@ -136,6 +136,18 @@ def test_a_figure_is_held_to_what_is_printed(bench, of, words, value, right):
     assert bench.value_of(bench.Figure(of, **words), {"two": 2.0}) == (value, right)
 
 
+def test_each_row_has_a_check_that_turns_red_if_its_value_is_2_percent_off(bench):
+    """A figure (see the next test), or a test that failed with such numbers when
+    ``benchmarks/papers.py --falsify`` ran it; but for errata of words.
+    """
+    data, red = bench.read(), set(bench.RED.read_text("utf-8").splitlines())
+    assert red <= {test for row in data.rows for test in row.tests}, "run --falsify again"
+    left = [r.name for r in data.rows if not (r.figures or red & set(r.tests) or r.read)]
+    assert left == []
+    read = [r for r in data.rows if r.read]
+    assert not [r.name for r in read if r.figures or r.tests or r.source != bench.ERRATA]
+
+
 def test_no_figure_holds_for_a_value_that_is_2_percent_off(bench):
     """Of each number in it, in both directions; 0 is off by 2 % of the largest."""
     data, values = bench.read(), {}

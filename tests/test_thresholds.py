@@ -43,7 +43,7 @@ def test_what_differs_by_less_than_a_fifth_is_not_told_apart():
     for ratio, word in words.items():
         assert str(difference_steps(2.0, 2.0 * ratio)).endswith(f": {word}")
     assert difference_steps(1.0, 1.0) == (0.0, 0.0)
-    refused(BadValue, "b = 0 must be a number above 0", difference_steps, 1.0, 0)
+    refused(BadValue, "second = 0 must be a number above 0", difference_steps, 1.0, 0)
 
 
 # Published figures --------------------------------------------------------------------

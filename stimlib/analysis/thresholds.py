@@ -111,12 +111,12 @@ class Apart(NamedTuple):
 
 
 @public
-def difference_steps(a: Above0, b: Above0) -> Apart:
+def difference_steps(first: Above0, second: Above0) -> Apart:
     """Return how many difference thresholds lie between two vibrations.
 
     Parameters
     ----------
-    a, b : float
+    first, second : float
         Amplitudes in any unit, or frequencies.  Of two sensation levels in dB, give
         10^(level/20).
 
@@ -131,9 +131,9 @@ def difference_steps(a: Above0, b: Above0) -> Apart:
 
     Notes
     -----
-    The number is abs(ln(b/a))/ln(1 + w) with the Weber fractions w = 0.3 and 0.2: so
-    many steps of w lead from a to b.  Nearer than about 10 dB to the threshold of
-    detection the fractions are larger.
+    The number is abs(ln(second/first))/ln(1 + w) with the Weber fractions w = 0.3 and
+    0.2: so many steps of w lead from one to the other.  Nearer than about 10 dB to the
+    threshold of detection the fractions are larger.
 
     References
     ----------
@@ -154,7 +154,7 @@ def difference_steps(a: Above0, b: Above0) -> Apart:
     >>> print(difference_steps(158.0, 185.0))
     0.6 to 0.9 difference thresholds: not told apart
     """
-    few, many = (abs(float(np.log(b / a))) / float(np.log1p(w)) for w in DIFFERENCES[::-1])
+    few, many = (abs(float(np.log(second / first))) / float(np.log1p(w)) for w in DIFFERENCES[::-1])
     return Apart(few, many)
 
 

@@ -88,6 +88,7 @@ def _squeeze(a: Asked) -> list[Check]:
         source = differentiator(pink, passband=g["passband"], stopband=g["passband"] + 500.0)
         noise[runs] = a.render(source, int(runs.sum()), f"noise of {name}")  # on a clock of its own
         printed = k * x if g.get("as_printed") else k / 8000 * still.v
+        rate_is = "Z_n(v)" if Z_n else "k x" if g.get("as_printed") else "k tau v"
         rate = _alone(a, Z_n, f"Z_n of {name}", v=still.v) if Z_n else printed
         finger = laws.vibrating(still, noise, rate, A)
         del still  # whose force takes memory
@@ -126,7 +127,7 @@ def _squeeze(a: Asked) -> list[Check]:
                 f"{a.title(name)}: vibration law",
                 error,
                 float(limit),
-                f"A {'Z_n(v)' if Z_n else 'k tau v'} tau dp/dt, relative",
+                f"A {rate_is} tau dp/dt, relative",
             )
         )
         if g["motor_constant"] is not None:
