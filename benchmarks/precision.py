@@ -12,6 +12,7 @@ import csv
 import io
 import math
 import os
+import textwrap
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -124,6 +125,102 @@ def problems(only: Iterable[str] = ()) -> list[Problem]:
     return [known[name] for name in only] or list(ALL)
 
 
+def beaten(points: Iterable[Point]) -> list[tuple[Point, Point]]:
+    """Each of our points that another beats, in error and in time by a tenth or more,
+    and the fastest that does.
+
+    Points of one value of the knob where that is part of what is asked; JAX is left
+    out, as in ``best``.
+
+    Examples
+    --------
+    >>> from precision import Point, beaten
+    >>> ours = Point("p", "stimlib x", "1", 1e-6, 2.0)
+    >>> slow, fast = (
+    ...     Point("p", "numpy", "1", 1e-9, 1.9),
+    ...     Point("p", "scipy", "1", 1e-6, 1.0),
+    ... )
+    >>> [(a.knob, b.family) for a, b in beaten([ours, slow, fast])]
+    [('1', 'scipy')]
+    """
+    found, asked = [], {p.name for p in problems() if p.asked}
+    points = [p for p in points if "JAX" not in p.family and not p.failed]
+    for ours in (p for p in points if p.family.startswith("stimlib")):
+        above = [
+            q
+            for q in points
+            if q.problem == ours.problem
+            and not q.family.startswith("stimlib")
+            and (q.knob == ours.knob or ours.problem not in asked)
+            and q.error <= 1.01 * ours.error
+            and q.ns <= 0.9 * ours.ns
+        ]
+        if above:
+            found.append((ours, min(above, key=lambda q: q.ns)))
+    return found
+
+
+def sentences(points: list[Point]) -> dict[str, str]:
+    """What the recording of each problem says, in words: our most accurate point and
+    the peer beside it, the most accurate peer, and where ours are beaten.
+
+    Examples
+    --------
+    >>> from precision import Point, sentences
+    >>> rows = [
+    ...     Point("arm", "stimlib x, fs", "1", 1e-6, 2.0),
+    ...     Point("arm", "scipy", "", 2e-6, 3.0),
+    ... ]
+    >>> print(sentences(rows)["arm"])
+    stimlib's most accurate point, x, fs 1, has an error of 1e-06. No peer is as
+    accurate: the nearest, scipy (2e-06), takes 1.5 times the time. No peer is as
+    accurate as a point of stimlib and faster.
+    """
+    found, asked = {}, {p.name for p in problems() if p.asked}
+    for b in best(points):
+        here = [p for p in points if p.problem == b.problem and not p.failed]
+        ours = [p for p in here if p.family.startswith("stimlib") and "JAX" not in p.family]
+        mine = _method(b.ours).removeprefix("stimlib").strip(", ")
+        text = f"stimlib's most accurate point, {mine}, has an error of {b.ours.error:.2g}."
+        if b.other:
+            text += (
+                " The fastest peer that is as accurate"
+                if b.reached
+                else " No peer is as accurate: the nearest"
+            ) + _takes(b.other, b.ours)
+        peers = [p for p in here if "JAX" not in p.family and p not in ours]
+        peers = [p for p in peers if p.knob == b.ours.knob or b.problem not in asked]
+        exact = min(peers, key=lambda p: p.error, default=b.ours)
+        if exact is not b.other and exact.error < 0.7 * b.ours.error:
+            text += " The most accurate peer" + _takes(exact, b.ours)
+        lost: dict[tuple[str, str], list[str]] = {}
+        for own, better in beaten(here):
+            lost.setdefault((own.family, better.family), []).append(own.knob)
+        count = sum(map(len, lost.values()))
+        text += (
+            f" Peers are as accurate as {count} of stimlib's {len(ours)} points, and faster: "
+            + "; ".join(
+                f"{c} for {a.removeprefix('stimlib').strip(', ')} {', '.join(k)}".strip()
+                for (a, c), k in lost.items()
+            )
+            + "."
+            if lost
+            else " No peer is as accurate as a point of stimlib and faster."
+        )
+        found[b.problem] = "\n".join(textwrap.wrap(text, 86, break_on_hyphens=False))
+    return found
+
+
+def _takes(p: Point, ours: Point) -> str:
+    ratio = p.ns / ours.ns
+    times = f"{ratio:.2g}" if ratio < 100 else f"{ratio:.0f}"
+    return f", {_method(p)} ({p.error:.2g}), takes {times} times the time."
+
+
+def _method(p: Point) -> str:
+    return f"{p.family} {p.knob}".strip()
+
+
 class Best(NamedTuple):
     """A problem in one line: our most exact point, and the fastest of others that come
     as near, or the nearest of them.
@@ -184,8 +281,7 @@ def best(points: Iterable[Point]) -> list[Best]:
 
 
 def table(points: Iterable[Point]) -> Table:
-    """``summary`` for a terminal, without titles, and how many times as long the other
-    takes.
+    """``summary`` for a terminal, without titles.
 
     Examples
     --------
@@ -195,55 +291,50 @@ def table(points: Iterable[Point]) -> Table:
     """
     from rich.table import Table
 
-    out = Table(
-        "operator",
-        "what the error is",
-        "ns for",
-        "stimlib",
-        "error",
-        "ns",
-        "beside it",
-        "error",
-        "ns",
-        "times as long",
-    )
-    found = best(points)
-    for b, (name, _, *row) in zip(found, summary(found), strict=True):
-        out.add_row(name, *row, f"{b.times:.3g}" if b.other else "")
+    head = "stimlib", "error", "beside it", "error", "times as long", "beaten"
+    out = Table("operator", "what the error is", *head)
+    for name, _, *row in summary(list(points)):
+        out.add_row(name, *row)
     return out
 
 
-def summary(found: Iterable[Best]) -> list[tuple[str, ...]]:
-    """``best`` as text: name, operator, what the error is, what ns are for; method,
-    error and ns of ours, and of the other.
+def summary(points: list[Point]) -> list[tuple[str, ...]]:
+    """``best`` as text: name, operator, what the error is; method and error of ours,
+    and of the other; how many times as long the other takes; how many of our points
+    are beaten.
 
     Examples
     --------
-    >>> from precision import Point, best, summary
+    >>> from precision import Point, summary
     >>> summary(
-    ...     best(
-    ...         [
-    ...             Point("pink", "stimlib x, tol", "1", 1e-9, 2.0),
-    ...             Point("pink", "scipy", "", 1e-3, 5.0),
-    ...         ]
-    ...     )
+    ...     [
+    ...         Point("pink", "stimlib x, tol", "1", 1e-9, 2.0),
+    ...         Point("pink", "scipy", "", 1e-3, 5.0),
+    ...     ]
     ... )[0][2:]
-    ('largest deviation from 3 dB/oct, dB', 'a sample', 'stimlib x, tol 1', '1.0e-09',
-     '2', 'scipy', '1.0e-03', '5')
+    ('largest deviation from 3 dB/oct, dB', 'stimlib x, tol 1', '1.0e-09', 'scipy',
+     '1.0e-03', '2.5', '0 of 1')
     """
     known = {p.name: p for p in problems()}
-
-    def told(p: Point | None) -> tuple[str, str, str]:
-        return (
-            ("", "", "")
-            if p is None
-            else (f"{p.family} {p.knob}".strip(), f"{p.error:.1e}", f"{p.ns:.3g}")
+    lines = []
+    for b in best(points):
+        here = [p for p in points if p.problem == b.problem]
+        ours = [p for p in here if p.family.startswith("stimlib") and "JAX" not in p.family]
+        other = (
+            (_method(b.other), f"{b.other.error:.1e}", f"{b.times:.2g}") if b.other else ("",) * 3
         )
+        mine = _method(b.ours), f"{b.ours.error:.1e}"
+        lost = f"{len(beaten(here))} of {len(ours)}"
+        lines.append((b.problem, *known[b.problem][1:3], *mine, *other, lost))
+    return lines
 
-    return [
-        (b.problem, *known[b.problem][1:3], known[b.problem].per, *told(b.ours), *told(b.other))
-        for b in found
-    ]
+
+def spoken(points: list[Point]) -> str:
+    """``sentences`` as substitutions for the page."""
+    return "".join(
+        f".. |{name}| replace:: {text.replace(chr(10), chr(10) + '   ')}\n"
+        for name, text in sentences(points).items()
+    ).replace("*", "\\*")
 
 
 def record(points: list[Point], path: str | os.PathLike) -> None:
@@ -265,7 +356,9 @@ def record(points: list[Point], path: str | os.PathLike) -> None:
     ['problem,family,knob,error,ns,failed', 'p,ours,1e-3,0.0001,2.0,']
     """
     text = io.StringIO()
-    text.write(f"# {machine()}\n")
+    busy = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    loaded = ", beside other work: only ratios count" if busy > 0.75 * (os.cpu_count() or 1) else ""
+    text.write(f"# {machine()}{loaded}\n")
     out = csv.writer(text, lineterminator="\n")
     out.writerow(Point._fields)
     out.writerows(points)

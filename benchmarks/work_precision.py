@@ -6,8 +6,8 @@
 
 Tables and pictures go into the folder ``figures``, which is there.  What it measures is
 in ``benchmarks/problems``.  With --record, they are kept in benchmarks/work_precision;
-docs/explanation/work_precision.csv is then written anew from all tables that are
-recorded.
+docs/explanation/work_precision.csv and the sentences in work_precision.inc are then
+written anew from all tables that are recorded.
 """
 
 import csv
@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 
 from bench import options
-from precision import best, problems, recorded, regenerate, summary, table
+from precision import problems, recorded, regenerate, spoken, summary, table
 from rich.console import Console
 
 KEPT = Path(__file__).parent / "work_precision"
@@ -46,4 +46,5 @@ if __name__ == "__main__":
     )
     if given.record:
         with SUMMARY.open("w", newline="") as f:
-            csv.writer(f, lineterminator="\n").writerows(summary(best(recorded(KEPT))))
+            csv.writer(f, lineterminator="\n").writerows(summary(recorded(KEPT)))
+        SUMMARY.with_suffix(".inc").write_text(spoken(recorded(KEPT)))

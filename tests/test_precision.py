@@ -22,7 +22,7 @@ precision, noise = importlib.import_module("precision"), importlib.import_module
 importlib.import_module("bench")
 sys.path.remove(str(ROOT / "benchmarks"))  # it has modules with the names of folders of tests
 from precision import Point, best, measure, problems  # noqa: E402
-from problems.problem import Method, Problem, on  # noqa: E402
+from problems.problem import Method, Problem, on, searched  # noqa: E402
 
 RECORDED = ROOT / "benchmarks" / "work_precision"
 ALL = problems()
@@ -55,7 +55,10 @@ def asked(monkeypatch):
 
 def test_the_table_of_the_docs_is_the_one_that_was_recorded():
     with (ROOT / "docs" / "explanation" / "work_precision.csv").open(newline="") as f:
-        assert [tuple(row) for row in csv.reader(f)] == precision.summary(best(KEPT))
+        assert [tuple(row) for row in csv.reader(f)] == precision.summary(KEPT)
+    page = ROOT / "docs" / "explanation" / "work_precision.rst"
+    assert page.with_suffix(".inc").read_text() == precision.spoken(KEPT)
+    assert all(f"\n|{p.name}|\n" in page.read_text() for p in ALL), "a sentence below each picture"
 
 
 def test_what_was_measured_before_an_interruption_is_kept_whole(tmp_path, asked):
@@ -118,16 +121,16 @@ def test_what_fails_is_a_row_that_says_so():
 
 def test_the_table_has_our_figures_and_theirs():
     """A problem in which all of ours failed keeps its line."""
-    theirs = Point("pulses", "scipy", "8", 1e-7, 6.0)
-    ours = Point("pulses", "stimlib a", "1e-6", 1e-6, 2.0)
+    theirs = Point("table", "scipy", "8", 1e-7, 6.0)
+    ours = Point("table", "stimlib a", "1e-6", 1e-6, 2.0)
     first, *cells = (c for column in precision.table([ours, theirs]).columns for c in column.cells)
-    assert (first, *cells[:2]) == ("pulses", "largest error of an event's time, s", "a millisecond")
-    assert cells[2:] == ["stimlib a 1e-6", "1.0e-06", "2", "scipy 8", "1.0e-07", "6", "3"]
-    failed = nothing("stimlib a", "pulses")
+    assert (first, *cells[:1]) == ("table", "largest error to the smooth profile, of its maximum")
+    assert cells[1:] == ["stimlib a 1e-6", "1.0e-06", "scipy 8", "1.0e-07", "3", "0 of 1"]
+    failed = nothing("stimlib a", "table")
     (line,) = best([failed, theirs])
     assert (line.ours, line.other, line.reached) == (failed, theirs, False)
-    summed = "stimlib a 1", "nan", "nan", "scipy 8", "1.0e-07", "6"
-    assert math.isnan(line.times) and precision.summary([line])[0][4:] == summed
+    summed = "stimlib a 1", "nan", "scipy 8", "1.0e-07", "nan", "0 of 1"
+    assert math.isnan(line.times) and precision.summary([failed, theirs])[0][3:] == summed
     assert best([failed])[0].ours is failed and precision.table([failed, theirs]).row_count == 1
     assert best([nothing("stimlib JAX", "pink"), Point("pink", "scipy", "1", 1e-3, 5.0)]) == []
 
@@ -155,6 +158,27 @@ def test_the_line_of_a_problem():
     assert (p.ours, p.other, p.reached, p.times) == (rows[2], rows[5], True, 3.0)
     assert (q.other.family, q.reached, q.times) == ("near", False, 2.0)
     assert r.other is None and math.isnan(r.times)
+
+
+def test_a_point_is_beaten_in_error_and_time():
+    ours = Point("p", "stimlib a", "1", 1e-6, 2.0)
+    for error, ns, lost in ((1e-6, 1.0, 1), (1e-9, 1.0, 1), (1e-9, 1.9, 0), (1.1e-6, 0.1, 0)):
+        assert len(precision.beaten([ours, Point("p", "scipy", "", error, ns)])) == lost
+    for other in (nothing("scipy"), Point("p", "stimlib on JAX", "", 0.0, 0.1)):
+        assert not precision.beaten([ours, other])
+    asked = ours._replace(problem="lowpass"), Point("lowpass", "scipy", "2", 0.0, 0.1)
+    assert not precision.beaten(asked)  # another cutoff is another filter
+
+
+def test_free_parameters_are_searched():
+    def made(k):
+        if k == 3:
+            raise ValueError("no design")
+        return lambda x: x if k < 5 else x * np.nan
+
+    tried = [(k,) for k in range(7)]
+    f = searched(lambda f: abs(float(f(np.ones(1))[0]) - 1), tried, made)
+    assert f(2.0) == 2.0
 
 
 def test_the_command(tmp_path, asked):

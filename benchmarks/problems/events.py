@@ -64,6 +64,12 @@ def two_poles(decay: float, kind: Any, freq: float) -> Signal:
     return lambda x: signal.lfilter(b, a, x.astype(kind))
 
 
+def one_pole(decay: float, freq: float) -> Signal:
+    """One complex pole, which is the rotation itself."""
+    pole = np.exp(-1 / (decay * FS) + 2j * np.pi * freq / FS)
+    return lambda x: signal.lfilter([1.0], [1.0, -pole], x).imag
+
+
 def rings() -> list[Method]:
     """Each rings for ten periods."""
     found = []
@@ -78,6 +84,7 @@ def rings() -> list[Method]:
                 [freq],
                 partial(two_poles, decay, np.float32),
             ),
+            "one complex pole in scipy lfilter, Hz": ([freq], partial(one_pole, decay)),
             "numpy, a table at each event, Hz": ([freq], always(at_each(shape.astype(float)))),
         }
         found += on(EVENTS, partial(error, wanted), ladders)
@@ -128,7 +135,17 @@ def bursts_at(fs: float) -> list[Method]:
     length = round(BURST * fs)
     lean = np.minimum((np.arange(length) + 0.5) / RAMP / fs, 1)  # up, and read backwards down
 
+    def formula(x: np.ndarray) -> np.ndarray:
+        """Of each event, in float64."""
+        y = np.zeros(x.size)
+        for k in np.flatnonzero(x):
+            t = (np.arange(length + 1) + 0.5) / fs
+            edge = np.clip(np.minimum(t, BURST - t) / RAMP, 0, 1)
+            y[k : k + t.size] += (np.sin(np.pi / 2 * edge) ** 2)[: x.size - k]
+        return y
+
     ladders = {
+        "numpy, the formula at each event, fs": ([fs], always(formula)),
         "stimlib burst, fs": ([fs], own(lambda x, _: burst(x, BURST, RAMP), fs)),
         "scipy tukey at each event, fs": (
             [fs],
@@ -139,17 +156,19 @@ def bursts_at(fs: float) -> list[Method]:
     return on(x, lambda f: apart(f(x), wanted), ladders)
 
 
-def adsr(t: np.ndarray) -> np.ndarray:
+def adsr(t: np.ndarray, number: type = LD) -> np.ndarray:
     """From the opening on; CLOSE - OPEN later it falls."""
-    top = 1 / -np.expm1(LD(-1.5))  # an attack of 1.5 time constants
-    gate, attack = LD(CLOSE) - LD(OPEN), LD(ATTACK)
+    top = 1 / -np.expm1(number(-1.5))  # an attack of 1.5 time constants
+    gate, attack = number(CLOSE) - number(OPEN), number(ATTACK)
 
     def held(t):
-        late = SUSTAIN + (1 - LD(SUSTAIN)) * np.exp(-(t - attack) / LD(DECAY))
+        late = SUSTAIN + (1 - number(SUSTAIN)) * np.exp(-(t - attack) / number(DECAY))
         return np.where(t < attack, -top * np.expm1(-1.5 * t / attack), late)
 
     t = np.maximum(t, 0)
-    return np.where(t < gate, held(t), held(gate) * np.exp(-(t - gate) / LD(RELEASE))).astype(float)
+    return np.where(t < gate, held(t), held(gate) * np.exp(-(t - gate) / number(RELEASE))).astype(
+        float
+    )
 
 
 def staged(fs: float) -> Signal:
@@ -179,6 +198,13 @@ def envelopes_at(fs: float) -> list[Method]:
     t = np.arange(int(SECONDS * fs)) / fs
     x = ((t >= OPEN) & (t < CLOSE)).astype(float)
     wanted = adsr((np.arange(t.size) + 1 - int(OPEN * fs)) / LD(fs))
+
+    def timed(x: np.ndarray) -> np.ndarray:
+        """From the gate's first and last sample on, in float64."""
+        y, opens = np.zeros(x.size), int(np.argmax(x))
+        y[opens:] = adsr((np.arange(x.size - opens) + 1) / fs, float)
+        return y
+
     corners = [OPEN, OPEN + ATTACK, OPEN + ATTACK + DECAY, CLOSE, CLOSE + RELEASE]
     ladders = {
         "stimlib envelope, fs": (
@@ -191,6 +217,7 @@ def envelopes_at(fs: float) -> list[Method]:
             always(lambda x: np.interp(t, corners, [0.0, 1.0, SUSTAIN, SUSTAIN, 0.0])),
         ),
     }
+    ladders["numpy, the formula, fs"] = [fs], always(timed)
     return on(x, lambda f: apart(f(x), wanted), ladders)
 
 
@@ -223,6 +250,7 @@ PROBLEMS = (
         1000,
         partial(at_rates, bursts_at),
         "a millisecond",
+        asked=True,
     ),
     Problem(
         "envelope",
@@ -231,5 +259,6 @@ PROBLEMS = (
         1000,
         partial(at_rates, envelopes_at),
         "a millisecond",
+        asked=True,
     ),
 )

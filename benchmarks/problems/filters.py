@@ -4,6 +4,7 @@ that moves, against its equation.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache, partial
 
 import numpy as np
@@ -47,6 +48,27 @@ def biquads(cutoff: float) -> Signal:
     return lambda x: signal.sosfilt(sos, x)
 
 
+def long_biquads(s: np.ndarray, gain: np.ndarray, zeros: tuple[int, int]) -> Signal:
+    """Poles at s, of each pair one, in second-order sections of long double: their
+    design and their arithmetic; zeros at z = these two.
+    """
+    z = (1 + s) / (1 - s)
+    b = np.poly(zeros).astype(LD)
+    rows = [
+        np.r_[b * g, 1, -2 * p.real, p.real**2 + p.imag**2] for p, g in zip(z, gain, strict=True)
+    ]
+    sos = np.array(rows, LD)
+    return lambda x: signal.sosfilt(sos, x.astype(LD)).astype(float)
+
+
+def long_butter(cutoff: float) -> Signal:
+    pi = 4 * np.arctan(LD(1))
+    w = np.tan(pi * LD(cutoff) / LD(FS))
+    angle = pi * (2 * np.arange(ORDER // 2, dtype=LD) + 1) / (2 * ORDER)
+    s = w * (-np.sin(angle) + 1j * np.cos(angle))
+    return long_biquads(s, w * w / (1 + 2 * w * np.sin(angle) + w * w), (-1, -1))
+
+
 def low_passes() -> list[Method]:
     found = []
     for part in (1e-1, 1e-2, 1e-3, 1e-4):
@@ -58,6 +80,7 @@ def low_passes() -> list[Method]:
             ),
             "scipy butter in sosfilt, cutoff Hz": ([cutoff], biquads),
             "scipy butter in lfilter, cutoff Hz": ([cutoff], transfer_function),
+            "poles in scipy sosfilt, long double, cutoff Hz": ([cutoff], long_butter),
         }
         found += on(X, partial(response_error, cutoff), ladders)
     return found
@@ -83,6 +106,24 @@ def chebyshev(edges: tuple[float, float]) -> np.ndarray:
     s = (s * s + low * high) / (s * (high - low))
     top = np.prod(-poles) / np.sqrt(1 + epsilon * epsilon)  # an even order begins in a valley
     return np.r_[0.0, (top / np.prod([s - p for p in poles], axis=0)).astype(complex)]
+
+
+def long_chebyshev(edges: tuple[float, float]) -> Signal:
+    """The same poles, of each the half of the two that it becomes in the band."""
+    pi = 4 * np.arctan(LD(1))
+    low, high = (np.tan(pi * LD(f) / LD(FS)) for f in edges)
+    epsilon = np.sqrt(LD(10) ** (LD(RIPPLE) / 10) - 1)
+    a = np.arcsinh(1 / epsilon) / ORDER
+    angle = pi * (2 * np.arange(ORDER, dtype=LD) + 1) / (2 * ORDER)
+    half = (-np.sinh(a) * np.sin(angle) + 1j * np.cosh(a) * np.cos(angle)) * (high - low) / 2
+    s = half + np.sqrt(half * half - low * high)
+    s = np.where(s.imag < 0, half - np.sqrt(half * half - low * high), s)
+    other = np.abs(s[:, None] - s.conj()[None]) < 1e-30
+    assert not other.any() and (s.imag > 0).all()
+    top = np.abs(np.prod(half)) * 2**ORDER / np.sqrt(1 + epsilon * epsilon)
+    gain = 1 / np.abs(1 - s) ** 2
+    gain[0] *= top
+    return long_biquads(s, gain, (1, -1))
 
 
 def wide_bandpass(edges: tuple[float, float], x: Block, _: float) -> Block:
@@ -113,6 +154,10 @@ def band_passes() -> list[Method]:
             "scipy cheby1 in sosfilt, float32, middle Hz": (
                 [middle],
                 always(partial(short, sos.astype(np.float32))),
+            ),
+            "poles in scipy sosfilt, long double, middle Hz": (
+                [middle],
+                always(long_chebyshev(edges)),
             ),
             "scipy cheby1 in lfilter, middle Hz": ([middle], always(partial(signal.lfilter, *ba))),
         }
@@ -165,11 +210,32 @@ def renewed(every: int, fs: float) -> Signal:
     return run
 
 
+@cache
+def _trapezoids() -> Callable[[np.ndarray, float], np.ndarray]:
+    from numba import njit
+
+    @njit(error_model="numpy")
+    def run(rows, fs):
+        y, s1, s2 = np.empty(rows.shape[1]), 0.0, 0.0
+        for n in range(y.size):
+            g = np.tan(np.pi * rows[1, n] / fs)
+            band = (g * (rows[0, n] - s2) + s1) / (1.0 + g * (g + 1.0 / Q))
+            y[n] = s2 + g * band
+            s1, s2 = 2.0 * band - s1, 2.0 * y[n] - s2
+        return y
+
+    return run
+
+
 def swept_at(fs: float) -> list[Method]:
     t = np.arange(int(SECONDS * fs)) / fs
     rows, wanted = np.array([tone(t), cutoff(t)]), swept()(t)[1]
     ladders = {
         "stimlib svf, fs": ([fs], own(lambda x, f, _: svf(x, f, Q), fs, ("", "Hz"))),
+        "state variables by trapezoids, compiled, fs": (
+            [fs],
+            lambda fs: lambda rows: _trapezoids()(rows, fs),
+        ),
         "biquad in scipy lfilter, renewed at every sample, fs": ([fs], lambda fs: renewed(1, fs)),
         "biquad in scipy lfilter, renewed every 32 samples, fs": ([fs], lambda fs: renewed(32, fs)),
     }

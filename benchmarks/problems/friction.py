@@ -5,7 +5,7 @@ DOP853 from turn to turn.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -62,29 +62,32 @@ def means(fs: float) -> np.ndarray:
     return np.diff(solved()[:: int(FINEST / fs)]) * fs
 
 
-def euler(fs: float) -> Signal:
+def euler(steps: int, fs: float) -> Signal:
     """As most papers do: dz by the velocity of two samples, the force as the mean of
-    both ends of a sample.
+    both ends of a step; so many of them in a sample.
     """
     loop = _euler()
-    return lambda x: loop(x, fs)
+    return lambda x: loop(x, fs, steps)
 
 
 @cache
-def _euler() -> Callable[[np.ndarray, float], np.ndarray]:
+def _euler() -> Callable[[np.ndarray, float, int], np.ndarray]:
     from numba import njit
 
     @njit(error_model="numpy")
-    def run(x, fs):
+    def run(x, fs, steps):
         out, z, before = np.zeros(x.size), 0.0, 0.0
         for n in range(1, x.size):
             v = (x[n] - x[n - 1]) * fs
             limit = NORMAL * (SLIDING + (STATIC - SLIDING) * np.exp(-((v / SPEED) ** 2)))
-            rate = v - abs(v) * STIFFNESS / limit * z
-            z += rate / fs
-            force = STIFFNESS * z + DAMPING * rate + VISCOSITY * v
-            out[n] = 0.5 * (force + before)
-            before = force
+            total = 0.0
+            for _ in range(steps):
+                rate = v - abs(v) * STIFFNESS / limit * z
+                z += rate / (fs * steps)
+                force = STIFFNESS * z + DAMPING * rate + VISCOSITY * v
+                total += 0.5 * (force + before)
+                before = force
+            out[n] = total / steps
         return out
 
     return run
@@ -125,7 +128,8 @@ def at_rate(fs: float) -> list[Method]:
 
     ladders = {
         "stimlib friction (LuGre), fs": ([fs], own(ours, fs, "m")),
-        "Euler, compiled, fs": ([fs], euler),
+        "Euler, compiled, fs": ([fs], partial(euler, 1)),
+        "Euler, compiled, 16 steps in a sample, fs": ([fs], partial(euler, 16)),
     }
     if fs == 8000.0:
         ladders["scipy LSODA at 8 kHz, whole file, rtol"] = [1e-3, 1e-6, 1e-9], by_lsoda

@@ -4,13 +4,15 @@ reported.
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from scipy import interpolate, signal
 
 from stimlib.blocks import track_velocity, velocity
 from stimlib.motion.recorded import recording
 
-from .problem import Method, Problem, Signal, apart, on, own
+from .problem import Method, Problem, Signal, apart, on, own, searched
 
 FS, SECONDS = 8000.0, 8.0
 T = np.arange(int(FS * SECONDS)) / FS
@@ -57,6 +59,8 @@ def interpolation() -> list[Method]:
         "the last report, held, Hz": (rates, held),
         "numpy interp, Hz": (rates, lambda rate: lambda now: np.interp(now, *reports(rate))),
         "scipy CubicSpline, Hz": (rates, lambda rate: interpolate.CubicSpline(*reports(rate))),
+        "scipy make_interp_spline of order 5, Hz": (
+            rates, lambda rate: interpolate.make_interp_spline(*reports(rate), 5)),
     })  # fmt: skip
 
 
@@ -72,9 +76,12 @@ def velocities() -> list[Method]:
 
     cutoffs = [10.0, 30.0, 100.0, 300.0, 1000.0]
 
-    def butter(cutoff: float) -> Signal:
-        sos = signal.butter(2, cutoff, fs=FS, output="sos")
+    def butter(cutoff: float, order: int) -> Signal:
+        sos = signal.butter(order, cutoff, fs=FS, output="sos")
         return lambda x: signal.sosfilt(sos, np.diff(x, prepend=x[0]) * FS)
+
+    def local(n: int, order: int) -> Signal:
+        return lambda x: signal.savgol_filter(x, n, order, deriv=1, delta=1 / FS)
 
     return on(
         x,
@@ -82,11 +89,14 @@ def velocities() -> list[Method]:
         {
             "stimlib velocity, cutoff Hz": (cutoffs, own(velocity, FS, "m")),
             "stimlib track_velocity, bandwidth Hz": (cutoffs[:-1], own(track_velocity, FS, "m")),
-            "difference in scipy butter(2), cutoff Hz": (cutoffs, butter),
+            "difference in scipy butter, cutoff Hz": (
+                cutoffs,
+                lambda cutoff: searched(error, product([cutoff], [1, 2, 3, 4]), butter),
+            ),
             "difference of two samples": ([2], lambda _: lambda x: np.diff(x, prepend=x[0]) * FS),
             "Savitzky-Golay, whole file, window": (
                 [21, 81, 321, 801],
-                lambda n: lambda x: signal.savgol_filter(x, n, 3, deriv=1, delta=1 / FS),
+                lambda n: searched(error, product([n], range(1, 8)), local),
             ),
         },
     )

@@ -6,13 +6,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, partial
+from itertools import product
+from math import gamma
 
 import numpy as np
 from scipy import signal
 
 from stimlib.blocks import maxwell, springpot
 
-from .problem import Ladder, Method, Problem, Signal, apart, on, own
+from .problem import Ladder, Method, Problem, Signal, apart, on, own, searched
 
 FS, SECONDS, ALPHA = 1000.0, 10.0, 0.5
 N = int(FS * SECONDS)
@@ -107,11 +109,17 @@ def by_fft(x: np.ndarray) -> np.ndarray:
     )[: x.size]
 
 
-def oustaloup(order: int, low: float = 1e-3) -> Signal:
-    """s^alpha between low and fs/2 by 2 order + 1 poles and zeros, bilinear,
+def l1_by_fft(x: np.ndarray) -> np.ndarray:
+    """The derivative of straight lines between samples, with its whole history."""
+    b = np.diff(np.arange(x.size + 1.0) ** (1 - ALPHA)) * FS**ALPHA / gamma(2 - ALPHA)
+    return signal.oaconvolve(np.diff(x, prepend=x[0]), b)[: x.size]
+
+
+def oustaloup(order: int, low: float, high: float) -> Signal:
+    """s^alpha between low and high fs/2 by 2 order + 1 poles and zeros, bilinear,
     second-order sections.
     """
-    wb, wh = 2 * np.pi * low, np.pi * FS
+    wb, wh = 2 * np.pi * low, np.pi * FS * high
     k = np.arange(-order, order + 1)
     zeros, poles = (
         -wb * (wh / wb) ** ((k + order + (1 + sign * ALPHA) / 2) / (2 * order + 1))
@@ -167,7 +175,15 @@ def springpots(error: Callable[[Signal], float], scheme: str, other: str) -> lis
         "short memory (thesis), N": (counts, lambda n: thesis(n, downsampled=False)),
         "downsampled history (thesis), N": (counts, lambda n: thesis(n, downsampled=True)),
         "full sum by FFT, whole file": ([""], lambda _: by_fft),
-        "Oustaloup in scipy sosfilt, order": ([3, 6, 12, 24], oustaloup),
+        "L1 by FFT, whole file": ([""], lambda _: l1_by_fft),
+        "Oustaloup in scipy sosfilt, order": (
+            [3, 6, 12, 24],
+            lambda order: searched(
+                error,
+                product([order], 10.0 ** np.arange(-4, 0.6, 0.5), [0.5, 1.0, 2.0, 4.0, 8.0]),
+                oustaloup,
+            ),
+        ),
     }
     return on(X, error, ladders | rivals())
 
@@ -182,12 +198,15 @@ def arm_force(t: np.ndarray) -> np.ndarray:
     return 0.01 * wt / (1 + wt**2) * (wt * np.sin(w * t) + np.cos(w * t) - np.exp(-t / TAU))
 
 
-RULES = "forward Euler", "backward Euler", "bilinear"
+RULES = "forward Euler", "backward Euler", "bilinear", "cont2discrete(.., 'foh')"
 
 
 def recursion(rule: str, fs: float) -> Signal:
     """q' = y' - q/tau by one rule, as one filter of scipy."""
     h = 1 / fs / TAU
+    if "foh" in rule:
+        (b,), a, _ = signal.cont2discrete(([TAU, 0.0], [TAU, 1.0]), 1 / fs, "foh")
+        return lambda y: signal.lfilter(b, a, y - y[0])
     a = {
         "forward Euler": 1 - h,
         "backward Euler": 1 / (1 + h),

@@ -5,6 +5,7 @@ responses, against the formula.
 from __future__ import annotations
 
 from functools import partial
+from itertools import product
 
 import numpy as np
 from noise_chain import puller
@@ -15,7 +16,7 @@ from stimlib.core.scene import Scene
 from stimlib.design.filters import differentiator_order, differentiator_taps
 from stimlib.design.noise import NoiseDesign, noise_modes
 
-from .problem import Method, Problem, Signal, apart, on, own, response
+from .problem import Method, Problem, Signal, on, own, response, searched
 
 FS, SAMPLES = 8000.0, 1 << 16
 LONG = 1 << 18  # of an impulse response: 33 s, for poles below 0.1 Hz
@@ -79,9 +80,9 @@ def kellet(name: str) -> Signal:
     return sos(sections(*KELLET[name]))
 
 
-def oustaloup(order: int, low: float = 0.1, slope: float = -0.5) -> Signal:
-    """2 order + 1 poles and zeros spread evenly between low and fs/2, bilinear."""
-    wb, wh = 2 * np.pi * low, np.pi * FS
+def oustaloup(order: int, low: float, high: float, slope: float = -0.5) -> Signal:
+    """2 order + 1 poles and zeros spread evenly between low and high fs/2, bilinear."""
+    wb, wh = 2 * np.pi * low, np.pi * FS * high
     k = np.arange(-order, order + 1)
     zeros, poles = (
         -wb * (wh / wb) ** ((k + order + (1 + sign * slope) / 2) / (2 * order + 1))
@@ -115,7 +116,8 @@ def pink() -> list[Method]:
         "stimlib on JAX, float64": ([0.01, 1e-4], ours("float64")),
         "stimlib on JAX, float32": ([0.01, 1e-4], ours("float32")),
         "our design in scipy sosfilt": (tols, lambda tol: sos(of(noise_modes(FS, F_LOW, tol)))),
-        "Oustaloup in scipy sosfilt, order": ([2, 4, 8, 12], oustaloup),
+        "Oustaloup in scipy sosfilt, order": ([2, 4, 8, 12], lambda order: searched(
+            slope_error, product([order], [0.03, 0.1, 0.3], [1.0, 2.0, 4.0]), oustaloup)),
         "Kellet in scipy sosfilt": (["refined", "economy"], kellet),
         "firwin2 + oaconvolve, taps": ([257, 1025, 4097, 16385], sampled_response),
         "FFT of the whole file (colorednoise)": ([""], lambda _: shaped),
@@ -123,9 +125,10 @@ def pink() -> list[Method]:
 
 
 # d/dt ---------------------------------------------------------------------------------
-def derivative_error(f: Signal) -> float:
-    """Largest error of the gain up to the pass edge, relative to that at the edge,
-    behind a delay of whole half samples.
+def derivative_error(f: Signal, stops: bool = True) -> float:
+    """Largest error of the gain up to the pass edge, relative to the gain, behind a
+    delay of whole half samples; and what is left from the stop edge on, relative to
+    the gain at the pass edge.
     """
     n = 1 << 15
     at = np.fft.rfftfreq(n, 1 / FS)
@@ -133,8 +136,10 @@ def derivative_error(f: Signal) -> float:
     low = slice(1, 40)  # up to 10 Hz
     late = -np.polyfit(2 * np.pi * at[low] / FS, np.unwrap(np.angle(H[low] / 1j)), 1)[0]
     H = H * np.exp(2j * np.pi * at * (round(2 * late) / 2) / FS)
-    band = at <= PASSBAND
-    return apart(H[band], 2j * np.pi * at[band])
+    band, high = (at > 0) & (at <= PASSBAND), at >= STOPBAND
+    wanted = 2j * np.pi * at[band]
+    error = float(np.abs(H[band] / wanted - 1).max())
+    return max(error, float(np.abs(H[high]).max()) / (2 * np.pi * PASSBAND)) if stops else error
 
 
 def taps(h: np.ndarray) -> Signal:
@@ -143,57 +148,82 @@ def taps(h: np.ndarray) -> Signal:
     )
 
 
-def windowed(n: int, window) -> np.ndarray:
-    """The ideal differentiator, cut by a window."""
-    k = np.arange(n) - (n - 1) / 2
-    ideal = np.cos(np.pi * k) / np.where(k == 0, 1.0, k) * (k != 0)
-    return ideal * signal.get_window(window, n, fftbins=False) * FS
+def windowed(n: int, beta: float, edge: float) -> np.ndarray:
+    """The ideal differentiator up to an edge in Hz, cut by a Kaiser window."""
+    k, w = np.arange(n) - (n - 1) / 2, 2 * np.pi * edge / FS
+    safe = np.where(k == 0, 1.0, k)
+    ideal = (w * np.cos(w * k) / safe - np.sin(w * k) / safe**2) / np.pi * (k != 0)
+    return ideal * signal.get_window(("kaiser", beta), n, fftbins=False) * FS
 
 
-def order_of(tol: float) -> int:
-    return differentiator_order(FS, PASSBAND, STOPBAND, tol)
+def order_of(tol: float, stopband: float | None = STOPBAND) -> int:
+    return differentiator_order(FS, PASSBAND, stopband, tol)
 
 
-def designed(tol: float) -> np.ndarray:
-    return differentiator_taps(FS, PASSBAND, STOPBAND, order_of(tol)).taps
+def designed(tol: float, stopband: float | None = STOPBAND) -> np.ndarray:
+    return differentiator_taps(FS, PASSBAND, stopband, order_of(tol, stopband)).taps
 
 
-def remez(n: int) -> np.ndarray:
-    return (
-        signal.remez(
-            n,
-            [0, PASSBAND, STOPBAND, FS / 2],
-            [2 * np.pi, 0],
-            type="differentiator",
-            fs=FS,
-            maxiter=100,
-        )
-        * FS
+def remez(n: int, weight: float) -> np.ndarray:
+    """Equal ripples of the relative error; the weight is that of the stop band."""
+    return FS * signal.remez(
+        n,
+        [0, PASSBAND, STOPBAND, FS / 2],
+        [2 * np.pi, 0],
+        weight=[1, weight],
+        type="differentiator",
+        fs=FS,
+        maxiter=100,
     )
 
 
-def differentiators() -> list[Method]:
-    def ours(x, tol: float):
-        return differentiator(x, PASSBAND, STOPBAND, order_of(tol), tol)
+def free(n: int, end: float) -> np.ndarray:
+    """The same without a stop band, up to an end in Hz."""
+    return FS * signal.remez(n, [0, end], [2 * np.pi], type="differentiator", fs=FS, maxiter=100)
 
-    tols, counts = [1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8], [17, 33, 65, 129]
-    return on(
-        X,
-        derivative_error,
-        {
-            "stimlib differentiator, tol": (tols, own(ours, FS)),
-            "the same taps in numpy or scipy, tol": (tols, lambda tol: taps(designed(tol))),
-            "scipy remez, taps": (counts, lambda n: taps(remez(n))),
-            "Hamming window, taps": (counts, lambda n: taps(windowed(n, "hamming"))),
-            "Kaiser window, beta 8, taps": (counts, lambda n: taps(windowed(n, ("kaiser", 8.0)))),
-            "Savitzky-Golay of order 4, window": (
+
+def differentiators(stops: bool) -> list[Method]:
+    """With a stop band from 1.5 kHz on, or with nothing asked above 1 kHz."""
+    stopband = STOPBAND if stops else None
+    error = partial(derivative_error, stops=stops)
+
+    def ours(x, tol: float):
+        return differentiator(x, PASSBAND, stopband or FS, order_of(tol, stopband), tol)
+
+    def best(grid, make) -> Signal:
+        return searched(error, grid, lambda *place: taps(make(*place)))
+
+    edges = np.arange(1000.0, 1525.0, 50.0) if stops else np.arange(1000.0, 4250.0, 250.0)
+    tols = [1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8]
+    counts = [17, 33, 65, 129] if stops else [4, 5, 8, 9, 16, 17, 32, 33]
+    weights = 10.0 ** np.arange(-2, 2.01, 0.25)
+    own_rungs = {
+        "stimlib differentiator, tol": (tols, own(ours, FS)),
+        "the same taps in numpy or scipy, tol": (tols, lambda tol: taps(designed(tol, stopband))),
+        "Kaiser window, taps": (
+            counts,
+            lambda n: best(product([n], np.arange(0.0, 15.0), edges), windowed),
+        ),
+    }
+    if stops:
+        peers = {"scipy remez, taps": (counts, lambda n: best(product([n], weights), remez))}
+    else:
+        peers = {
+            "scipy remez, taps": (
+                counts,
+                lambda n: best(product([n], np.arange(1000.0, 1100.0, 10.0)), free),
+            ),
+            "Savitzky-Golay, window": (
                 [5, 9, 21],
-                lambda n: taps(signal.savgol_coeffs(n, 4, deriv=1, delta=1 / FS)),
+                lambda n: best(
+                    product([n], range(1, min(n, 12))),
+                    lambda n, order: signal.savgol_coeffs(n, order, deriv=1, delta=1 / FS),
+                ),
             ),
             "difference to the last sample": ([2], lambda _: taps(FS * np.array([1.0, -1.0]))),
             "central difference": ([3], lambda _: taps(FS / 2 * np.array([1.0, 0.0, -1.0]))),
-        },
-    )
+        }
+    return on(X, error, own_rungs | peers)
 
 
 # White, pink, d/dt --------------------------------------------------------------------
@@ -225,7 +255,7 @@ def chain() -> list[Method]:
     refined = sections(*KELLET["refined"])
     for knob, h in (
         ("central difference", FS / 2 * np.array([1.0, 0.0, -1.0])),
-        ("remez, 129 taps", remez(129)),
+        ("remez, 129 taps", remez(129, 10.0)),
     ):
         found.append(peer("PCG64, Kellet refined", knob, refined, h))
     return found
@@ -242,9 +272,16 @@ PROBLEMS = (
     Problem(
         "differentiator",
         "d/dt up to 1 kHz at 8 kHz",
-        "largest error up to 1 kHz, of the gain there",
+        "largest error relative to the gain up to 1 kHz, or gain from 1.5 kHz on of that at 1 kHz",
         SAMPLES,
-        differentiators,
+        partial(differentiators, True),
+    ),
+    Problem(
+        "derivative",
+        "d/dt up to 1 kHz at 8 kHz, anything above",
+        "largest error relative to the gain, up to 1 kHz",
+        SAMPLES,
+        partial(differentiators, False),
     ),
     Problem(
         "chain",

@@ -6,6 +6,7 @@ verifier.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -34,6 +35,19 @@ def ribs(x: np.ndarray) -> np.ndarray:
     return sum(depth * np.sin(2 * np.pi / wave * x + phase) for wave, depth, phase in RIBS)
 
 
+def gauss(n: int) -> Signal:
+    """The mean over a movement by Gauss' rule."""
+    at, weight = np.polynomial.legendre.leggauss(n)
+
+    def run(x: np.ndarray) -> np.ndarray:
+        last = np.r_[x[0], x[:-1]]
+        return sum(
+            w / 2 * ribs(last + (x - last) * (1 + t) / 2) for t, w in zip(at, weight, strict=True)
+        )
+
+    return run
+
+
 def over_ribs() -> list[Method]:
     wanted = gratings(BEFORE, X, RIBS)
 
@@ -45,6 +59,7 @@ def over_ribs() -> list[Method]:
         "stimlib on JAX, float64": ([""], ours("float64")),
         "points in numpy": ([""], lambda _: ribs),
         "numpy, mean of so many points": ([2, 4, 16, 64], lambda n: averaged(ribs, n)),
+        "numpy, mean of so many Gauss points": ([1, 2, 4, 8], gauss),
     })  # fmt: skip
 
 
@@ -75,7 +90,7 @@ def over_roughness() -> list[Method]:
         area = interpolate.CubicSpline(at, y).antiderivative()
         return lambda x: np.r_[0.0, np.diff(area(x)) / np.diff(x)]
 
-    knobs = [1, 2, 4, 8, 16]
+    knobs = [1, 2, 4, 8, 16, 64]
     return on(X, lambda f: apart(f(X)[1:], wanted[1:]), {
         "stimlib spatial_noise": ([""], own(rough, FS, "m")),
         "points of a table in numpy interp, points in 20 um": (knobs, looked_up),
@@ -111,9 +126,9 @@ def maps() -> list[Method]:
             lambda x, y, n: lut2(x, y, table(n)[1], SIDE / (n - 1), kind=kind).value, FS, ("m", "m")
         )  # type: ignore[attr-defined]
 
-    def spline(n: int) -> Signal:
+    def spline(n: int, order: int = 3) -> Signal:
         at, z = table(n)
-        f = interpolate.RectBivariateSpline(at, at, z)
+        f = interpolate.RectBivariateSpline(at, at, z, kx=order, ky=order)
         return lambda x: f.ev(x[0], x[1])
 
     def lines(n: int) -> Signal:
@@ -136,8 +151,10 @@ def maps() -> list[Method]:
         "stimlib lut2 cubic, points": (sizes, ours("cubic")),
         "scipy RegularGridInterpolator, points": (sizes, lines),
         "scipy RectBivariateSpline, points": (sizes, spline),
+        "scipy RectBivariateSpline of order 5, points": (sizes, lambda n: spline(n, 5)),
         "scipy map_coordinates, order 1, points": (sizes, image(1)),
         "scipy map_coordinates, order 3, points": (sizes, image(3)),
+        "scipy map_coordinates, order 5, points": (sizes, image(5)),
     })  # fmt: skip
 
 
@@ -151,39 +168,64 @@ STROKES = np.array(
 )
 
 
+@cache
+def _direct() -> Callable[..., np.ndarray]:
+    from numba import njit
+
+    @njit(error_model="numpy")
+    def run(ar, ma, size, noise, every):
+        v, y = np.empty(noise.size), np.empty(noise.size)
+        for n in range(noise.size):
+            m = n // every
+            v[n] = size[m] * noise[n]
+            total = v[n]
+            for j in range(1, min(n + 1, ma.shape[1])):
+                total += ma[m, j] * v[n - j]
+            for j in range(1, min(n + 1, ar.shape[1])):
+                total -= ar[m, j] * y[n - j]
+            y[n] = total
+        return y
+
+    return run
+
+
 def textures() -> list[Method]:
     """At the model's own rate; speed and force never rest."""
     noise = laws.white(0, SEED, 0, 0, STROKES.shape[1])
     wanted = laws.texture(MODEL, STROKES[0], STROKES[1], noise, 1)
     top = np.array([MODEL.speed.max(), MODEL.force.max()])
 
+    def models(every: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Models between the measured ones, of every so many samples."""
+        corners, w = laws.texture_weights(
+            x.T[::every] / top,
+            np.stack([MODEL.speed, MODEL.force], axis=1) / top,
+            MODEL.triangles.astype(int),
+        )
+        mean = [
+            np.einsum("nk,nk...->n...", w, v[corners])
+            for v in (MODEL.lsf, MODEL.ma, MODEL.variance, MODEL.gain)
+        ]
+        ar, ma = (np.insert(laws.from_line_spectrum(v), 0, 1.0, axis=1) for v in mean[:2])
+        return ar, ma, mean[3] * np.sqrt(mean[2])
+
     def renewed(every: int) -> Signal:
-        """Models between the measured ones are made every so many samples, and each is
-        a filter of scipy until the next.
-        """
+        """Each is a filter of scipy until the next."""
 
         def run(x: np.ndarray) -> np.ndarray:
-            corners, w = laws.texture_weights(
-                x.T[::every] / top,
-                np.stack([MODEL.speed, MODEL.force], axis=1) / top,
-                MODEL.triangles.astype(int),
-            )
-            mean = [
-                np.einsum("nk,nk...->n...", w, v[corners])
-                for v in (MODEL.lsf, MODEL.ma, MODEL.variance, MODEL.gain)
-            ]
-            ar, ma = (np.insert(laws.from_line_spectrum(v), 0, 1.0, axis=1) for v in mean[:2])
-            size, zi, y = (
-                mean[3] * np.sqrt(mean[2]),
-                np.zeros(max(ar.shape[1], ma.shape[1]) - 1),
-                np.empty(x.shape[1]),
-            )
+            ar, ma, size = models(every, x)
+            zi, y = np.zeros(max(ar.shape[1], ma.shape[1]) - 1), np.empty(x.shape[1])
             for k in range(len(ar)):
                 at = slice(k * every, (k + 1) * every)
                 y[at], zi = signal.lfilter(ma[k], ar[k], size[k] * noise[at], zi=zi)
             return y
 
         return run
+
+    def direct(every: int) -> Signal:
+        """As the reference: the outputs and what drives them are kept apart."""
+        loop = _direct()
+        return lambda x: loop(*models(every, x), noise, every)
 
     return on(
         STROKES,
@@ -194,6 +236,7 @@ def textures() -> list[Method]:
                 own(lambda v, f, _: texture(v, f, MODEL, SEED), 1000.0, ("m/s", "N")),
             ),
             "scipy lfilter, renewed every n samples": ([1, 3, 10, 30, 100], renewed),
+            "direct form 1, compiled, renewed every n samples": ([1, 3, 10, 30, 100], direct),
         },
     )
 

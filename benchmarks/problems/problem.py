@@ -106,6 +106,36 @@ def always(f: Signal) -> Callable[[Any], Signal]:
     return lambda _: f
 
 
+def searched(
+    error: Callable[[Signal], float], grid: Iterable[tuple], make: Callable[..., Signal]
+) -> Signal:
+    """Return the method with the smallest error over a grid of its free parameters.
+
+    Those are what takes no time, such as the weight of a stop band or the shape of a
+    window; a knob, such as a number of taps, takes time and is a ladder.  What cannot
+    be made at a place of the grid is left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from problems.problem import searched
+    >>> f = searched(
+    ...     lambda f: abs(f(2.0) - 5.0), [(1,), (2,), (4,)], lambda k: lambda x: k * x
+    ... )
+    >>> f(2.0)
+    4.0
+    """
+    found: list[tuple[float, Signal]] = []
+    for place in grid:
+        try:
+            f = make(*place)
+            with np.errstate(all="ignore"):
+                found.append((error(f), f))
+        except (ValueError, RuntimeError):  # a design that does not converge, or is none
+            continue
+    return min((p for p in found if p[0] == p[0]), key=lambda p: p[0])[1]
+
+
 def _jax(scene: Scene, fs: float, dtype: str) -> Signal:
     import jax
 

@@ -7,8 +7,10 @@ time or a Mittag-Leffler function.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 from math import gamma
 
 import numpy as np
@@ -22,7 +24,7 @@ from stimlib.blocks import (
     springpot_series,
 )
 
-from .problem import Ladder, Method, Problem, Signal, apart, on, own
+from .problem import Ladder, Method, Problem, Signal, apart, on, own, searched
 
 SECONDS, RATES = 2.0, (500.0, 1000.0, 2000.0, 4000.0, 8000.0, 16000.0)
 ALPHA = 0.5
@@ -53,6 +55,13 @@ def first_order(parts: list[tuple[float, float, float, float]], rule: str, fs: f
     """Sum of (b1 s + b0)/(a1 s + a0), each a filter of scipy by one rule."""
     found = []
     for b1, b0, a1, a0 in parts:
+        if "foh" in rule:
+            ratio = ([b1, b0], [a1, a0]) if a1 else ([b0], [a0])
+            with warnings.catch_warnings():  # of an arm whose weight is nearly 0
+                warnings.simplefilter("ignore", signal.BadCoefficients)
+                made = signal.cont2discrete(ratio, 1 / fs, "foh") if a1 else (ratio[:1], [a0])
+            found.append((made[0][0], made[1]))
+            continue
         d = {"backward Euler": (fs, -fs, 1.0, 0.0), "bilinear": (2 * fs, -2 * fs, 1.0, 1.0)}[rule]
         b = np.array([b1 * d[0] + b0 * d[2], b1 * d[1] + b0 * d[3]])
         a = np.array([a1 * d[0] + a0 * d[2], a1 * d[1] + a0 * d[3]])
@@ -63,7 +72,7 @@ def first_order(parts: list[tuple[float, float, float, float]], rule: str, fs: f
 def rules(parts: list[tuple[float, float, float, float]], fs: float) -> dict[str, Ladder]:
     return {
         f"{rule} in scipy lfilter, fs": ([fs], partial(first_order, parts, rule))
-        for rule in ("backward Euler", "bilinear")
+        for rule in ("backward Euler", "bilinear", "cont2discrete(.., 'foh')")
     }
 
 
@@ -129,9 +138,9 @@ def fractional_trapezoid(fs: float) -> Signal:
     return run
 
 
-def oustaloup(fs: float) -> Signal:
-    """s^-alpha between 1 mHz and fs/2 by 17 poles and zeros, bilinear."""
-    wb, wh, k = 2 * np.pi * 1e-3, np.pi * fs, np.arange(-8, 9)
+def oustaloup(fs: float, low: float, high: float) -> Signal:
+    """s^-alpha between low and high fs/2 by 17 poles and zeros, bilinear."""
+    wb, wh, k = 2 * np.pi * low, np.pi * fs * high, np.arange(-8, 9)
     zeros, poles = (-wb * (wh / wb) ** ((k + 8 + (1 + sign * -ALPHA) / 2) / 17) for sign in (-1, 1))
     sos = signal.zpk2sos(*signal.bilinear_zpk(zeros, poles, wh**-ALPHA / CHI, fs))
     return lambda f: signal.sosfilt(sos, f)
@@ -144,11 +153,15 @@ def compliances(fs: float, t: np.ndarray) -> list[Method]:
     def ours(scheme: str):
         return own(lambda f, _: compliance(f, CHI, ALPHA, scheme), fs, "N")
 
-    return on(f, lambda g: apart(g(f), wanted), {
+    def error(g: Signal) -> float:
+        return apart(g(f), wanted)
+
+    grid = product([fs], 10.0 ** np.arange(-4, 0.1, 0.5), [0.5, 1.0, 2.0])
+    return on(f, error, {
         "stimlib compliance l1, fs": ([fs], ours("l1")),
         "stimlib compliance gl, fs": ([fs], ours("gl")),
         "product trapezoid by FFT, whole file, fs": ([fs], fractional_trapezoid),
-        "Oustaloup in scipy sosfilt, fs": ([fs], oustaloup),
+        "Oustaloup in scipy sosfilt, fs": ([fs], lambda _: searched(error, grid, oustaloup)),
     })  # fmt: skip
 
 
@@ -182,13 +195,13 @@ def kernel(fs: float) -> Signal:
     return run
 
 
-def prony(arms: int, fs: float) -> Signal:
+def prony(arms: int, fs: float, first: float, last: float) -> Signal:
     """The relaxation fitted by exponentials, run as filters of scipy: what is done
     where there is no springpot.
     """
-    t, tau = np.geomspace(1e-4, 10.0, 400), np.geomspace(1e-5, 30.0, arms)
+    t, tau = np.geomspace(1e-4, 10.0, 400), np.geomspace(first, last, arms)
     k, *_ = np.linalg.lstsq(np.exp(-t[:, None] / tau), K * mittag_leffler(t, 1.0), rcond=None)
-    return first_order([(v * a, 0.0, a, 1.0) for v, a in zip(k, tau, strict=True)], "bilinear", fs)
+    return first_order([(v * a, 0.0, a, 1.0) for v, a in zip(k, tau, strict=True)], "foh", fs)
 
 
 def series(fs: float, t: np.ndarray) -> list[Method]:
@@ -198,12 +211,19 @@ def series(fs: float, t: np.ndarray) -> list[Method]:
     def ours(scheme: str):
         return own(lambda y, _: springpot_series(y, CHI, ALPHA, k=K, scheme=scheme), fs, "m")
 
-    return on(y, lambda f: apart(f(y), wanted), {
+    def error(f: Signal) -> float:
+        return apart(f(y), wanted)
+
+    def fitted(arms: int) -> Signal:
+        grid = product([arms], [fs], [1e-6, 1e-5, 1e-4, 1e-3], [1.0, 3.0, 10.0, 30.0])
+        return searched(error, grid, prony)
+
+    return on(y, error, {
         "stimlib springpot_series l1, fs": ([fs], ours("l1")),
         "stimlib springpot_series gl, fs": ([fs], ours("gl")),
         "Mittag-Leffler kernel by FFT, whole file, fs": ([fs], kernel),
-        "8 fitted arms in scipy lfilter, fs": ([fs], partial(prony, 8)),
-        "16 fitted arms in scipy lfilter, fs": ([fs], partial(prony, 16)),
+        "8 fitted arms in scipy lfilter, fs": ([fs], lambda _: fitted(8)),
+        "16 fitted arms in scipy lfilter, fs": ([fs], lambda _: fitted(16)),
     })  # fmt: skip
 
 

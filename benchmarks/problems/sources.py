@@ -5,13 +5,14 @@ and formulas in long double.
 from __future__ import annotations
 
 from functools import partial
+from itertools import product
 
 import numpy as np
 from scipy import interpolate, signal
 
 from stimlib.blocks import chirp, oscillator, playback, pulse_train
 
-from .problem import Ladder, Method, Problem, Signal, always, apart, on, own
+from .problem import Ladder, Method, Problem, Signal, always, apart, on, own, searched
 
 FS, SAMPLES = 8000.0, 1 << 16
 LD = np.longdouble
@@ -127,6 +128,11 @@ def by_scipy(kind: str, number: type) -> Signal:
     )
 
 
+def by_formula(kind: str) -> Signal:
+    """The formula with its phase in long double, as the reference."""
+    return lambda x: swept(kind)
+
+
 def sweep_error(wanted: np.ndarray, f: Signal) -> float:
     return apart(f(wanted), wanted)
 
@@ -140,6 +146,7 @@ def sweeps() -> list[Method]:
             "scipy chirp": ([kind], partial(by_scipy, number=float)),
             "scipy chirp, float32": ([kind], partial(by_scipy, number=np.float32)),
             "numpy cumsum of the frequency": ([kind], added_up),
+            "numpy, the formula in long double": ([kind], by_formula),
         }
         found += on(np.zeros(SAMPLES), partial(sweep_error, wanted), ladders)
     return found
@@ -184,6 +191,8 @@ def pulses() -> list[Method]:
 
 # A recording --------------------------------------------------------------------------
 RECORDED, UP = 1000.0, 8
+# of Kaiser's window, and the edge of the filter over half the recording's rate
+BETAS, EDGES = np.arange(2.0, 21.0), np.arange(0.9, 1.11, 0.05)
 # Hz, rad
 TONES = [
     (1.0, 20.3, 0.2),
@@ -208,8 +217,8 @@ def recordings() -> list[Method]:
     def error(f: Signal) -> float:
         return apart(f(t)[inside], vibration(t)[inside])
 
-    def windowed(reach: int) -> Signal:
-        h = signal.firwin(2 * reach * UP + 1, 1 / UP, window=("kaiser", 8.0))
+    def windowed(reach: int, beta: float, edge: float) -> Signal:
+        h = signal.firwin(2 * reach * UP + 1, edge / UP, window=("kaiser", beta))
         return lambda t: signal.resample_poly(taken, UP, 1, window=h)[: t.size]
 
     return on(
@@ -224,7 +233,10 @@ def recordings() -> list[Method]:
                 [""],
                 own(lambda t, _: playback(taken, RECORDED, at=t), FS, "s"),
             ),
-            "scipy resample_poly, samples to each side": ([5, 10, 20, 40, 80], windowed),
+            "scipy resample_poly, samples to each side": (
+                [5, 10, 20, 40, 80],
+                lambda reach: searched(error, product([reach], BETAS, EDGES), windowed),
+            ),
             "scipy resample, whole file": ([""], always(lambda t: signal.resample(taken, t.size))),
             "scipy CubicSpline": ([""], always(interpolate.CubicSpline(known, taken))),
             "numpy interp": ([""], always(lambda t: np.interp(t, known, taken))),
@@ -255,6 +267,7 @@ PROBLEMS = (
         8000,
         pulses,
         "a millisecond",
+        asked=True,
     ),
     Problem(
         "playback",

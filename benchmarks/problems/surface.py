@@ -77,6 +77,20 @@ def averaged(f: Signal, n: int) -> Signal:
     return run
 
 
+def by_integral(u: np.ndarray) -> np.ndarray:
+    """Differences of the bump's integral in float64; where the finger hardly moves, the
+    bump in the middle.
+    """
+    d, top, whole = DUTY, np.cos(np.pi * DUTY), np.floor(u)
+    z = np.minimum(u - whole, d)
+    area = (np.sin(2 * np.pi * (z - d / 2)) + np.sin(np.pi * d)) / (2 * np.pi) - top * z
+    area = (whole * (np.sin(np.pi * d) / np.pi - top * d) + area) / (1 - top)
+    step, last = np.diff(u, prepend=u[0]), np.r_[u[0], u[:-1]]
+    still = np.abs(step) < 1e-7
+    mean = np.diff(area, prepend=area[0]) / np.where(still, 1.0, step)
+    return np.where(still, envelope((u + last) / 2), mean)
+
+
 def bumps() -> list[Method]:
     wanted = mean_of_sine(U)
     sure = np.isfinite(wanted)
@@ -93,6 +107,7 @@ def bumps() -> list[Method]:
         "stimlib on JAX, float64": ([DUTY], ours(dtype="float64")),
         "stimlib on JAX, float32": ([DUTY], ours(dtype="float32")),
         "numpy, mean of so many points": ([1, 4, 16, 64], partial(averaged, envelope)),
+        "numpy, differences of the integral": ([DUTY], lambda _: by_integral),
     })  # fmt: skip
 
 
@@ -134,6 +149,10 @@ def table() -> list[Method]:
             "scipy PchipInterpolator, knots": (
                 knobs,
                 lambda n: interpolate.PchipInterpolator(knots(n), profile(knots(n))),
+            ),
+            "scipy make_interp_spline of order 5, knots": (
+                knobs[1:],
+                lambda n: interpolate.make_interp_spline(knots(n), profile(knots(n)), 5),
             ),
             "scipy CubicSpline, knots": (
                 knobs,
