@@ -190,9 +190,7 @@ def test_each_finger_and_each_run_has_its_own_noise():
 
 def test_a_rate_that_is_too_high_for_the_differentiator_says_so():
     assert stimlib.compile(squeeze(fingers=1), 500_000).latency
-    says = (
-        "differentiator: .* up to 1000 Hz takes an order above 8192 at fs = 1e.06 Hz: .* lower fs"
-    )
+    says = "differentiator: .* up to 1000 Hz takes an order above 8192 at fs = 1e.06 Hz; lower fs"
     refused(stimlib.BadValue, says, stimlib.compile, squeeze(fingers=1), 1e6)
 
 
