@@ -20,11 +20,11 @@ from refusals import largest_file, refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, enabled
-from stimlib.blocks import pink_noise, pinking, springpot, velocity, white_noise
+from stimlib.blocks import pink_noise, pinking, springpot, velocity, wall, white_noise
 from stimlib.errors import UnitError
 from stimlib.export import INCLUDE, export_c
 from stimlib.export.program import comment
-from stimlib.run.safety import Inverse, Safety, Watch, protect
+from stimlib.run.safety import Inverse, Passivity, Safety, Watch, protect
 from stimlib.scenes import ROWS, SHIPPED
 
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
@@ -163,6 +163,18 @@ int main(void)
     np.testing.assert_array_equal(got, want)
     assert made.state_bytes == pytest.approx(size, rel=0.02)
     assert np.ptp(want) > 1
+
+
+def test_the_passivity_controller_is_exported(tmp_path):
+    scene = Scene({"force": wall(Input("x", "m"), 1000.0)})
+    passive = Passivity(1e-3, 2.0, delay=0.0025, encoder=1e-6, still=0.05)
+    way = {"x": 0.01 * np.sin(np.arange(600) / 20)}
+    safety = Safety(6.0, passivity=passive)
+    made = export_c(scene, 1000, tmp_path, way, seconds=0.6, safety=safety)
+    assert same(tmp_path, "stimulus", made.samples, GCC)
+    assert "of force" in re.findall(
+        r"b\d+_n passivity (of \w+)", (tmp_path / "stimulus.h").read_text()
+    )
 
 
 STAGES = {"peak", "clip", "static", "slew", "drive", "skin", "outside"}
