@@ -15,7 +15,7 @@ from refusals import refused
 from typer.testing import CliRunner
 
 import stimlib
-from stimlib import BadValue, Input, Scene, SinkError
+from stimlib import BadValue, Input, Param, Scene, SinkError, blocks
 from stimlib.checks import verification
 from stimlib.checks.session import verify_log
 from stimlib.cli import app
@@ -271,3 +271,18 @@ def test_an_interpreter_that_says_otherwise_in_one_bit_is_seen(monkeypatch):
     monkeypatch.setattr(verification, "samples", other)
     failed = [c for c in stimlib.verify(scene, motion, rendering).checks if not c.passed]
     assert [(c.measured, c.name.split(",")[0]) for c in failed] == [(1, "interpreter")]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_of_many_channels_the_interpreter_makes_some_again_and_each_kind_of_block(seed):
+    """From a state of their own, with the parameters and inputs that they have."""
+    x, y, k = Input("x"), Input("y"), Param("k", 1.0)
+    ends = {f"a{n}": blocks.delay(float(n) * x, 3) for n in range(20)}
+    scene = Scene(ends | {"b": abs(k * y)})
+    made = stimlib.render(scene, {"x": np.sin, "y": np.cos}, 8000, 0.1, {"k": 2.0}, seed)
+    report = stimlib.verify(scene, {"x": np.sin, "y": np.cos}, made)
+    drawn = verification._drawn(report.evidence)
+    assert "b" in drawn and len(drawn) == 9 and report.passed
+    assert [c for c in report.checks if c.name.endswith("from 0 of 9 of 21 outputs")]
+    made.y[0, 5] += 1e-300  # of whichever output
+    assert not stimlib.verify(scene, {"x": np.sin, "y": np.cos}, made).passed
