@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 import stimlib
 from stimlib.analysis import vibration
-from stimlib.analysis.overview import curve
+from stimlib.analysis.overview import INPUT, OUTPUT, curve
 from stimlib.demo import FS, SECONDS, STIMULI
 
 mpl.rcParams.update({"svg.hashsalt": "stimlib", "svg.fonttype": "none", "font.size": 9})
@@ -18,16 +18,16 @@ fig.get_layout_engine().set(wspace=0.06)
 for (top, bottom), s in zip(fig.subplots(2, 3).T, STIMULI, strict=True):
     made = stimlib.render(s.make(), s.motion, FS, SECONDS)
     y, x = made[s.output], next(iter(s.motion.values()))(made.t)
-    curve(top, made.t, 1e3 * x)
+    curve(top, made.t, 1e3 * x, color=INPUT)
     top.set(title=s.make.__name__, xlabel="time / s", ylabel="position / mm", xmargin=0)
     if s.output == "force1":
-        curve(bottom, made.t, 1e3 * vibration(y, FS), color="C1")
-        bottom.set(xlabel="time / s", ylabel="vibration / mN", xmargin=0)
+        curve(bottom, made.t, vibration(y, FS), color=OUTPUT)
+        bottom.set(xlabel="time / s", ylabel="vibration / N", xmargin=0)
     elif s.output == "voltage":
-        curve(bottom, made.t, y, color="C1")
+        curve(bottom, made.t, y, color=OUTPUT)
         bottom.set(xlabel="time / s", ylabel="voltage / V", xmargin=0)
     else:
-        bottom.plot(1e3 * x[::16], y[::16], color="C1", lw=0.7)
+        bottom.plot(1e3 * x[::16], y[::16], color=OUTPUT, lw=0.7)
         bottom.set(xlabel="position / mm", ylabel="force / N")
     for ax in (top, bottom):
         ax.grid(alpha=0.3)
