@@ -4,6 +4,7 @@ take; `make stress` tries more; JACK.
 
 import ctypes
 import gc
+import importlib
 import os
 import random
 import signal
@@ -14,6 +15,7 @@ import threading
 import warnings
 from collections import Counter
 from importlib.metadata import version
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -138,6 +140,15 @@ def pytest_terminal_summary(terminalreporter):
 
 
 # A small disk -------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def bench(request):
+    """The benchmark that BENCH of a module names, imported as its command does."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(Path(__file__).parents[1] / "benchmarks")
+        yield importlib.import_module(request.module.BENCH)
+    del sys.modules[request.module.BENCH], sys.modules["bench"]
+
+
 @pytest.fixture
 def mounted(tmp_path):
     """A file system of its own, of so many bytes."""

@@ -5,10 +5,8 @@ each is whole and names what exists, and the page shows them.  The command runs 
 import ast
 import csv
 import dataclasses
-import importlib
 import itertools
 import re
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -29,12 +27,7 @@ HERE = 'here = ["stimlib.blocks.pinking"]\n'
 TEST = "tests/test_papers_lines.py::test_rows_are_whole_and_name_what_is_there"
 
 
-@pytest.fixture(scope="module")
-def bench():
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    yield importlib.import_module("papers")
-    sys.path.remove(str(ROOT / "benchmarks"))
-    del sys.modules["papers"], sys.modules["bench"]
+BENCH = "papers"  # see tests/conftest.py
 
 
 def test_rows_are_whole_and_name_what_is_there(bench):

@@ -217,7 +217,7 @@ def _read(
     return motions, recordings
 
 
-def streamed(rows: Any, scene: Any, motions: Any, limits: Mapping[str, Any], silence: str) -> Any:
+def streamed(rows: Any, scene: Any, motions: Any, limits: Mapping[str, Any], silence: Any) -> Any:
     """Return the motion that the rows of ``--stream`` make of a scene's inputs.
 
     ``--map`` says of each input which number of a row it is, and its factor.

@@ -13,11 +13,11 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import BadValue, MotionError, Upto1, one_of, public, shortened
+from ..errors import BadValue, MotionError, Upto1, public, shortened
 from ..motion.source import check_names, positions, sources_of
 from . import words
 from .rows import REMEDIES
@@ -93,7 +93,6 @@ Receive = Callable[[float], tuple[Sequence[Any], ...]]
 JUMP = 1.0  # s: by more, a sender's clock was set
 NUMBERS: Any = (int, float, np.integer, np.floating)
 UNLIKE = {IndexError: "too short", KeyError: "no such label", TypeError: "no labels"}
-SILENCES = ("fade", "hold", "stop")
 
 
 @public
@@ -130,13 +129,12 @@ class Stream(Live):
     receive: Receive | None = None
     columns: Mapping[str, int | str] = field(default_factory=dict)
     scale: Mapping[str, float] = field(default_factory=dict)
-    silence: str = "fade"
+    silence: Literal["fade", "hold", "stop"] = "fade"
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self):
         if not callable(self.receive):
             raise BadValue("Stream: receive must be a function, such as lsl_motion('hand')")
-        one_of("Stream: silence", self.silence, SILENCES)
         for name, k in self.columns.items():
             if not isinstance(k, str) and k < 0:
                 raise BadValue(

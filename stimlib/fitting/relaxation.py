@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from ..core.graph import Block
-from ..errors import BadValue, Count, SinkError, one_of, outside, public
+from ..errors import BadValue, Count, SinkError, outside, public
 from ..system.packages import package
 from .closed_form import (
     PAIRS,
@@ -34,7 +34,6 @@ from .closed_form import (
 
 CONFIDENCE = 0.95
 ALPHAS = (0.0, 0.05, 0.15, 0.35, 0.65, 0.9, 1.0)  # between which a springpot's search looks
-SCHEMES = ("exact", "l1", "gl")
 Scheme = Literal["exact", "l1", "gl"]
 # of the squares that the exact law leaves; a sampled one that leaves fewer is named,
 # unless both leave rounding only
@@ -318,7 +317,6 @@ def fit_springpot(
     0.72 % rms of 43 samples)
     """
     t, y, f = signals_at(t, y, f)
-    one_of("fit_springpot: scheme", scheme, SCHEMES)
     used, noise = _use("fit_springpot", t, y, f, where, sigma, onset, 3)
     step, some = even_step(t), np.flatnonzero(used)
     if scheme != "exact" and not step:

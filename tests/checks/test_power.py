@@ -4,8 +4,6 @@ formulae, and with faults put in.
 
 import csv
 import dataclasses as dc
-import importlib
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -107,12 +105,7 @@ def test_a_shift_passes_its_limit_as_surely_as_is_said():
 
 
 # The committed table ------------------------------------------------------------------
-@pytest.fixture(scope="module")
-def bench():
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    yield importlib.import_module("power")
-    sys.path.remove(str(ROOT / "benchmarks"))
-    del sys.modules["power"], sys.modules["bench"]
+BENCH = "power"  # see tests/conftest.py
 
 
 ROWS = list(

@@ -3,9 +3,7 @@ that benchmarks/recovery.py records.
 """
 
 import csv
-import importlib
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
-@pytest.fixture(scope="module")
-def bench():
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    yield importlib.import_module("recovery")
-    sys.path.remove(str(ROOT / "benchmarks"))
-    del sys.modules["recovery"], sys.modules["bench"]
+BENCH = "recovery"  # see tests/conftest.py
 
 
 def test_the_truth_is_the_curve_averaged_over_the_session(bench):
