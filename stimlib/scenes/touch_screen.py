@@ -93,7 +93,8 @@ def touch_screen(
 
     as_printed : bool
         The thesis' own drive: a half-wave carrier and no pole swap, whatever
-        ``rectify`` and ``swap`` say.
+        ``rectify`` and ``swap`` say.  Displacements are equalised by the shape of the
+        mode as always, where the thesis takes a polynomial through five points.
 
     Returns
     -------
