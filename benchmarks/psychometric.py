@@ -1,5 +1,6 @@
 """Psychometric fits: the 32 of the UGrip paper, with and without their intervals,
-beside statsmodels; and their maxima of the likelihood alone beside scipy's minimize.
+beside statsmodels; their maxima of the likelihood alone beside scipy's minimize; and
+200 people, with a known rate of lapses, a free one, and a chance level.
 
 Set OPENBLAS_NUM_THREADS=1: L-BFGS-B keeps all threads of BLAS busy for two numbers.
 
@@ -64,6 +65,14 @@ def measure() -> list[Row]:
         np.testing.assert_allclose(pse, MIDDLE - found.a / found.b, rtol=1e-5)
         np.testing.assert_allclose(sigma, 1 / found.b, rtol=1e-3)
     data = {n: (LEVELS, yes, asked) for n, yes in enumerate(answers)}
+    at, rng = np.linspace(-2, 2, 9), np.random.default_rng(1)
+    many = {
+        chance: {
+            n: (at, yes, [20] * 9)
+            for n, yes in enumerate(rng.binomial(20, chance + (1 - chance) * ndtr(at), (200, 9)))
+        }
+        for chance in (0.0, 0.5)
+    }
     jobs = {
         "32 fits, profile intervals": lambda: psychometrics(data),
         "32 fits, profile intervals, one by one": lambda: [
@@ -75,6 +84,9 @@ def measure() -> list[Row]:
         ],
         "32 maxima": lambda: maximum(together, np.full(FITS, MIDDLE)),
         "32 maxima, one by one": lambda: [maximum(Sets(LEVELS, y, asked), MIDDLE) for y in answers],
+        "200 people": lambda: psychometrics(many[0.0]),
+        "200 people, free lapse rate": lambda: psychometrics(many[0.0], lapse="free"),
+        "200 people, chance level 1/2": lambda: psychometrics(many[0.5], guess=0.5),
     } | {
         f"32 maxima, scipy {name}": lambda name=name: [scipy_maximum(y, name) for y in answers]
         for name in PEERS

@@ -998,6 +998,10 @@ def _profile(sets: Sets, model: Model, fall: Array, part: float, best: Found) ->
     twice = _some(sets, np.tile(np.arange(middle.size), 2))
     width = np.sqrt(total(sets.n * (sets.x - middle[:, None]) ** 2) / total(sets.n)) / 8
 
+    # from there on a curve is a step, and its slope is rounding
+    with np.errstate(divide="ignore"):
+        steepest = np.tile(np.minimum(60.0, np.log(1e9 / width)), 2)
+
     def found(start: Array, step: Array, hold: Callable[[Array, Array], dict[str, Array]]) -> Array:
         """Return the ends along one way to hold a parameter."""
         last = Found(*(v.copy() for v in peaks))
@@ -1025,7 +1029,7 @@ def _profile(sets: Sets, model: Model, fall: Array, part: float, best: Found) ->
         return dict(c=m, a=np.full(m.shape, up))
 
     def at_slope(logs: Array, k: Array) -> dict[str, Array]:
-        return dict(b=np.exp(np.clip(logs, -60, 60)))
+        return dict(b=np.exp(np.clip(logs, -60, steepest[k])))
 
     sigmas = np.exp(-found(np.log(np.abs(peaks.b)), -0.2 * both, at_slope))
     if model.pse is not None:  # then the level goes with sigma

@@ -27,6 +27,7 @@ from stimlib.experiments import (
     fitted,
     likelihood,
     likelihood_ratio,
+    profile,
     psychometric,
     psychometrics,
     simulate,
@@ -415,6 +416,63 @@ def test_free_rates_are_the_best_there_are(link, chances, rates):
         assert minimize(cost, start, bounds=bounds, method="L-BFGS-B").fun >= -best - 1e-7
     assert fits[0].shared == list(rates.values()).count("shared")
     assert fits[0].aic == pytest.approx(2 * (2 + len(rates) - fits[0].loglik))
+
+
+@pytest.mark.parametrize(
+    ("link", "rates"),
+    list(zip(LINKS, [(None, "free"), (0.5, 0.02), (None, 0.02), ("free", 0.0)], strict=True)),
+)
+def test_no_curve_is_more_likely_than_the_maximum_and_ends_are_where_it_has_fallen(link, rates):
+    """Of a lattice of curves and rates, also with the middle or the slope held; answers
+    that rise, fall, are all of one kind, separated or random, a few at each level.
+    """
+    rng, people = np.random.default_rng(LINKS.index(link)), 40 if STRESS else 2
+    at = np.sort(rng.normal(size=(people, 6)), axis=1)
+    p = [
+        ndtr(3 * at),
+        0.5 + 0.5 * ndtr(at),
+        ndtr(-2 * at),
+        0 * at,
+        0 * at + 1,
+        at > 0,
+        0 * at + 0.5,
+    ]
+    x, n = np.tile(at, (7, 1)), rng.integers(1, 20, (7 * people, 6)).astype(float)
+    sets = Sets(x, rng.binomial(n.astype(int), np.concatenate(p)).astype(float), n)
+    model, c = Model(link, *rates), x.mean(axis=1)
+    middles, slopes = np.linspace(-3, 3, 31), np.geomspace(0.01, 1e4, 25)
+    slopes = np.append(-slopes, slopes)
+    eta = slopes[:, None, None, None] * (x - middles[:, None, None])
+    heights = np.full(eta.shape[:-1], -np.inf)
+    for guess in np.linspace(0, 0.8, 5) if rates[0] == "free" else rates[:1]:
+        for lapse in np.linspace(0, 0.1, 5) if rates[1] == "free" else rates[1:]:
+            yes, no = probability(eta, link, lapse if guess is None else guess, lapse)
+            logs = sets.yes * np.log(yes) + (n - sets.yes) * np.log(no)
+            heights = np.maximum(heights, logs.sum(axis=-1))
+    best, slack = maximum(sets, c, model), 1e-9 * n.sum(axis=1)
+    assert (best.loglik >= heights.max(axis=(0, 1)) - slack).all()
+    for m, most in list(zip(middles, heights.max(axis=0), strict=True))[::5]:
+        for start in (None, best):
+            held = maximum(sets, np.full(c.shape, m), model, a=np.zeros(c.shape), start=start)
+            assert (held.loglik >= most - slack).all()
+    for b, most in list(zip(slopes, heights.max(axis=1), strict=True))[::7]:
+        held = maximum(sets, c, model, b=np.full(c.shape, b), start=best)
+        assert (held.loglik >= most - slack).all()
+    # ends: where the profile passes the fall, by a jump where a middle passes a level
+    rising = best.b > 0
+    some, c, peak = Sets(*(v[rising] for v in sets)), c[rising], best.loglik[rising]
+    z, zero = np.sqrt(chi2.ppf(0.95, 1)), np.zeros(c.shape)
+    ends_ = profile(some, model)
+    for way, (low, high) in zip(("a", "b"), ends_, strict=True):
+        for end, out in ((low, -1), (high, 1)):
+            ok = np.isfinite(end) & ((way == "a") | (end > 0))
+            end = np.where(ok, end, 1.0)
+            for off in (-1e-5 * out, 1e-5 * out):
+                v = end + off * (1 if way == "a" else end)
+                held = {"a": zero} if way == "a" else {"b": 1 / v}
+                less = maximum(some, v if way == "a" else c, model, **held).loglik
+                left = np.sqrt(2 * np.maximum(peak - less, 0)) - z
+                assert (np.where(ok, left * off * out, 0) >= -1e-11).all(), (way, out)
 
 
 ONE, OTHER, ROUGH = [1, 4, 9, 17, 19, 20], [0, 2, 8, 12, 19, 20], [0, 9, 7, 19, 13, 20]
