@@ -97,7 +97,7 @@ LOADS = {
     "replay log": "llvmlite",
     "play tone --sink null --seconds 0.05": "llvmlite",
     "verify --log log": "llvmlite scipy",
-    "verify a.wav": "llvmlite scipy scipy.special soundfile",
+    "verify a.wav": "llvmlite scipy soundfile",
     **dict.fromkeys(sorted(SHIPPED) if STRESS else ["bumps", "squeeze"], "llvmlite"),
     # least squares of its noise; a spline of its map; units of its table; its modes
     "grating": "llvmlite scipy scipy.linalg scipy.optimize scipy.special",
