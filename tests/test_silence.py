@@ -28,6 +28,7 @@ def kinds(block):
 
 
 TONE, NOISE = b.carrier(50.0), b.white_noise(1)
+B, BY = Param("B", 0.5), "RestingWhite(Sounding)"
 
 
 @pytest.mark.parametrize(
@@ -49,6 +50,9 @@ TONE, NOISE = b.carrier(50.0), b.white_noise(1)
         (b.carrier(50.0, contact=X) * BURST, ["Carrier(Input)", "Mul"]),
         (b.carrier(constant(50.0, "Hz") * X) * BURST, ["Carrier(Const)", "Mul", "Mul"]),
         (b.pink_noise(1.0, seed=2) * BURST, ["Mul", "White"]),
+        ((TONE * A) * (B * NOISE), ["Carrier(Sounding)", *["RestingMul"] * 3, BY]),
+        ((TONE * A) * (TONE * A), ["Carrier(Sounding)", *["RestingMul"] * 2]),
+        ((TONE * A) * (BURST * NOISE), ["Carrier(Sounding)", *["RestingMul"] * 3, BY]),
         (b.loop(lambda last: (0.5 * last + NOISE) * A), ["White"]),
         (b.enabled(NOISE * A, by=X), ["RestingMul", "RestingWhite(Sounding)"]),
     ],

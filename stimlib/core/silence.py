@@ -103,32 +103,41 @@ def _contacts(nodes: list[Node], roots: list[int]) -> tuple[dict[int, Contact | 
     """Return when each node of a graph is heard, and the products with sources.
 
     None: always, or nobody knows.  What lies between a source and its product are sums
-    and products, in which a 0 in place of the source stays finite.
+    and products, in which a 0 in place of the source stays finite.  Of two factors that
+    are 0 only where a parameter is, neither waits for the other, which might do so too.
     """
     rests: set[int] = set()
     sources: set[int] = set()
     products: set[int] = set()
+    waits: set[int] = set()  # with a source that rests if what is above lets it
+    bursts: set[int] = set()  # what rests, whatever is above
     for node, (block, kids) in enumerate(nodes):
-        joined = isinstance(block, LINEAR) and not sources.isdisjoint(kids)
-        if joined or block.resting(ALWAYS) is not None:
+        source, linear = block.resting(ALWAYS) is not None, isinstance(block, LINEAR)
+        if source or (linear and not sources.isdisjoint(kids)):
             sources.add(node)
+        gated = isinstance(block, Mul) and not bursts.isdisjoint(kids)
+        if source or (linear and not gated and not waits.isdisjoint(kids)):
+            waits.add(node)
         if block.rests:
             rests.add(node)
         elif isinstance(block, Mul) and not rests.isdisjoint(kids):
             rests.add(node)
             if any(a in sources and b in rests for a, b in (kids, kids[::-1])):
                 products.add(node)
+        if node in rests and node not in waits and not isinstance(block, Param):
+            bursts.add(node)
     found: dict[int, Contact | None] = dict.fromkeys(roots)
     for node in range(len(nodes) - 1, -1, -1):
         if node not in found:
             continue
         block, kids = nodes[node]
         heard = found[node] if isinstance(block, LINEAR) else None
+        mutual = all(kid in rests and kid in waits for kid in kids)
         for place, kid in enumerate(kids):
             contact, other = heard, kids[place - 1]
             if isinstance(block, Where) and place and not isinstance(nodes[kids[0]].block, Const):
                 contact = kids[0], Otherwise if place == 2 else None
-            elif isinstance(block, Mul) and other in rests:
+            elif isinstance(block, Mul) and other in rests and not mutual:
                 # a parameter may be 0, but a burst mostly is
                 if heard is None or not isinstance(nodes[other].block, Param):
                     contact = other, Sounding
