@@ -149,7 +149,8 @@ class Stream:
         # or they would end it
         self._left = False
         self._expects = False  # that a page comes which has control
-        self._lost = ""  # name of the page that had control last
+        # names of the page with control that is gone, and of the one that `why` tells of
+        self._closed = self._lost = ""
         self._next: Any = None  # a page that came while control was kept for another
         self._kept = ""  # for the page of this name control is kept, until
         self._until: asyncio.TimerHandle | None = None
@@ -329,16 +330,16 @@ class Stream:
         self.pages.remove(page)
         if self.control is page:
             self.control = None
-            self._lost = page.name
             if page.name and page.end[0] != 4408:
-                self._kept, self._until = page.name, self._loop.call_later(GRACE, self._gone)
+                self._kept = page.name
+                self._until = self._loop.call_later(GRACE, self._gone, page.name)
             else:
-                self._gone("answered nothing" if page.end[0] == 4408 else "was closed")
+                self._gone(page.name, "answered nothing" if page.end[0] == 4408 else "was closed")
         self._tell_state()
 
-    def _gone(self, how: str = "was closed") -> None:
+    def _gone(self, name: str, how: str = "was closed") -> None:
         """Fade out, as no page controls; one that opened meanwhile does from now on."""
-        self._kept, self._left = "", True
+        self._kept, self._left, self._closed = "", True, name
         self._ask("stop", f"{CONTROLLING} {how}, so the stimulus was faded out")
         if self._next in self.pages:
             self._give(self._next)
@@ -448,7 +449,8 @@ class Stream:
                 await self._beside(self._begin, what == "record")
             except Exception as e:
                 why = _why(e)
-        self.why = why
+        if ended or what != "stop":  # else nothing was faded out
+            self.why, self._lost = why, self._closed
         self._tell_state(phase="idle" if self._sink is None else "running")
 
     async def _beside(self, f: Any, *args: Any) -> None:

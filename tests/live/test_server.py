@@ -285,6 +285,16 @@ def test_control_is_kept_for_a_page_that_is_loaded_again(server, monkeypatch):
         assert state["role"] == "watch"  # control is kept for another
         assert other.until(phase="idle")["why"] == GONE
         late.until(role="control")  # nobody has come back
+        late.ws.close()
+        other.until(controlled=False)
+        late, state = named(stack, server, "d")
+        assert state["why"] == GONE  # of "a", not of the page that was away now
+        late.start()
+        why = late.stop()["why"]
+        late.ws.close()  # nothing runs that could fade out
+        other.until(controlled=False)
+        last, _ = named(stack, server, "e")
+        assert last.until(role="control")["why"] == why
 
 
 def test_a_server_that_stood_still_sends_no_page_away(server, client):
