@@ -265,7 +265,8 @@ class Inputs:
                 else none_of(self.stream, self)
             )
         away = {s["finger"] for s in sources if s["from"] in POINTERS} - self._moved
-        return f"{NONE}: no pointer moved on the page (finger {min(away)})" if away else ""
+        # the page counts fingers from 1
+        return f"{NONE}: no pointer moved on the page (finger {min(away) + 1})" if away else ""
 
     def take(
         self, rows: Sequence[Any], times: Sequence[float] = (), rejected: Sequence[Any] = ()

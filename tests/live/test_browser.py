@@ -363,7 +363,7 @@ def test_a_page_sees_that_its_server_is_silent_killed_or_another(site, begun):
     page.until(READY)
     page.click("#run")
     page.until(RUNS)
-    said(page, "running, no motion was received: no pointer moved on the page")
+    said(page, "running, no motion was received: no pointer moved on the page (finger 1)")
     page.click("#sound")
     until(page, "live.sound.figures?.fill > 0.02 && live.sound.context.state === 'running'")
     server.send_signal(signal.SIGSTOP)
