@@ -467,8 +467,10 @@ class Passive(Block):
         before, now = s.sent[at], s.sent[after]
         moved = where(s.begun > 0.0, over - s.last, 0.0)
         same = where(moved == 0.0, s.same + 1.0, 0.0)
-        # a leap is no motion, nor is NaN, and a sensor may be stuck: the worst counts
-        known = where(same > p.still, 0.0, where(abs(moved) <= p.reach, 1.0, 0.0)) > 0.0
+        # a leap is no motion, nor is one from or to NaN, and a sensor may be stuck: the
+        # worst counts, and so it does when it comes free
+        still = where(same > s.same, same, s.same) > p.still
+        known = where(still, 0.0, where(abs(moved) <= p.reach, 1.0, 0.0)) > 0.0
         acting = p.rest * before + (1.0 - p.rest) * now
         held = p.reach * (p.rest * abs(before) + (1.0 - p.rest) * abs(now))
         done = where(known, acting * moved, -held)
@@ -490,7 +492,7 @@ class Passive(Block):
             s.sent,
             after,
             sent,
-            where(over - over == 0.0, over, s.last),
+            over,
             1.0,
             room - p.reach * abs(sent) - blurred,
             work,

@@ -313,6 +313,21 @@ def test_a_leap_of_the_position_is_not_trusted():
     assert Watch(proc).faults() == {"F": 300}
 
 
+@pytest.mark.parametrize("unseen", [np.nan, np.inf, "stuck"])
+def test_a_motion_that_was_not_seen_earns_no_energy(unseen):
+    """The hand moves under no force, is seen under one, and moves back with it."""
+    x, wanted = np.zeros((2, 100, 40))
+    x[:, 30:33], wanted[:, 30], wanted[:, 31:33] = 9e-4, 20.0, 5.0
+    read = x.copy()
+    read[:, 30] = 0.0 if unseen == "stuck" else unseen
+    p = Passivity(0.01, speed=1.0, still=0.005 if unseen == "stuck" else None, axes={"F": "x"})
+    scene = Scene({"F": Input("f", "N") + 0.0 * spring(Input("z", "m"), 1.0), "G": spring(X, 0.0)})
+    y = compiled(scene, Safety(20.0, passivity=p), 1000).process(
+        np.stack([wanted.ravel(), np.zeros(4000), read.ravel()])
+    )[0]
+    assert 0.0 < np.abs(y).max() <= 20.0 and given(y, x.ravel(), 0) <= p.bound
+
+
 def test_a_force_that_gives_nothing_passes_bit_for_bit():
     scene = Scene({"F": spring(X, 100.0), "tone": 0.1 * white_noise(1)})
     x = finger(4000)
