@@ -128,7 +128,11 @@ def try_on(
     numbers = (*x.shape[1:], *y.shape[1:], [*proc.inputs].index(name), row, n)
     _coupled()(own, other, *arrays, *numbers, _measured(start, device.encoder))
     read, position, velocity, work = ends.T
-    told = {"power": power_of(scene.outputs[output]), **Watch(proc).told()}
+    told: dict[str, Any] = {"power": power_of(scene.outputs[output]), **Watch(proc).told()}
+    # those of the last output are of the force, too
+    told["faults"] = {k: v for k, v in told["faults"].items() if k in scene.outputs}
+    if failed := Watch(plant).faults():
+        told["faults"]["device"] = min(failed.values())
     return ClosedLoop(
         t[:n], position, read, velocity, y[:, row], np.cumsum(work), y[:, -1], fs, device, hand,
         told,
@@ -177,7 +181,12 @@ def _axis_of(scene: Scene, axis: tuple[str, str] | None) -> tuple[str, str]:
 
 def _course(given: Course, t: np.ndarray, what: str) -> np.ndarray:
     """Return a number, samples or a function of time as one value for each time."""
-    row = np.asarray(given(t) if callable(given) else given, float)
+    try:
+        row = np.asarray(given(t) if callable(given) else given, float)
+    except (TypeError, ValueError) as e:
+        raise BadValue(f"try_on: {what} must be numbers: {e}") from None
+    if not np.isfinite(row).all():
+        raise BadValue(f"try_on: {what} is not finite; give finite numbers")
     if row.ndim and row.shape not in (t.shape, (t.size - 1,)):
         raise BadValue(f"try_on: {what} has shape {row.shape}; give one number for each sample")
     return np.append(row, row[-1]) if row.shape == (t.size - 1,) else np.broadcast_to(row, t.shape)
@@ -295,8 +304,9 @@ class ClosedLoop:
     device : Device
     hand : Hand
     told : dict
-        What the safety stage did, as in the report of a session: "clips", "faults" and
-        "energy"; and the "power" in W that the scene states to give on purpose, see
+        What the safety stage did, as in the report of a session: "clips", "faults"
+        (also of the "device", whose motion was not finite) and "energy"; and the
+        "power" in W that the scene states to give on purpose, see
         ``stimlib.blocks.active``.
     """
 
@@ -334,9 +344,12 @@ class ClosedLoop:
 
     @property
     def settles(self) -> bool:
-        """Whether the motion dies: it is smaller by 2 % in the last third, or 0."""
+        """Whether the motion dies: it is smaller by 2 % in the last third, or 0.
+
+        A force or a motion that was not finite has been ended, so that it never does.
+        """
         middle, last = self.swing
-        return bool(last < max(0.98 * middle, 1e-12))
+        return bool(last < max(0.98 * middle, 1e-12)) and not self.told["faults"]
 
     @property
     def cycle(self) -> tuple[float, float]:
@@ -372,6 +385,8 @@ class ClosedLoop:
                 " were beyond this"
             )
         lines += said_of_energy(self.told["energy"])
+        for name, at in self.told["faults"].items():
+            lines.append(f"{name} was not finite at sample {at} ({at / self.fs:g} s), and ended")
         return "\n".join(lines)
 
 

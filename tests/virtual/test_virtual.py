@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnknownName, constant
 from stimlib.analysis import needed_damping
-from stimlib.blocks import active, fir, friction, spring, velocity, wall
+from stimlib.blocks import active, fir, friction, spring, sqrt, velocity, wall
 from stimlib.virtual import (
     Device,
     Faults,
@@ -178,6 +178,23 @@ def test_axis_motion_and_parameters():
     assert trial.force[0] == pytest.approx(7.0 * 0.012)
     assert trial.force[50] == pytest.approx(7.0 * (0.06 + trial.measured[49]))
     refused(BadValue, "one number for each sample", try_on, scene, FULL, push=np.ones(3), **how)
+    for word, value in (("push", np.nan), ("aim", [0.0, np.inf]), ("push", "much"), ("aim", "far")):
+        refused(BadValue, f"{word} .*(finite|numbers)", try_on, scene, FULL, **how | {word: value})
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.parametrize(
+    ("law", "device", "of"),
+    [
+        (constant(1.0, "N") * sqrt(0.005 + X / constant(1.0, "m")), Device(0.1, 9.0), "force"),
+        (spring(X, 1.0), Device(1e-300, 0.0, compliance=1e-300, handle=1e-300), "device"),
+    ],
+)
+def test_what_was_ended_does_not_come_to_rest(law, device, of):
+    """A guard ends what is not finite, and then the hand does."""
+    trial = try_on(Scene({"force": law}), device, HAND, seconds=2.0, start=1e-3, aim=-0.02)
+    assert [*trial.told["faults"]] == [of] and not trial.settles
+    assert f"{of} was not finite at sample {trial.told['faults'][of]} (" in str(trial)
 
 
 def test_margins_and_devices_that_are_none(tmp_path):
@@ -186,7 +203,7 @@ def test_margins_and_devices_that_are_none(tmp_path):
     refused(BadValue, "give both, or neither", Device, 0.1, 0.1, compliance=1e-3)
     refused(BadValue, "mass", Device, 0.0, 0.1)
     path = tmp_path / "d.json"
-    for text in ("", "[1]", '{"mass": 1}', '{"mass": 1, "damping": 0, "colour": 2}'):
+    for text in ("", "[1]", "[" * 100_000, '{"mass": 1}', '{"mass": 1, "damping": 0, "colour": 2}'):
         path.write_text(text)
         assert str(path) in str(refused(BadValue, "as JSON", read_device, path))
     path.write_text(json.dumps(dc.asdict(FULL)))
