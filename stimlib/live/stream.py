@@ -149,7 +149,7 @@ class Stream:
         # or they would end it
         self._left = False
         self._expects = False  # that a page comes which has control
-        # names of the page with control that is gone, and of the one that `why` tells of
+        # the page with control that is gone, and the one that `why` tells of
         self._closed = self._lost = ""
         self._next: Any = None  # a page that came while control was kept for another
         self._kept = ""  # for the page of this name control is kept, until
