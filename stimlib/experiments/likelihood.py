@@ -308,7 +308,9 @@ def maximum(
     for row, value in zip(at, (a, b * size, *rates), strict=True):
         row[:] = np.broadcast_to(np.asarray(value), shape).ravel()
     fitted = (*free, *_rates(model))
-    if search and (model.guess or model.lapse):  # there may be several peaks
+    # where a steep curve is held far from the answers, there is no slope to climb
+    far = free[0] and not free[1] and start is None and bool(at[1].any())
+    if search and (model.guess or model.lapse or far):  # or there may be several peaks
         at = _search(rows, model, at, fitted, start is not None)
     at, loglik = _climb(rows, model, at, fitted, STEPS)
     a, b, lapse, guess = at
@@ -502,22 +504,52 @@ def _score(
     if not k:
         return loglik, step, gain
     gradient = np.stack(sums[:k])
-    # a rate at an end of its range is held there while the gradient points outwards
-    held = np.stack(
-        [
-            np.where(g > 0, at[i] >= (LAPSES, GUESSES)[i - 2], at[i] <= 0) & (i > 1)
-            for i, g in zip(fitted, gradient, strict=True)
-        ]
-    )
+    # a rate at an end of its range is held there while gradient or step point outwards
+    ranges = [(0.0, (LAPSES, GUESSES)[i - 2]) if i > 1 else (-np.inf, np.inf) for i in fitted]
+    low, high = (np.array([[v] for v in each]) for each in zip(*ranges, strict=True))
+    held = _outwards(at[fitted], gradient, low, high)
+    found = _ascent(sums[k:], gradient, held, products, expected, z)
+    for _ in range(sum(free[2:])):
+        more = _outwards(at[fitted], found, low, high) & ~held
+        some = more.any(axis=0)
+        if not some.any():
+            break
+        held |= more
+        found[:, some] = _ascent(
+            [v[some] for v in sums[k:]],
+            gradient[:, some],
+            held[:, some],
+            [v[:, some] for v in products],
+            expected[:, some],
+            z[:, some],
+        )
     gradient = np.where(held, 0.0, gradient)
-    found, sure = _solved(sums[k:], gradient, held)
+    step[fitted] = found
+    return loglik, step, np.sum(found * gradient, axis=0)
+
+
+def _outwards(at: Array, way: Array, low: Array, high: Array) -> Array:
+    """Return which parameters are at an end of their range and led beyond it."""
+    return np.where(way > 0, at >= high, at <= low)
+
+
+def _ascent(
+    upper: list[Array],
+    gradient: Array,
+    held: Array,
+    products: list[Array],
+    expected: Array,
+    z: Array,
+) -> Array:
+    """Return the step of each row, in which what is held stays."""
+    gradient = np.where(held, 0.0, gradient)
+    found, sure = _solved(upper, gradient, held)
     if not sure.all():
         some = ~sure
         least = [v[:, some] * expected[:, some] for v in products]
         least = np.add.reduce(np.stack([*least, z[:, some]], axis=1), axis=0)[:-1]
         found[:, some] = _solved(list(least), gradient[:, some], held[:, some])[0]
-    step[fitted] = found
-    return loglik, step, np.sum(found * gradient, axis=0)
+    return found
 
 
 def _solved(upper: list[Array], gradient: Array, held: Array) -> tuple[Array, Array]:

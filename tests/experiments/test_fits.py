@@ -475,6 +475,28 @@ def test_no_curve_is_more_likely_than_the_maximum_and_ends_are_where_it_has_fall
                 assert (np.where(ok, left * off * out, 0) >= -1e-11).all(), (way, out)
 
 
+@pytest.mark.parametrize(
+    ("x", "yes", "n", "model", "held", "highest"),
+    [  # highest of a finer search
+        # a rate at 0, where a step would lead below, along a ridge
+        (
+            [1, 1.78, 3.16, 5.62, 10],
+            [3, 1, 4, 4, 4],
+            [5, 1, 6, 6, 5],
+            ("logit", "free", "free"),
+            {},
+            -13.959267,
+        ),
+        # a steep curve that is held, from the middle of levels that are far apart
+        ([0.1, 0.5, 36], [0, 0, 0], [1, 1, 1], (), {"b": 5.0}, 0.0),
+    ],
+)
+def test_a_climb_ends_at_the_top(x, yes, n, model, held, highest):
+    sets = Sets(*(np.array(v, float) for v in (x, yes, n)))
+    found = maximum(sets, np.average(x, weights=n), Model(*model), **held)
+    assert found.loglik == pytest.approx(highest, abs=1e-6)
+
+
 ONE, OTHER, ROUGH = [1, 4, 9, 17, 19, 20], [0, 2, 8, 12, 19, 20], [0, 9, 7, 19, 13, 20]
 HALF = {"guess": 0.5, "interval": "none"}
 
