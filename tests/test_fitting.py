@@ -295,7 +295,14 @@ def test_errors_are_measured_as_asked():
     by_hand = fit_springpot(t, y, f, sigma=np.where(f == 0, 1.0, 3 * relative.fitted), where=f > 0)
     assert by_hand.values == pytest.approx(relative.values, rel=1e-5)
     assert by_hand.intervals["alpha"] == pytest.approx(relative.intervals["alpha"], rel=1e-4)
-    for words, same in (((0.0, 0.02), relative), (0.3, absolute), ((0.3, 0.0), absolute)):
+    for words, same in (
+        ((0.0, 0.02), relative),
+        ((0.0, 1e-300), relative),
+        (0.3, absolute),
+        ((0.3, 0.0), absolute),
+        (1e300, absolute),
+        (np.full(t.size, 1e-300), absolute),
+    ):
         values = fit_springpot(t, y, f, sigma=words).values
         assert values == pytest.approx(same.values, rel=1e-9)
     between = fit_springpot(t, y, f, sigma=(0.05, 0.02))
@@ -400,7 +407,15 @@ F = springpot_force(T, Y, 300.0, 0.2)
         ({"where": np.arange(T.size)}, "where must be"),
         ({"sigma": "log"}, "sigma"),
         ({"sigma": np.zeros(T.size)}, "not above 0"),
-        ({"sigma": np.ones(3)}, "one length"),
+        ({"sigma": np.ones(3)}, r"sigma has shape \(3,\).*one length"),
+        ({"sigma": (1.0, 2.0, 3.0)}, r"sigma has shape \(3,\)"),
+        ({"sigma": np.inf}, r"sigma\[0\] is not finite"),
+        ({"sigma": np.append(np.ones(T.size - 1), 1e-300)}, "nor above 1e-50"),
+        *(
+            ({name: v * size}, "another unit")
+            for size in (1e-300, 1e300)
+            for name, v in zip("tyf", (T, Y, F), strict=True)
+        ),
         ({"onset": "now"}, "onset"),
         ({"y": Y + 0.1, "onset": "step", "where": T >= 0}, "moment of the step"),
     ],

@@ -362,7 +362,7 @@ def maxwell_arm(magnitude: Above0, phase: float, w: Above0) -> tuple[float, floa
     (200.0, 0.1)
     """
     if not 0 < phase < np.pi / 2:
-        raise BadValue(f"maxwell_arm: phase = {phase!r} must be between 0 and pi/2")
+        raise BadValue(f"maxwell_arm: phase = {phase!r} must be between 0 and pi/2, in rad")
     return float(magnitude / np.cos(phase)), float(1 / (w * np.tan(phase)))
 
 

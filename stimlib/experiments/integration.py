@@ -37,7 +37,8 @@ def integrated(values: ArrayLike, sds: ArrayLike) -> Integrated:
     Raises
     ------
     BadValue
-        Different lengths, no cue, or a standard deviation not above 0.
+        Different lengths, no cue, a value that is not finite, or a standard deviation
+        not above 0.
 
     References
     ----------
@@ -59,6 +60,9 @@ def integrated(values: ArrayLike, sds: ArrayLike) -> Integrated:
             f"integrated: {x.size} values and {s.size} standard deviations; give one above 0 for"
             " each cue"
         )
+    if not np.isfinite(x).all():
+        at = int(np.argmin(np.isfinite(x)))
+        raise BadValue(f"integrated: values[{at}] = {x[at]} must be finite; leave that cue out")
     weights = (s.min() / s) ** 2  # of the best cue 1, so that no square overflows
     sd = float(s.min() / np.sqrt(weights.sum()))
     weights /= weights.sum()

@@ -38,6 +38,7 @@ Scheme = Literal["exact", "l1", "gl"]
 # of the squares that the exact law leaves; a sampled one that leaves fewer is named,
 # unless both leave rounding only
 FEWER, ROUNDING = 0.25, 1e-16
+LARGEST = 1e50  # size of what is fitted, in its unit
 NEAR = 0.5  # of a recorded force: the least to which an error is relative
 
 
@@ -574,6 +575,12 @@ def _use(
     first = _first_motion(y, onset)
     if first == y.size:
         raise BadValue("the position y never moves: there is nothing that a force could answer")
+    for what, sizes in (("y", y), ("f", f), ("steps of t", np.diff(t)), ("t", t - t[0])):
+        size = float(np.abs(sizes).max())
+        if size and not 1 / LARGEST <= size <= LARGEST:
+            raise BadValue(
+                f"{what} of up to {size:g}: give it in another unit, so that sums of squares exist"
+            )
     if where is None:
         used = np.arange(t.size) >= first
     else:
@@ -611,10 +618,13 @@ def _noise(name: str, t, f, used, sigma) -> Callable[[np.ndarray], np.ndarray]:
         sigma = parts[sigma]
     elif np.ndim(sigma) == 0:
         sigma = (sigma, 0.0)
-    if isinstance(sigma, tuple) and len(sigma) == 2:
-        same, part = signals_at([0.0, 1.0], sigma)[1]
+    pair = isinstance(sigma, tuple) and len(sigma) == 2
+    given = _deviations(sigma, 2 if pair else t.size)
+    if pair:
+        same, part = given.tolist()
         if min(same, part) < 0 or same + part == 0:
             raise BadValue(f"sigma = {sigma} must not be below 0, nor both numbers 0")
+        same, part = _scaled(given, given).tolist()
         sizes = np.hypot(same, part * f)
         if mixed and not same and sizes[used].all():
             turns = np.count_nonzero(np.diff(np.sign(forces)))
@@ -626,13 +636,14 @@ def _noise(name: str, t, f, used, sigma) -> Callable[[np.ndarray], np.ndarray]:
                 stacklevel=outside(),
             )
     else:
-        same, part, sizes = 0.0, 0.0, signals_at(t, sigma)[1]
-    if not np.all(sizes[used] > 0):
-        i = int(np.flatnonzero(used & ~(sizes > 0))[0])
+        same, part, sizes = 0.0, 0.0, _scaled(given, given[used])
+    least = float(sizes[used].max()) / LARGEST
+    if not np.all(sizes[used] > least):
+        i = int(np.flatnonzero(used & ~(sizes > least))[0])
         what = (
-            f"f[{i}] = 0: its relative error has no meaning"
+            f"f[{i}] = {f[i]:g}: its relative error has no meaning"
             if part
-            else f"sigma[{i}] = {sizes[i]:g} is not above 0"
+            else f"sigma[{i}] = {given[i]:g} is not above 0, nor above 1e-50 of the largest"
         )
         raise BadValue(f"{what}; leave that sample out with where, or use sigma='absolute'")
 
@@ -642,6 +653,27 @@ def _noise(name: str, t, f, used, sigma) -> Callable[[np.ndarray], np.ndarray]:
         return 1 / (scale * np.linalg.norm(forces / scale))
 
     return weights
+
+
+def _deviations(sigma, n: int) -> np.ndarray:
+    """Return n standard deviations, or raise BadValue."""
+    try:
+        given = np.array(sigma, float)
+    except (TypeError, ValueError):
+        raise BadValue("sigma must be numbers, or a word") from None
+    if given.shape != (n,):
+        raise BadValue(
+            f"sigma has shape {given.shape}, and there are {n} samples; give one for each, of one"
+            " length, or one or two numbers"
+        )
+    if not np.isfinite(given).all():
+        raise BadValue(f"sigma[{int(np.argmin(np.isfinite(given)))}] is not finite")
+    return given
+
+
+def _scaled(sizes: np.ndarray, some: np.ndarray) -> np.ndarray:
+    """Return sizes, of which only ratios matter, with the largest of some near 1."""
+    return np.ldexp(sizes, -np.frexp(some.max())[1])
 
 
 def _intervals(

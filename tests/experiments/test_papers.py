@@ -156,6 +156,7 @@ def test_cues_are_weighed_by_their_reliability():
     assert sum(found.weights) == pytest.approx(1.0) and integrated([1.0], [1e-300]).sd == 1e-300
     for wrong in ([], [0.0], [1.0, 2.0]):
         refused(BadValue, "one above 0 for each cue", integrated, [1.0], wrong)
+    refused(BadValue, r"values\[1\] = nan must be finite", integrated, [1.0, np.nan], [1.0, 1.0])
 
 
 def test_bounciness_has_the_thesis_square_and_its_sessions():
