@@ -274,6 +274,9 @@ class Writer:
             f"    {of} {name}{'' if size is None else f'[{size}]'};"
             for of, name, size in self.fields
         ] or ["    double none;"]
+        faults = "".join(
+            f"(m)->b{i}_left >= 0 ? {k} : " for k, i in enumerate(program.outputs.values(), 1)
+        )
         runs = RUNS.format(n=n, inputs=max(1, len(inputs)), outputs=len(outputs))
         run_heads, runs = ("", "") if self.single else (RUN_HEADS.format(n=n), runs)
         header = f"""\
@@ -295,6 +298,8 @@ extern "C" {{
 #define {n.upper()}_INPUTS {len(inputs)}
 #define {n.upper()}_OUTPUTS {len(outputs)}
 {chr(10).join(f"#define {n.upper()}_{p.upper()} {k}" for k, p in enumerate(params))}
+/* 1 + the number of an output that fades out, as it was not finite, or 0 */
+#define {n.upper()}_FAULT(m) ({faults}0)
 #define {self.most} {self.tile} /* samples at a time; the samples do not depend on it */
 
 typedef struct {{

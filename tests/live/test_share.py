@@ -332,6 +332,20 @@ def test_a_page_says_if_samples_differ(made, page, tmp_path):
     assert said.endswith(f"the samples differ: their SHA-256 is {made[1].sha256}.")
 
 
+def test_a_page_says_which_output_is_not_finite_and_may_start_again(page, tmp_path):
+    outputs = {"a": 1.0 * Input("x", "m"), "b": Param("p", 1.0) / Param("q", 1.0)}
+    share(Scene(outputs), FS, tmp_path / "b.html", params={"q": 0.0})
+    other = page.browser.page((tmp_path / "b.html").as_uri())
+    note = "document.querySelector('#note').textContent"
+    other.click("#run")
+    other.until(f"scene.phase === 'idle' && {note} === 'Not finite: b. It was faded out.'")
+    other.js("scene.set({name: 'q', value: 1.0})")
+    other.click("#run")
+    other.until(f"scene.next > {FS // 2} && scene.phase === 'running' && {note} === ''")
+    assert other.complaints() == []
+    other.close()
+
+
 def test_no_text_of_others_runs(page, tmp_path):
     path = tmp_path / "evil.html"
     path.write_text(empty(EVIL), "utf-8")

@@ -6,7 +6,7 @@ const fs = require("fs"), given = JSON.parse(process.argv[3]), MOST = 128;
 const { o } = given, inputs = o.inputs.length, memory = { buffer: new ArrayBuffer(8 * MOST * 64) };
 const at = { inputs: 0, outputs: 8 * MOST * 16, targets: 8 * MOST * 32 }, row = (part, k, n) => new Float64Array(memory.buffer, at[part] + 8 * MOST * k, n);
 const exported = {
-  memory, begin() {}, set() {}, inputs: () => at.inputs, outputs: () => at.outputs, targets: () => at.targets,
+  memory, begin() {}, set() {}, fault: () => 0, inputs: () => at.inputs, outputs: () => at.outputs, targets: () => at.targets,
   run(n) { for (let k = 0; k < o.outputs.length; k++) row("outputs", k, n).set(row("inputs", k, n)); },
   follow(n) { for (let k = 0; k < inputs; k++) row("inputs", k, n).set(row("targets", o.held.indexOf(`x${k}`), n)); },
 };

@@ -135,13 +135,14 @@ class Scene {
   }
 
   /** From the audio thread. */
-  take({ all, n, first, session, t, moved, frame, ended }) {
+  take({ all, n, first, session, t, moved, frame, ended, fault }) {
     if (moved) {
       const { contextTime, performanceTime } = this.context.getOutputTimestamp();
       if (performanceTime) this.onmessage({ data: { played: moved, at: performance.timeOrigin + performanceTime + 1e3 * (frame / this.context.sampleRate - contextTime) } });
     } else if (ended) {
       if (ended !== this.session) return; // one that began since
-      this.recorded = this.phase === "stopping" ? "" : "The recorded motion has ended.";
+      this.recorded = this.phase === "stopping" || fault ? "" : "The recorded motion has ended.";
+      this.why = fault ? `Not finite: ${this.hello.outputs[fault - 1].name}. It was faded out.` : "";
       this.phase = "idle";
       this.state();
     } else if (session === this.session) this.samples(all, n, first, t);

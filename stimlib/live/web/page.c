@@ -39,6 +39,8 @@ EXPORT(run) void run(int n)
     scene_process(&scene, in, out, n);
 }
 
+EXPORT(fault) int fault(void) { return SCENE_FAULT(&scene); }
+
 #ifdef HAND
 EXPORT(targets) double *targets(void) { return held[0]; }
 

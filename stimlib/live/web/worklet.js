@@ -57,7 +57,7 @@ class Scene extends AudioWorkletProcessor {
 
   // From the page ------------------------------------------------------------------------------------------------------
   begin(params) {
-    Object.assign(this, { at: 0, head: 3, place: 1, quiet: 0, packed: 0, first: 0, stopping: false });
+    Object.assign(this, { at: 0, head: 3, place: 1, quiet: 0, packed: 0, first: 0, fault: 0, stopping: false });
     this.ring.fill(0);
     this.last = this.inputs.map(() => 0);
     this.changed = this.inputs.map(() => -Infinity);
@@ -215,6 +215,8 @@ class Scene extends AudioWorkletProcessor {
       this.seen = moved;
     }
     if ((this.packed += n) >= size) this.post();
+    this.fault = this.run.fault(); // of an output that fades out, plus 1
+    this.stopping ||= this.fault > 0;
   }
 
   read() {
@@ -241,7 +243,7 @@ class Scene extends AudioWorkletProcessor {
       this.on = false;
       if (this.left() <= FADE * this.fs) while (this.left() > 0) this.more(MOST); // of the recording, none is missing
       if (this.packed) this.post();
-      this.port.postMessage({ ended: this.session });
+      this.port.postMessage({ ended: this.session, fault: this.fault });
       if (this.next) this.start(this.next);
       this.next = null;
     }
