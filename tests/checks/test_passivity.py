@@ -27,6 +27,7 @@ from stimlib.blocks import (
     wall,
     white_noise,
 )
+from stimlib.checks import evidence
 from stimlib.cli.app import app
 from stimlib.run.safety import Passivity, Safety, protect
 
@@ -150,8 +151,10 @@ def test_a_response_that_is_not_finite_is_refused():
     assert needed_damping(lambda f: np.full(f.shape, -K + 0j), 8000) == 0.0
 
 
-def test_a_report_has_the_energy_of_each_force_over_its_own_position():
+@pytest.mark.parametrize("stretch", [1000, 250])
+def test_a_report_has_the_energy_of_each_force_over_its_own_position(monkeypatch, stretch):
     """And the damping of a torque in its own unit; a force of no motion has none."""
+    monkeypatch.setattr(evidence, "AT_ONCE", stretch)
     x, y, angle = Input("x", "m"), Input("y", "m"), Input("angle")
     scene = Scene(
         {
@@ -159,48 +162,56 @@ def test_a_report_has_the_energy_of_each_force_over_its_own_position():
             "torque": stimlib.constant(2.0, "N*m") * angle,
             "level": 2.0 * y,
             "tone": stimlib.constant(1.0, "N") * stimlib.blocks.oscillator(50.0),
+            "bent": constant(5e3, "N/m^2") * y * y,
         }
     )
-    still = np.full(1000, 0.1)
-    motion = {"x": stimlib.motion.minimum_jerk(), "y": still, "angle": still}
+    t, still = np.arange(1000) / 1000, np.full(1000, 0.1)
+    motion = {"x": stimlib.motion.minimum_jerk(), "y": 0.1 * np.sin(20 * t), "angle": still}
     made = stimlib.render(scene, motion, fs=1000, seconds=1.0)
-    t = np.arange(1000) / 1000
-    place = motion["x"](t)
-    given = -1e3 * np.cumsum(made["force"][:-1] * np.diff(place)).min()
+
+    def given(force, place, late):
+        acting = np.r_[np.zeros(1 + late), made[force]][:1000]
+        most = -1e3 * np.cumsum(acting * np.diff(place, prepend=place[0])).min()
+        return f"gave at most {most:.3g} mJ more than it had got"
+
     told = stimlib.verify(scene, motion, made).evidence.numbers
     assert told == [
-        f"force over x: gave at most {given:.3g} mJ more than it had got;"
+        f"force over x: {given('force', motion['x'](t), 0)};"
         " passive in a device with 0.5 N·s/m, undelayed",
         "torque over angle: gave at most 0 mJ more than it had got;"
         " passive in a device with 0.001 kg·m²·s⁻¹, undelayed",
+        f"bent over y: {given('bent', motion['y'], 0)}",
     ]
     # in a device: the force acts late, and its damping is what there is
-    device = stimlib.virtual.Device(0.1, 0.4, delay=0.003)
-    given = (
-        -1e3 * np.cumsum(np.r_[np.zeros(4), made["force"]][:1000] * np.diff(place, prepend=0)).min()
-    )
-    told = stimlib.verify(scene, motion, made, device=device).evidence.numbers
-    assert told == [
-        f"force over x: gave at most {given:.3g} mJ more than it had got, 3 ms late;"
-        " it needs 3.5 N·s/m and the device has 0.4: not passive in every hand,"
-        " which 0.114 times its stiffness would just be",
-        "torque over angle: gave at most 0 mJ more than it had got, 3 ms late;"
-        " it needs 0.007 kg·m²·s⁻¹ and the device has 0.4: passive in every hand,"
-        " which 57.1 times its stiffness would just be",
-        "smallest margin of passivity: 0.114, force over x",
-    ]
+    for damping, margin, other in ((0.4, 0.125, 62.5), (3.0, 0.938, 469)):
+        device = stimlib.virtual.Device(0.1, damping, delay=0.0027)
+        told = stimlib.verify(scene, motion, made, device=device).evidence.numbers
+        assert told == [
+            f"force over x: {given('force', motion['x'](t), 3)}, 2.7 ms late;"
+            f" it needs 3.2 N·s/m and the device has {damping:.3g}: not passive in every hand,"
+            f" which {margin} times its stiffness would just be",
+            "torque over angle: gave at most 0 mJ more than it had got, 2.7 ms late;"
+            f" it needs 0.0064 kg·m²·s⁻¹ and the device has {damping:.3g}: passive in every hand,"
+            f" which {other} times its stiffness would just be",
+            f"bent over y: {given('bent', motion['y'], 3)}, 2.7 ms late;"
+            " its law gives no damping that it needs: try it in a closed loop",
+            f"smallest margin of passivity: {margin}, force over x",
+        ]
 
 
-def test_a_scene_that_is_active_on_purpose_is_judged_by_its_own_bound():
-    """A motor that pushes with 1 N along 0.1 m, and says so or not."""
+@pytest.mark.parametrize("stretch", [1000, 250])
+def test_a_scene_that_is_active_on_purpose_is_judged_by_its_own_bound(monkeypatch, stretch):
+    """A motor pushes with 1 N along 0.1 m, and half of it back, and says so or not."""
+    monkeypatch.setattr(evidence, "AT_ONCE", stretch)
     x, t = Input("x", "m"), np.arange(1000) / 1000
+    place = np.interp(t, [0.0, 0.5, 1.0], [0.0, 0.1, 0.05])
     push = constant(-1.0, "N") + 0.0 * spring(x, 1.0)
-    for power, beyond in ((None, 99.9), (0.04, 59.9), (0.2, 0.0)):
+    for power, beyond in ((None, 100), (0.04, 80), (0.3, 0)):
         force = push if power is None else active(push, power)
         scene = Scene({"F": force})
-        made = stimlib.render(scene, {"x": 0.1 * t}, fs=1000, seconds=1.0)
-        (told,) = stimlib.verify(scene, {"x": 0.1 * t}, made).evidence.numbers
-        assert told.startswith("F over x: gave at most 99.9 mJ more")
+        made = stimlib.render(scene, {"x": place}, fs=1000, seconds=1.0)
+        (told,) = stimlib.verify(scene, {"x": place}, made).evidence.numbers
+        assert told.startswith("F over x: gave at most 100 mJ more")
         if power:
             assert (
                 f"states to give {1e3 * power:.3g} mW on purpose, and gave {beyond:.3g} mJ" in told
@@ -208,9 +219,9 @@ def test_a_scene_that_is_active_on_purpose_is_judged_by_its_own_bound():
         bound = Passivity(0.01)
         proc = stimlib.compile(protect(scene, Safety(5.0, passivity=bound)), 1000)
         proc.set("sink_gain", 1.0, ramp=0.0)
-        y = proc.process((0.1 * t)[None])[0]
-        assert -np.cumsum(y[:-1] * np.diff(0.1 * t)).min() <= (0.01 + (power or 0.0)) * (1 + 1e-9)
-        if beyond == 0.0:
+        y = proc.process(place[None])[0]
+        assert -np.cumsum(y[:-1] * np.diff(place)).min() <= (0.01 + (power or 0.0)) * (1 + 1e-9)
+        if beyond == 0:
             assert (y == -1.0).all()
 
 

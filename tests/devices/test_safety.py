@@ -2,15 +2,17 @@
 where nothing is wrong.
 """
 
+import dataclasses as dc
 import json
 
 import numpy as np
 import pytest
+from laws import lawful
 from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnitError, UnknownName, constant
-from stimlib.blocks import delay, spring, wall, white_noise
+from stimlib.blocks import active, delay, spring, wall, white_noise
 from stimlib.blocks.actuator import Passive, ResponseLimit, Tally
 from stimlib.checks.session import verify_log
 from stimlib.core.graph import reach
@@ -26,6 +28,7 @@ from stimlib.run.safety import (
     Watch,
     guarded,
     protect,
+    said_of_energy,
     to_device,
 )
 from stimlib.scenes import squeeze
@@ -298,6 +301,34 @@ def test_no_motion_takes_more_than_the_bound(seed, damping):
     assert given(y, x, late) <= told["given"] <= p.bound * (1 + 1e-9) and told["leaps"] == 0
     assert Watch(proc).counts()["passivity"]["force"] == np.count_nonzero(y != asked)
     assert told["most"] == np.abs(y - asked).max() > 0
+    # what it observes: the work, and the least that the true position may make of it
+    for bound in (p.bound, 1.0):  # which is all given, and which is not
+        proc = compiled(scene, Safety(8.0, passivity=dc.replace(p, bound=bound)), fs)
+        y = proc.process(np.stack([wanted, read]))[0]
+        acting = np.r_[np.zeros(late + 1), y][: y.size]
+        work = np.cumsum(acting * np.diff(read, prepend=read[0]))
+        work -= step / 2 * np.cumsum(np.abs(np.diff(acting, prepend=0.0)))
+        told = Watch(proc).energy()["force"]
+        assert told["work"] == pytest.approx(work[-1])
+        assert told["given"] == pytest.approx(-(work - step / 2 * np.abs(acting)).min())
+
+
+@pytest.mark.parametrize("late", [0.0, 1.0, 2.3])
+@pytest.mark.parametrize("damping", [0.0, 4.0])
+def test_the_controller_is_its_law(late, damping):
+    """Along exact steps, some as fast as stated, some faster, some none; a force acts
+    from between two samples on, and its limit fades.
+    """
+    rng, fs, step, n = np.random.default_rng(7), 1024.0, 2.0**-14, 3000
+    smooth = np.convolve(rng.normal(size=n), np.ones(20) / 20, "same")
+    steps = np.clip(np.round(30 * smooth), -9, 9)
+    steps[1000:1100], steps[[1500, 2000]] = 0, 10
+    fade = np.clip(np.minimum(np.arange(n) / 200, np.arange(n)[::-1] / 900), 0, 1)
+    numbers = 2.0, 0.06, 1e-3, damping, 0.5, late / fs, step, 40 / fs
+    block = Passive(Input("f", "N"), X, Input("gain"), *numbers)
+    x = {"x": np.cumsum(steps) * step, "gain": fade}
+    x["f"] = -5.0 * np.roll(smooth, 3) + 0.3 * rng.normal(size=n)
+    lawful(block, fs, **x)
 
 
 def test_a_leap_of_the_position_is_not_trusted():
@@ -311,6 +342,15 @@ def test_a_leap_of_the_position_is_not_trusted():
     assert told["given"] == pytest.approx(GIVES.bound, rel=1e-9)
     assert 0 < np.abs(y).max() <= GIVES.bound / (1e-3 + 1e-5)
     assert Watch(proc).faults() == {"F": 300}
+    # after a gap it goes on
+    x = 0.01 * np.sin(np.maximum(np.arange(500) - 250, 0) / 100)
+    x[300] = np.nan
+    scene = Scene({"F": 1.0 * Input("f", "N"), "x": 1.0 * X})
+    passive = dc.replace(GIVES, axes={"F": "x"}, still=0.05)
+    proc = compiled(scene, Safety({"F": 5.0, "x": 1.0}, passivity=passive), 1000)
+    proc.process(np.stack([np.ones(500), x]))
+    # 251 samples at one place, of which 50 are trusted, and the gap
+    assert Watch(proc).energy()["F"]["leaps"] == 251 - 50 + 1
 
 
 @pytest.mark.parametrize("unseen", [np.nan, np.inf, "stuck"])
@@ -341,11 +381,14 @@ def test_a_force_that_gives_nothing_passes_bit_for_bit():
 
 
 def test_the_fade_ends_what_the_controller_adds():
-    proc = compiled(Scene({"F": -1.0 * spring(X, 100.0)}), Safety(9.0, passivity=GIVES), FS)
-    x = 10 * finger(FS)[None]
-    assert np.abs(proc.process(x)).max() > 0 and Watch(proc).counts()["passivity"]["F"] > FS / 2
-    proc.set(GAIN, 0.0, ramp=0.02)
-    assert not proc.process(x)[0, 200:].any()
+    for size, speed in ((10.0, 1.0), (0.3, 0.2)):  # of the second something is left to give
+        passive = dc.replace(GIVES, speed=speed)
+        proc = compiled(Scene({"F": -1.0 * spring(X, 100.0)}), Safety(9.0, passivity=passive), FS)
+        x = size * finger(FS)[None]
+        assert np.abs(proc.process(x)).max() > 0 and Watch(proc).counts()["passivity"]["F"] > FS / 4
+        proc.process(x[:, :1500])
+        proc.set(GAIN, 0.0, ramp=0.02)
+        assert not proc.process(x[:, 1500:])[0, 200:].any()
 
 
 def test_positions_of_forces():
@@ -362,7 +405,11 @@ def test_positions_of_forces():
         wrong = Safety(1.0, passivity=Passivity(1.0, axes=axes))
         refused(UnknownName, error, protect, both, wrong)
     told = Safety(1.0, passivity=Passivity(1.0, axes={"F": "y"}))
-    assert {n: x.name for n, (x, _) in guarded(both, told).items()} == {"F": "y", "G": "y"}
+    for power in (0.0, 0.5):
+        if power:
+            both = Scene({n: active(force, power) for n, force in both.outputs.items()})
+        found = {n: (at.name, given) for n, (at, given) in guarded(both, told).items()}
+        assert found == {"F": ("y", power), "G": ("y", power)}
     none = Scene({"F": constant(1.0, "N") * Input("u")})
     refused(BadValue, "no output is a force over", protect, none, Safety(1.0, passivity=GIVES))
     refused(BadValue, "give only one", Safety, 1.0, inverse=INVERSE, passivity=GIVES)
@@ -385,7 +432,11 @@ def test_a_session_says_and_proves_what_the_controller_did(tmp_path):
     report = sink.report()
     told = report.energy["F"]
     assert report.clips["passivity"]["F"] > 100 and 1e-3 < told["given"] <= GIVES.bound
-    assert f"F gave at most {1e3 * told['given']:.3g} mJ; its passivity controller" in str(report)
+    said = f"F gave at most {1e3 * told['given']:.3g} mJ; its passivity controller changed it by"
+    assert f"{said} up to {told['most']:.3g};" in str(report)
+    for leaps, more in ((0, ""), (1, ", and did not trust 1 positions")):
+        (line,) = said_of_energy({"F": {**told, "leaps": leaps}})
+        assert line == f"{said} up to {told['most']:.3g}{more}"
     log = read_log(tmp_path / "a")
     checked = verify_log(log)
     assert checked.passed, checked
