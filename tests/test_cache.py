@@ -108,7 +108,7 @@ logging.basicConfig(level=logging.DEBUG, format='%(name)s %(levelname)s %(messag
 
 def test_processes_that_start_at_once_compile_each_entry_once(wanted, tmp_path):
     new = give_runtime(tmp_path / "new")
-    text = LOGS + SMALL.replace("proc =", "print(), sys.stdin.read(1)\nproc =")
+    text = LOGS + SMALL.replace("proc =", "print(flush=True), sys.stdin.read(1)\nproc =")
     processes = [start(["-c", text], new, stdin=subprocess.PIPE) for _ in range(2)]
     for process in processes:
         process.stdout.readline()  # until it stands before its first compilation

@@ -41,7 +41,7 @@ def scaled(entry, fs, power):
     proc, x = built(entry, fs), np.ldexp(entry.x(N, fs, 5), -power)
     params = {name: p.value for name, p in proc.scene.params.items()}
     given_rows = dict(zip(entry.inputs, x, strict=True))
-    found = local.held(local.Run(entry.scene(), fs, 0, given_rows, N, params, [], [(0, N)]))
+    found = local.held(local.Run(entry.scene().outputs, fs, 0, given_rows, N, params, [], [(0, N)]))
     far = {h.kind: h.error for h in found if not h.error <= 1}
     assert not far, f"{entry.name} at {fs:g} Hz, inputs times 2^{-power}, in tolerances: {far}"
     proc.reset()

@@ -220,7 +220,7 @@ def share_(
         length if seconds is None else seconds,
         params_of(set_, made),
         seed,
-        title=title or scene,
+        title=title or Path(scene).name,  # the folders of a machine are nobody else's matter
         cite=cite,
         ranges=opt.ranges(range_, "--range"),
     )

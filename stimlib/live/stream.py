@@ -220,11 +220,11 @@ class Stream:
             The scene cannot be compiled or described; the one before plays on. The page
             has ended.
         """
-        names = {*scene.inputs, *scene.params}
-        made = self._version(scene, {n: r for n, r in self._made_by[1].items() if n in names})
-        for b in reach(scene.outputs.values()):
+        for b in reach(scene.outputs.values()):  # first, so that the parameter is named
             if isinstance(b.frequency, Param):
                 b.check_rate(b.frequency.value, self.fs, f"{b.frequency.name}: ")
+        names = {*scene.inputs, *scene.params}
+        made = self._version(scene, {n: r for n, r in self._made_by[1].items() if n in names})
         compile(protect(scene, made.safety), self.fs)  # so that what follows is quick
         try:
             exchanged = self._hands.submit(self._exchange, made)

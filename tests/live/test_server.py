@@ -83,9 +83,10 @@ def test_a_page_marks_where_somebody_listens(tmp_path):
 
 def test_a_session_is_driven_heard_and_recorded(client):
     x = {"name": "x", "unit": "m", "low": 0.0, "high": 0.01, "given": False}
-    k = {"name": "k", "unit": "N/m", "value": K, "low": 0.0, "high": 2.5 * K}
+    k = {"name": "k", "unit": "N/m", "value": K, "low": 0.0, "high": 2.5 * K, "meaning": ""}
     assert client.hello["inputs"] == [x] and client.hello["params"] == [k]
-    assert client.hello["outputs"] == [{"name": "force", "unit": "N", "full": FULL}]
+    force = {"name": "force", "unit": "N", "full": FULL, "vibrates": False}
+    assert client.hello["outputs"] == [force]
     assert client.until(**{"is": "state"})["role"] == "control"
     for _ in range(5):
         client.data.clear()
