@@ -420,7 +420,8 @@ def _passive(b, fs, x, y):
     now, then = (np.r_[np.zeros(int(whole) + k), y][: y.size] for k in (1, 2))
     moved = np.diff(x[1], prepend=x[1][:1])
     since = np.arange(y.size) - np.maximum.accumulate(np.where(moved == 0, -1, np.arange(y.size)))
-    known = (np.abs(moved) <= reach) & (since <= (b.still or np.inf) * fs)
+    stuck = np.maximum(since, np.r_[0, since[:-1]])  # and where it comes free
+    known = (np.abs(moved) <= reach) & (stuck <= (b.still or np.inf) * fs)
     held = part * np.abs(then) + (1 - part) * np.abs(now)
     work = np.where(known, (part * then + (1 - part) * now) * moved, -held * reach)
     under_way, last = np.cumsum(np.abs(y)) - np.abs(y) - np.cumsum(held), np.r_[0.0, y[:-1]]
