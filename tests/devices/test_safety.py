@@ -349,8 +349,8 @@ def test_a_leap_of_the_position_is_not_trusted():
     passive = dc.replace(GIVES, axes={"F": "x"}, still=0.05)
     proc = compiled(scene, Safety({"F": 5.0, "x": 1.0}, passivity=passive), 1000)
     proc.process(np.stack([np.ones(500), x]))
-    # 251 samples at one place, of which 50 are trusted; the motion from there, and the two
-    # of the gap
+    # 251 samples at one place, of which 50 are trusted; the motion from there; two at
+    # the gap
     assert Watch(proc).energy()["F"]["leaps"] == 251 - 50 + 1 + 2
 
 
