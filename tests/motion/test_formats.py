@@ -443,6 +443,8 @@ def test_c3d_files_of_points_or_channels_alone(tmp_path):
     path.write_bytes(c3d_of(labels=()))
     found = recording(path, {"f": "Fz"}, max_speed=None)
     assert found.info["reports"] == N * STEP and "0 points" in str(found)
+    path.write_bytes(c3d_of(channels=("t_s", "Fz")))
+    assert read_table(path).names[-2:] == ("channel1", "Fz")
     path.write_bytes(c3d_of(channels=()))
     assert read_table(path).names[-1] == "point3.Z" and len(read_table(path).read) == 1
     path.write_bytes(c3d_of(labels=[f"M{k}" for k in range(300)], frames=2))
