@@ -55,6 +55,11 @@ class Turn(Block):
         return (bent(a), 1.0 / (1.0 + a * a)), Turned(0.9 * a)
 
 
+def far_outside(last):
+    turn = Turn(x + last)
+    return 0.5 * turn.near, turn.far
+
+
 class Sum(NamedTuple):
     a: float
     cold: float
@@ -171,11 +176,13 @@ CASES = {
     "outputs of a tile": lambda: {
         "y": loop(lambda y: x - 0.3 * Halves(y).low - 0.1 * Halves(y).high)
     },
+    "an output heard outside alone": lambda: dict(zip("yz", loop(far_outside), strict=True)),
     "an output of a loop": lambda: {"y": Turn(loop(lambda y: 0.5 * y + x)).far},
 }
 LIKE_OTHERS = {"low-pass", "start", "two poles", "carrier", "table", "noise", "fir", "velocity"}
 # the table and generated graphs have others
 JAX = {"comb", "contact", "enabled", "enabled by noise", "pendulum", "outputs"}
+JAX |= {"an output heard outside alone"}
 TILES = {"gate", "fir", "tiles in a nest", "outputs of a tile", "contact beside a tile"}
 
 

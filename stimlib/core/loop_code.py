@@ -49,6 +49,12 @@ def closed(
                 " what uses it, in a tuple"
             )
     group = _groups(nodes, bodies, reached)
+    looped = {group[node] for node in reached & bodies.keys()}
+    for node in reached:
+        # an output that only the outside reads is in no cycle, but what is heard of a
+        # cycle are numbers, and a sample of a block with several outputs is a tuple
+        if isinstance(nodes[node].block, Pick) and group[nodes[node].kids[0]] in looped:
+            group[node] = group[nodes[node].kids[0]]
     heard = {
         kid for node in reached for kid in nodes[node].kids if group[kid] != group[node]
     } | set(roots)
@@ -62,7 +68,7 @@ def closed(
             _check_subsystem(nodes, bodies, len(inside[group[node]]) > 1, node)
     new: dict[int, int] = {}
     for members in graphlib.TopologicalSorter(needs).static_order():
-        if not any(node in bodies for node in inside[members]):
+        if members not in looped:
             (node,) = inside[members]
             new[node] = number(nodes[node].block, tuple(new[kid] for kid in nodes[node].kids))
             continue
