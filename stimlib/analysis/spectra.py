@@ -90,13 +90,13 @@ def whitened(
     kernel = (np.sinc(m) / (1 - np.where(np.abs(m) == 1, 0.0, m) ** 2)) ** 2
     kernel[np.abs(m) == 1] = 0.25
     kernel /= kernel.sum()
-    expected = (
-        sum(w * model((k + d) * fs / n) for w, d in zip(kernel, m, strict=True))
-        * fs
-        / 2
-        * np.sum(taper**2)
-    )
-    z = X[k] / np.sqrt(expected)
+    rows = max(1, 2**18 // max(1, k.size))  # in one call of the model: few, in little memory
+    expected = np.zeros(k.size)
+    for i in range(0, m.size, rows):
+        f = (k + m[i : i + rows, None]) * fs / n
+        psd = np.broadcast_to(model(f.ravel()), f.size).reshape(f.shape)
+        expected += (kernel[i : i + rows, None] * psd).sum(0)
+    z = X[k] / np.sqrt(expected * fs / 2 * np.sum(taper**2))
     return k * fs / n, np.abs(z) ** 2, z
 
 
