@@ -53,22 +53,26 @@ GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods
 
 
 MANY = 1000  # times: fewer are found one by one, which begins sooner
+PIECE = 8192  # times at once: more would leave the cache between two operations
 
 
-def pieces(knots: Array, t: Array) -> Callable[[Any], Any]:
+def pieces(knots: Array, t: Array) -> tuple[Callable[[Any], Any], Array]:
     """Return a function that takes, of a row with a value a knot, those at times t.
 
     Many times that rise, as those of a rendering do, take a search for each knot
-    between them, not one for each time, and values are repeated: half of the time.
+    between them, not one for each time, and values are repeated: half of the time. The
+    times are returned too, none of them before the first knot or after the last.
     """
-    if t.size < MANY or not (t[1:] >= t[:-1]).all():
+    rising = t.size >= MANY and bool((t[1:] >= t[:-1]).all())
+    if not (rising and knots[0] <= t[0] and t[-1] <= knots[-1]):
+        t = np.clip(t, knots[0], knots[-1])
+    if not rising:
         k = np.searchsorted(knots, t, side="right") - 1
-        return lambda c: c[k]
-    first, last = np.searchsorted(knots, t[[0, -1]], side="right")
-    starts = np.searchsorted(t, knots[first:last])
-    times = np.append(starts, t.size)
-    times[1:] -= starts
-    return lambda c: np.repeat(c[first - 1 : last], times)
+        return lambda c: c[k], t
+    first, last = knots.searchsorted(t[[0, -1]], side="right")
+    times = t.size - t.searchsorted(knots[first - 1 : last])  # from each knot on
+    times[:-1] -= times[1:]
+    return lambda c: c[first - 1 : last].repeat(times), t
 
 
 class _Recorded(Motion):
@@ -87,8 +91,12 @@ class RecordedInput(_Recorded):
     """A recorded position over time, cubic between knots and constant outside."""
 
     def _position(self, t: Array) -> Array:
-        t = np.clip(t, self._knots[0], self._knots[-1])
-        at = pieces(self._knots, t)
+        if t.size > PIECE:
+            x = np.empty(t.size)
+            for k in range(0, t.size, PIECE):
+                x[k : k + PIECE] = self._position(t[k : k + PIECE])
+            return x
+        at, t = pieces(self._knots, t)
         u, y = t - at(self._knots), at(self._values[0])
         for c in self._values[1:]:
             y *= u
@@ -100,8 +108,7 @@ class Contact(_Recorded):
     """Contact over time, 1 in contact and 0 off contact."""
 
     def _position(self, t: Array) -> Array:
-        t = np.maximum(t, self._knots[0])
-        return pieces(self._knots, t)(self._values).astype(np.float64)
+        return pieces(self._knots, t)[0](self._values).astype(np.float64)
 
 
 class Released(_Recorded):
