@@ -16,7 +16,7 @@ from ..system.limits import limits
 from .rows import Known, table_error
 
 EMPTY = "give a file with a line of column names and at least two rows"
-PIECE = 1 << 20  # bytes of text that are read at once
+PIECE = 1 << 18  # bytes of text that are read at once: more would leave the cache
 HEAD = 200  # lines in which the names are looked for
 ROWS = 20  # rows below the names by which a separator is judged
 SIGNS = "#%"  # a line that begins with one of these is a comment

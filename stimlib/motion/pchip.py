@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-BLOCK = 1 << 16  # intervals that are worked on at once
+BLOCK = 1 << 15  # intervals that are worked on at once
 
 
 def cubics(t: Array, x: Array, whole: NDArray[np.bool_]) -> Array:

@@ -12,8 +12,11 @@ import hashlib
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from ctypes import CFUNCTYPE, c_int64, c_void_p
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import islice
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -43,6 +46,7 @@ BATCH = 10_000  # rows of the exact reader
 # characters of a line of the fast reader; the exact one takes longer lines, but no
 # longer fields
 LONGEST = 1 << 17
+LARGE = 1 << 23  # bytes, from which on a compiled loop takes the cells: to load it takes 0.1 s
 POWERS = np.array([float(10**k) for k in range(16)])
 
 
@@ -263,11 +267,12 @@ class _Form:
     decimal: str
     signs: str  # that begin a comment
     surplus: bool  # the last field of a row is empty, and no column
+    large: bool = False
 
 
 def _read_text(file: str, digest: str, data: bytes, known: Known) -> TableFile:
     data, notes = text_of(file, data)
-    if not data.strip():
+    if not data or data.isspace():
         raise table_error(file, "the file is empty", EMPTY)
     if not data.endswith((b"\n", b"\r")):
         notes.append("the last line has no end: it may be cut off")
@@ -281,7 +286,15 @@ def _read_text(file: str, digest: str, data: bytes, known: Known) -> TableFile:
     decimal = decimal_sign(data, start, found.separator)
     if decimal == ",":
         notes.append("decimal commas")
-    form = _Form(file, found.names, found.separator, decimal, found.signs, found.surplus)
+    form = _Form(
+        file,
+        found.names,
+        found.separator,
+        decimal,
+        found.signs,
+        found.surplus,
+        len(data) >= LARGE,
+    )
     skipped: dict[str, tuple[int, int]] = {}
 
     def batches() -> Iterator[Batch]:
@@ -381,7 +394,7 @@ def _signs(signs: str) -> list[bytes]:
 
 def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
     """Return complete lines if all have the right number of fields and no quotes."""
-    returns = piece.count(b"\r")
+    returns = piece.count(b"\r") if b"\r" in piece else 0
     if (
         b'"' in piece
         or len(form.names) < 2
@@ -439,6 +452,18 @@ def _decimals(text: NDArray[np.uint8], start: Rows, end: Rows) -> Array | None:
     return np.where(minus, -1.0, 1.0) * value / POWERS[places]
 
 
+@cache
+def _reader() -> Callable[..., int] | None:
+    """Return the compiled form of ``_decimals``, or None where there is no compiler."""
+    try:
+        from ..targets.llvm.cache import load  # takes 0.1 s
+    except ImportError:
+        return None
+    text = Path(__file__).parents[1].joinpath("targets", "llvm", "tables.py").read_text()
+    kinds = [c_void_p, c_void_p, c_int64, c_int64, c_int64, c_void_p, c_void_p]
+    return CFUNCTYPE(c_int64, *kinds)(load(text, "tables").addresses["decimals"])
+
+
 @dataclass(frozen=True)
 class _Plain:
     piece: bytes
@@ -450,8 +475,8 @@ class _Plain:
     def numbers(self, columns: Sequence[str]) -> Array:
         text = self.piece.replace(b",", b".") if self.form.decimal == "," else self.piece
         wanted = [self.form.names.index(name) for name in columns]
-        codes = np.frombuffer(text, np.uint8)
-        found = [_decimals(codes, self.cells[:, k] + (k > 0), self.cells[:, k + 1]) for k in wanted]
+        codes = np.frombuffer(text + bytes(8), np.uint8)  # the compiled loop reads whole words
+        found = [self.decimals(codes, k) for k in wanted]
         if all(values is not None for values in found):
             return np.array(found)
         lines = text.decode("latin-1").split("\n")[:-1]
@@ -461,6 +486,17 @@ class _Plain:
         if len(values) != len(self.rows):
             raise ValueError
         return values.T
+
+    def decimals(self, codes: NDArray[np.uint8], column: int) -> Array | None:
+        """Return a column as ``_decimals``, of a large table by a compiled loop."""
+        read = _reader() if self.form.large else None
+        if read is None:
+            ends = self.cells[:, column + 1]
+            return _decimals(codes, self.cells[:, column] + (column > 0), ends)
+        values = np.empty(len(self.rows))
+        shape = len(values), len(self.form.names), column
+        given = [a.ctypes.data for a in (codes, self.cells, POWERS, values)]
+        return values if read(*given[:2], *shape, *given[2:]) == len(values) else None
 
     def texts(self, column: str) -> Sequence[str]:
         at = self.form.names.index(column)

@@ -40,15 +40,22 @@ def rows_of(path, columns):
 WORDS = "0,1.5,-2e-3, 7 ,+.5,1e400,nan,0.1000000000000000055511151231257827,5e-324,-0".split(",")
 
 
-@settings(max_examples=40)
+@settings(max_examples=60)
 @given(
     rows=st.lists(st.tuples(*[st.sampled_from(WORDS)] * 2), min_size=1, max_size=30),
     end=st.sampled_from(["\n", "\r\n"]),
+    large=st.sampled_from([tables.LARGE, 0]),
 )
-def test_a_quote_anywhere_changes_nothing(tmp_path_factory, rows, end):
+def test_a_quote_anywhere_changes_nothing(tmp_path_factory, rows, end, large):
     """The fast reader takes what is plain, the exact one the rest from there on;
     numbers and row numbers are the same.
     """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tables, "LARGE", large)
+        compare_readers(tmp_path_factory, rows, end)
+
+
+def compare_readers(tmp_path_factory, rows, end):
     path = tmp_path_factory.getbasetemp() / "either.csv"
     text = "a,b,c" + end + "".join(f"{a},{b},kind{end}" for a, b in rows)
     path.write_bytes(text.encode())
@@ -287,9 +294,13 @@ def test_a_name_with_an_escape_is_shown_as_a_code(tmp_path):
         assert "\x1b" not in text and "\\x1b" in text
 
 
+@pytest.mark.parametrize("large", [tables.LARGE, 0])
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
-def test_plain_decimals_have_the_bits_of_float(ending, tmp_path):
-    """Of 1 to 16 characters, and of what the quick reader leaves to another."""
+def test_plain_decimals_have_the_bits_of_float(ending, large, tmp_path, monkeypatch):
+    """Of 1 to 16 characters, and of what the quick reader leaves to another; those of a
+    large table are read by compiled code.
+    """
+    monkeypatch.setattr(tables, "LARGE", large)
     draw = np.random.default_rng(1)
     cells = ["-0", "0", "-0.0", ".5", "5.", "-.25", "999999999999999", "9999999999999999"]
     for _ in range(4000):
