@@ -426,39 +426,11 @@ def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
     return _Plain(piece, np.arange(row, row + len(lines), dtype=np.int64), form, cells)
 
 
-def _decimals(text: NDArray[np.uint8], start: Rows, end: Rows) -> Array | None:
-    """Return cells as numbers, or None unless each is one such as -12.345.
-
-    A float holds 15 digits and their power of ten exactly, so that their quotient is
-    the nearest float, as that of float().
-    """
-    end = end - (text[end - 1] == ord("\r"))
-    minus = text[start] == ord("-")
-    start = start + minus
-    width = end - start
-    if not 0 < width.min(initial=1) <= width.max(initial=1) <= 16:
-        return None
-    value = np.zeros(len(start), np.int64)
-    digits, points, places = np.zeros((3, len(start)), np.int8)
-    for k in range(width.max(initial=0)):
-        digit = text[np.minimum(start + k, end)] - np.uint8(48)  # what ends a cell is none
-        is_digit = digit < 10
-        value = np.where(is_digit, 10 * value + digit, value)
-        digits += is_digit
-        places += is_digit & (points > 0)
-        points += digit == ord(".") - 48 + 256
-    if ((digits + points != width) | (digits < 1) | (digits > 15) | (points > 1)).any():
-        return None
-    return np.where(minus, -1.0, 1.0) * value / POWERS[places]
-
-
 @cache
-def _reader() -> Callable[..., int] | None:
-    """Return the compiled form of ``_decimals``, or None where there is no compiler."""
-    try:
-        from ..targets.llvm.cache import load  # takes 0.1 s
-    except ImportError:
-        return None
+def _reader() -> Callable[..., int]:
+    """Return the compiled loop over the cells of a column."""
+    from ..targets.llvm.cache import load  # takes 0.1 s
+
     text = Path(__file__).parents[1].joinpath("targets", "llvm", "tables.py").read_text()
     kinds = [c_void_p, c_void_p, c_int64, c_int64, c_int64, c_void_p, c_void_p]
     return CFUNCTYPE(c_int64, *kinds)(load(text, "tables").addresses["decimals"])
@@ -475,10 +447,11 @@ class _Plain:
     def numbers(self, columns: Sequence[str]) -> Array:
         text = self.piece.replace(b",", b".") if self.form.decimal == "," else self.piece
         wanted = [self.form.names.index(name) for name in columns]
-        codes = np.frombuffer(text + bytes(8), np.uint8)  # the compiled loop reads whole words
-        found = [self.decimals(codes, k) for k in wanted]
-        if all(values is not None for values in found):
-            return np.array(found)
+        if self.form.large:
+            codes = np.frombuffer(text + bytes(8), np.uint8)  # whole words are read
+            found = [self.decimals(codes, k) for k in wanted]
+            if all(values is not None for values in found):
+                return np.array(found)
         lines = text.decode("latin-1").split("\n")[:-1]
         values = np.loadtxt(
             lines, delimiter=self.form.separator, usecols=wanted, comments=None, ndmin=2
@@ -488,15 +461,15 @@ class _Plain:
         return values.T
 
     def decimals(self, codes: NDArray[np.uint8], column: int) -> Array | None:
-        """Return a column as ``_decimals``, of a large table by a compiled loop."""
-        read = _reader() if self.form.large else None
-        if read is None:
-            ends = self.cells[:, column + 1]
-            return _decimals(codes, self.cells[:, column] + (column > 0), ends)
+        """Return a column, or None unless each cell is a number such as -12.345.
+
+        A float holds 15 digits and their power of ten exactly, so that their quotient
+        is the nearest float, as that of float().
+        """
         values = np.empty(len(self.rows))
         shape = len(values), len(self.form.names), column
         given = [a.ctypes.data for a in (codes, self.cells, POWERS, values)]
-        return values if read(*given[:2], *shape, *given[2:]) == len(values) else None
+        return values if _reader()(*given[:2], *shape, *given[2:]) == len(values) else None
 
     def texts(self, column: str) -> Sequence[str]:
         at = self.form.names.index(column)

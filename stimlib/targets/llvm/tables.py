@@ -13,7 +13,7 @@ def byte(text, index):
 
 @exported("i8", "i8*", "i8*", "i8", "i8", "i8", "f8*", "f8*")
 def decimals(text, cells, rows, columns, column, powers, values):
-    """Read the cells of a column as ``_decimals`` does; return how many are such.
+    """Read the cells of a column, at most 15 digits; return how many are such.
 
     A row of ``cells`` is where it begins, and where each of its cells ends.
     """
