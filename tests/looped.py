@@ -10,7 +10,7 @@ from stimlib.run.safety import Passivity, Safety
 from stimlib.virtual import Device, Faults, Hand, try_on
 
 X = Input("x", "m")
-BOUND, MOST, STILL = 0.02, 20.0, 0.05  # J, N, s
+BOUND, MOST = 0.02, 20.0  # J, N
 FAULTS = {
     "none": Faults(),
     "encoder jumps by 5 mm": Faults(jump=(0.5, 5e-3)),
@@ -18,6 +18,14 @@ FAULTS = {
     "a tenth of the readings dropped": Faults(dropped=0.1),
     "a tenth of the forces lost": Faults(lost=0.1),
     "amplifier saturated at 0.5 N": Faults(saturated=(0.5, 0.5)),
+}
+
+STATED = {  # what the controller is told that may fail
+    "encoder jumps by 5 mm": {},
+    "sensor stuck for 0.5 s": {"still": 0.5},
+    "a tenth of the readings dropped": {"still": 0.01},
+    "a tenth of the forces lost": {"lost": 6},
+    "amplifier saturated at 0.5 N": {"sure": 0.5},
 }
 
 
@@ -77,7 +85,7 @@ def judged(seed, fault="none"):
     scene, device, hand, words, safety = drawn(seed)
     words = words | {"faults": FAULTS[fault]}
     if fault != "none":
-        safety = dc.replace(safety, passivity=dc.replace(safety.passivity, still=STILL))
+        safety = dc.replace(safety, passivity=dc.replace(safety.passivity, **STATED[fault]))
     on = try_on(scene, device, hand, safety=safety, **words)
     off = try_on(scene, device, hand, safety=dc.replace(safety, passivity=None), **words)
     asked = np.clip(on.asked, -MOST, MOST)
@@ -90,5 +98,6 @@ def judged(seed, fault="none"):
         "error": float(np.sqrt(np.mean((on.force - asked) ** 2))),
         "force": float(np.sqrt(np.mean(asked**2))),
         "changed": on.told["clips"].get("passivity", {}).get("force", 0),
-        "told": told["leaps"],
+        "leaps": told["leaps"],
+        "told": on.told["hardware"],
     }

@@ -404,16 +404,27 @@ class ResponseLimit(Block):
 
 # Parameters of `Passive` at a sample rate.
 #   reach   m, farthest that the measured position moves in one sample
+#   creep   m, farthest that the true one moves in one sample
 #   rest    part of a sample of the delay, beyond whole samples
 #   blur    m, half a step of the encoder
 #   half    J, half of the bound
 #   brake   N/m, the largest damping over one sample
 #   rate    J, that a sample may give on purpose
-#   still   samples after which a position that stays is not trusted
-PassiveParams = namedtuple("PassiveParams", "reach rest blur half brake most rate still")
+#   still   the most samples for which a reading may stay although the hand moves
+#   ahead   samples until a force begins, rounded up
+#   sure    N, that the device makes of a larger force at least
+#   lost    a 0 for each force in a row that the device may not take
+#   times   how often a force may act
+PassiveParams = namedtuple(
+    "PassiveParams", "reach creep rest blur half brake most rate still ahead sure lost times"
+)
 
 # State of `Passive` between samples.
-#   sent   the forces under way, in a ring
+#   sent   the forces under way, and those that may still act, in a ring
+#   low    least that acts in the place of each
+#   high   most that acts in the place of each
+#   size   largest that acts in the place of each
+#   due    J, charged for the change to each, while readings may stay
 #   at     where the next one goes
 #   put    N, the last one
 #   last   position; its first is none
@@ -423,7 +434,9 @@ PassiveParams = namedtuple("PassiveParams", "reach rest blur half brake most rat
 #   given  J, the most that was observed to have been given
 #   leaps  positions that were not trusted
 #   same   samples since the position changed
-PassiveState = namedtuple("PassiveState", "sent at put last begun room work given leaps same")
+PassiveState = namedtuple(
+    "PassiveState", "sent low high size due at put last begun room work given leaps same"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,7 +447,7 @@ class Passive(Block):
     delay.  Each force that is sent is first charged with the most that it could give,
     |y| reach, and this is settled when its motion is known.  So ``room`` is never below
     0, which is the proof.  While it is below half of the bound, damping is added, in
-    proportion to what is missing; and |y| never exceeds room/reach.
+    proportion to what is missing; and |y| never exceeds what ``room`` can pay for.
     """
 
     x: Block
@@ -447,54 +460,95 @@ class Passive(Block):
     speed: Above0
     late: float  # s
     encoder: float
-    still: float | None = None  # s
+    still: float = 0.0  # s
+    lost: int = 0
+    sure: float | None = None  # N
     begins_early = False
 
     def design(self, fs):
         late = round(self.late * fs, 9)
         p = PassiveParams(
-            self.speed / fs + self.encoder, late % 1.0, self.encoder / 2, self.bound / 2,
-            self.damping * fs, self.most, self.power / fs, self.still * fs if self.still else 1e300,
+            self.speed / fs + self.encoder, self.speed / fs, late % 1.0, self.encoder / 2,
+            self.bound / 2, self.damping * fs, self.most, self.power / fs, self.still * fs,
+            math.ceil(late), 1e300 if self.sure is None else self.sure, np.zeros(self.lost),
+            1.0 + self.lost,
         )  # fmt: skip
-        sent = np.zeros(int(late) + 2)
-        return p, PassiveState(sent, NONE, 0.0, 0.0, 0.0, self.bound, 0.0, 0.0, NONE, 0.0)
+        sent, low, high, size, due = np.zeros((5, int(late) + 2 + self.lost))
+        rest = NONE, 0.0, 0.0, 0.0, self.bound, 0.0, 0.0, NONE, 0.0
+        return p, PassiveState(sent, low, high, size, due, *rest)
 
     @staticmethod
     def step(p, s, x, over, gain):
-        size = np.uint64(s.sent.size)
-        at = where(s.at < size, s.at, NONE)  # a state may come from anywhere
-        after = where(at + ONE < size, at + ONE, NONE)
-        before, now = s.sent[at], s.sent[after]
+        n, more = np.uint64(s.sent.size), np.uint64(p.lost.size)
+        at = where(s.at < n, s.at, NONE)  # a state may come from anywhere
+        a, b = at + more, at + more + ONE
+        a, b = where(a < n, a, a - n), where(b < n, b, b - n)
+        before, now = s.sent[a], s.sent[b]
         moved = where(s.begun > 0.0, over - s.last, 0.0)
-        same = where(moved == 0.0, s.same + 1.0, 0.0)
-        # a leap is no motion, nor is one from or to NaN, and a sensor may be stuck: the
-        # worst counts, and so it does when it comes free
-        still = where(same > s.same, same, s.same) > p.still
-        known = where(still, 0.0, where(abs(moved) <= p.reach, 1.0, 0.0)) > 0.0
-        acting = p.rest * before + (1.0 - p.rest) * now
-        held = p.reach * (p.rest * abs(before) + (1.0 - p.rest) * abs(now))
-        done = where(known, acting * moved, -held)
+        # a leap is no motion, nor is one from or to NaN: the worst counts
+        known = where(abs(moved) <= p.reach, 1.0, 0.0) > 0.0
+        # the true position may be so far from a reading that stays: from the last one,
+        # from this one, and where the force changes in between
+        same = where(moved == 0.0, s.same + s.begun, 0.0)
+        then = p.creep * where(s.same < p.still, s.same, p.still)
+        off = p.creep * where(same < p.still, same, p.still)
+        middle = then + p.rest * (off - then)
+        # what acts lies between two forces
+        low = p.rest * s.low[a] + (1.0 - p.rest) * s.low[b]
+        high = p.rest * s.high[a] + (1.0 - p.rest) * s.high[b]
+        held = p.reach * (p.rest * s.size[a] + (1.0 - p.rest) * s.size[b])
+        done = where(known, where(moved > 0.0, low, high) * moved, -held)
+        # what a reading that stays may hide, for each change of the force, or at a leap
+        hidden = where(known, middle * abs(now - before), then * abs(before))
+        back = where(known, then * abs(before) - off * abs(now) - hidden, 0.0)
         room = s.room + (held + done) + p.rate
+        room = room + (s.due[b] + back)
         room = where(room > 0.0, room, 0.0)
         short = where(room < p.half, 1.0 - room / p.half, 0.0)
         y = where(known, where(short > 0.0, x + gain * p.brake * short * moved, x), x)
-        far = p.reach + 2.0 * p.blur
-        most = where(far * p.most * gain < room, p.most * gain, room / far)
-        y = where(y > most, most, where(y < -most, -most, y))
+        # forces that were sent may act in the place of this one and of later ones
+        top, lowest, highest, free, i = 0.0, 1e300, -1e300, room, at
+        for _ in range(p.lost.size):
+            i = where(i > NONE, i, n) - ONE
+            f = s.sent[i]
+            top = where(abs(f) > top, abs(f), top)
+            lowest, highest = where(f < lowest, f, lowest), where(f > highest, f, highest)
+            free = free - p.reach * top
+        free = where(free > 0.0, free, 0.0)
+        # a force pays for its motion, and a larger one for the way there and back
+        each = p.reach * p.times
+        later = p.creep * where(same + p.ahead < p.still, same + p.ahead, p.still)
+        rise = 2.0 * (p.blur + later)
+        other, put = free / (each + rise), abs(s.put)
+        own = where(each * put < free, (free + rise * put) / (each + rise), free / each)
+        up, down = where(s.put > 0.0, own, other), where(s.put < 0.0, own, other)
+        most = p.most * gain
+        up, down = where(up < most, up, most), where(down < most, down, most)
+        y = where(y > up, up, where(y < -down, -down, y))
         sent = where(x - x == 0.0, y, 0.0)
+        lowest, highest = where(lowest < sent, lowest, sent), where(highest > sent, highest, sent)
         s.sent[at] = sent
+        s.low[at] = where(lowest < p.sure, lowest, p.sure)
+        s.high[at] = where(highest > -p.sure, highest, -p.sure)
+        s.size[at] = where(-s.low[at] > s.high[at], -s.low[at], s.high[at])
         # the true position, half a step away, makes another work of each change, and of
-        # the way back to 0
-        blurred = p.blur * (abs(sent - s.put) + abs(sent) - abs(s.put))
-        work = s.work + done - p.blur * abs(now - before)
-        least = work - p.blur * abs(now)
+        # the way back to 0; so does one that is farther away
+        changed = abs(sent - s.put) + abs(sent) - put
+        s.due[at] = later * changed
+        work = s.work + done - p.blur * abs(now - before) - hidden
+        least = work - p.blur * abs(now) - where(known, off * abs(now), 0.0)
+        after = where(at + ONE < n, at + ONE, NONE)
         return where(x - x == 0.0, y, x), PassiveState(
             s.sent,
+            s.low,
+            s.high,
+            s.size,
+            s.due,
             after,
             sent,
             over,
             1.0,
-            room - p.reach * abs(sent) - blurred,
+            room - p.reach * s.size[at] - (p.blur + later) * changed,
             work,
             where(-least > s.given, -least, s.given),
             s.leaps + where(known, NONE, ONE),

@@ -471,18 +471,23 @@ def say_energy(e: Evidence, device: Device | None = None) -> None:
     power = np.array([power_of(e.scene.outputs[output]) for output, *_ in pairs])
     work, least, beyond = np.zeros((3, len(rows)))
     delay = 0.0 if device is None else device.delay
-    late, ends = round(delay * e.fs), None  # of the stretch before
+    late, ends = round(delay * e.fs, 9), None  # of the stretch before
+    whole, part = int(late) + 2, late % 1.0
     for s in e.stretches():
         if ends is None:
-            ends = np.zeros((len(s.y), late + 1)), np.repeat(s.x[:, :1], late + 1, axis=1)
+            ends = np.zeros((len(s.y), whole)), np.repeat(s.x[:, :1], whole, axis=1)
         y, x = map(np.hstack, zip(ends, (s.y, s.x), strict=True))
-        ends, n = (y[:, -late - 1 :], x[:, -late - 1 :]), s.y.shape[1]
+        ends, n = (y[:, -whole:], x[:, -whole:]), s.y.shape[1]
         t = (s.at + np.arange(n)) / e.fs
         for k, (row, column) in enumerate(rows):
-            # each sample is held
-            done = work[k] + np.cumsum(y[row, :n] * np.diff(x[column])[-n:])
-            least[k] = min(least[k], done.min(initial=0.0))
-            beyond[k] = min(beyond[k], (done + power[k] * t).min(initial=0.0))
+            # each sample is held, from between two on, over a straight motion
+            moved = np.diff(x[column])[-n:] if n else np.zeros(0)
+            first = part * y[row, :n] * moved
+            steps = first + (1.0 - part) * y[row, 1 : n + 1] * moved
+            done = work[k] + np.cumsum(steps)
+            low = np.minimum(done, done - steps + first)
+            least[k] = min(least[k], low.min(initial=0.0))
+            beyond[k] = min(beyond[k], (low + power[k] * t).min(initial=0.0))
             work[k] = done[-1] if n else work[k]
     needed, margins = damping_of(e.proc, delay), {}
     for k, (output, name, per) in enumerate(pairs):

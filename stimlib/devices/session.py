@@ -80,8 +80,9 @@ class SessionReport:
         stated error, and its largest value in the output's unit.
     energy : dict
         What passivity controllers observed and did, {output: {"given": .., "work": ..,
-        "most": .., "leaps": ..}}: see ``stimlib.run.safety.Watch.energy``.  The samples
-        that they changed are in ``clips``, as "passivity".
+        "most": .., "leaps": .., "speed": .., "unit": ..}}: see
+        ``stimlib.run.safety.Watch.energy``.  The samples that they changed are in
+        ``clips``, as "passivity".
     """
 
     produced: int

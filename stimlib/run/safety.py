@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses as dc
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -25,7 +25,17 @@ from ..core.guard import Guard
 from ..core.parameter import Param
 from ..core.scene import Scene
 from ..core.units import ONE, unit as unit_of
-from ..errors import Above0, BadValue, From0, SceneError, UnitError, UnknownName, need, public
+from ..errors import (
+    Above0,
+    BadValue,
+    From0,
+    Range,
+    SceneError,
+    UnitError,
+    UnknownName,
+    need,
+    public,
+)
 
 GAIN = "sink_gain"
 """The parameter of the fade: 1 while a session plays, on its way to 0 when it is
@@ -92,6 +102,9 @@ class Inverse:
             )
 
 
+Losses = Annotated[float, Range("a whole number from 0 to 1000", lambda v: v in range(1001))]
+
+
 @public
 @dc.dataclass(frozen=True)
 class Passivity:
@@ -118,10 +131,15 @@ class Passivity:
         motion within a sample counts as straight.
     encoder : float, m
         Step of the measured position, by which the true one may differ.
-    still : float, s, optional
-        For how long a position may be the same before it counts as stuck, and is no
-        longer trusted; the bound grows by full scale times speed times ``still`` then.
-        By default a sensor never counts as stuck.
+    still : float, s
+        For how long a reading may stay although the hand moves, because readings are
+        dropped or the sensor is stuck.  A force that is held while a reading stays can
+        give \|F\| speed ``still``, so the bound holds it to bound/(speed ``still``).
+    lost : int
+        How many forces in a row the device may not take: it holds the one before.
+    sure : float, N, optional
+        The force that the amplifier makes at least where it is asked for more.  No
+        energy is credited for what is beyond.  By default it makes every force.
     axes : dict of str to str, optional
         The position of each force, {output: input}; by default the only one that it
         depends on.  A force over no position, such as a vibration, is not observed.
@@ -135,7 +153,13 @@ class Passivity:
 
     For a change dF of the force, and for its way back to 0, \|dF\| encoder/2 is taken
     away, because the work of the true position differs by so much at most (summation by
-    parts).
+    parts).  In the same way counts \|dF\| speed t for a reading that has stayed for t,
+    up to ``still``, and \|F\| speed t until it changes.  Where several forces may act,
+    the one that gives most counts.  So the bound holds also with dropped readings, with
+    lost forces, or with a weak amplifier, as far as they are stated; one of these at a
+    time is proved.  Without them: readings and commands of a hand that moves behind a
+    stuck sensor are those of a hand at rest, so that a controller which lets a hand
+    rest on a wall cannot know.
 
     References
     ----------
@@ -157,7 +181,9 @@ class Passivity:
     speed: Above0 = 1.0
     delay: From0 = 0.0
     encoder: From0 = 0.0
-    still: Above0 | None = None
+    still: From0 = 0.0
+    lost: Losses = 0
+    sure: From0 | None = None
     axes: Mapping[str, str] | None = None
 
 
@@ -379,8 +405,9 @@ def protect(
     made: dict[str, Block] = {n: Mul(_limited(n, scene, safety, scales[n]), gain) for n in names}
     p: Any = safety.passivity
     for n, (x, power) in (guarded(scene, safety) if over is None else over).items():
-        numbers = scales[n], p.bound, power, p.damping, p.speed, p.delay, p.encoder, p.still
-        made[n] = _counted(Passive(made[n], x, gain, *numbers), made[n], "passivity", n)
+        numbers = scales[n], p.bound, power, p.damping, p.speed, p.delay, p.encoder
+        faulty = p.still, int(p.lost), p.sure
+        made[n] = _counted(Passive(made[n], x, gain, *numbers, *faulty), made[n], "passivity", n)
     return Scene(made)
 
 
@@ -515,8 +542,10 @@ def to_device(y: np.ndarray, scales: np.ndarray, channels: Sequence[int]) -> np.
 def said_of_energy(energy: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Return a sentence for each output of ``Watch.energy``."""
     return [
-        f"{name} gave at most {1e3 * v['given']:.3g} mJ; its passivity controller changed it by up"
-        f" to {v['most']:.3g}" + f", and did not trust {v['leaps']} positions" * (v["leaps"] > 0)
+        f"{name} gave at most {1e3 * v['given']:.3g} mJ to motions of up to {v['speed']:g}"
+        f" {v['unit']}; its passivity controller changed it by up to {v['most']:.3g}"
+        + f", and did not trust {v['leaps']} position{'s'[: v['leaps'] > 1]}"
+        * (v["leaps"] > 0)
         for name, v in energy.items()
     ]
 
@@ -600,8 +629,8 @@ class Watch:
         """Return what passivity controllers observed and did, by output.
 
         ``given`` is the most energy in J that the force gave beyond what it had got,
-        ``work`` what it has got so far, ``most`` the largest change of the force in N,
-        and ``leaps`` counts positions that no motion within the stated speed reaches.
+        ``work`` what it has got so far, ``most`` the largest change of the force in N;
+        ``leaps`` counts positions that no motion within the stated ``speed`` reaches.
         ``counts`` has the samples that were changed.
         """
         words, out = self._proc._engine.peek(), {}
@@ -609,12 +638,15 @@ class Watch:
         for name, tally in self._observed:
             (i, *_), at = self._proc.program.instances[tally].args, self._proc._place[tally]
             # see actuator.PassiveState
-            room = self._proc._place[i] + self._proc.design[i][1].sent.size + 4
+            room = self._proc._place[i] + 5 * self._proc.design[i][1].sent.size + 4
+            block: Any = self._proc.program.instances[i].block
             out[name] = {
                 "given": float(numbers[room + 2]),
                 "work": float(numbers[room + 1]),
                 "most": float(numbers[at + 1]),
                 "leaps": int(words[room + 3]),
+                "speed": block.speed,
+                "unit": "rad/s" if block.over.dim == ONE else f"{block.over.dim}/s",
             }
         return out
 

@@ -23,6 +23,7 @@ from ..run.safety import GAIN, Safety, Watch, protect, said_of_energy
 from .device import Device, Faults, Hand, Mechanism
 
 NOBODY, SOUND = Hand(), Faults()
+FORCES = unit("N"), unit("N*m")
 Course = Any  # a number, samples, or a function of the time in s
 
 
@@ -69,7 +70,9 @@ def try_on(
         A force of the hand in N, in addition, such as a recorded one.
     axis : (str, str), optional
         The output and the input of the device; by default the only force over a
-        position, or torque over an angle, whose device has its numbers in rad and N m.
+        position, or torque over an angle, whose device has its numbers in rad and N m;
+        or the only force of a scene that reads no position, such as a vibration, whose
+        input is "".
     motion : dict of str to float, array_like or callable
         All other inputs, by default 0.
     params : dict of str to float
@@ -120,22 +123,27 @@ def try_on(
     aims = aims + hand.shaking(t, seed) if hand.tremor else aims
     row = [*proc.outputs].index(output)
     # a row for each sample, in which each program reads and writes its own
-    x, y = np.ascontiguousarray(others.T), np.empty((n, len(proc.outputs)))
-    given, ends = np.stack([np.zeros(n), aims[1:], pushes[:n]], axis=1), np.empty((n, 4))
+    # the last column is the position of a scene that reads none
+    columns = [*proc.inputs, ""]
+    x, y = np.zeros((n, len(columns))), np.empty((n, len(proc.outputs)))
+    given, ends = np.stack([np.zeros(n), aims[1:], pushes[:n]], axis=1), np.empty((n, 5))
     wrong = np.ascontiguousarray(faults.rows(t[:n], seed), float)
     own, other = proc.address[1], plant.address[1]
     arrays = (a.ctypes.data for a in (x, y, given, ends, wrong))
-    numbers = (*x.shape[1:], *y.shape[1:], [*proc.inputs].index(name), row, n)
+    x[:, :-1] = others.reshape(-1, n).T
+    numbers = (*x.shape[1:], *y.shape[1:], columns.index(name), row, n)
     _coupled()(own, other, *arrays, *numbers, _measured(start, device.encoder))
-    read, position, velocity, work = ends.T
+    read, position, velocity, done, least = ends.T
+    work = np.cumsum(done)
     told: dict[str, Any] = {"power": power_of(scene.outputs[output]), **Watch(proc).told()}
     # those of the last output are of the force, too
     told["faults"] = {k: v for k, v in told["faults"].items() if k in scene.outputs}
+    told["hardware"] = faults.told(wrong, y[:, row], device.limit)
     if failed := Watch(plant).faults():
         told["faults"]["device"] = min(failed.values())
     return ClosedLoop(
-        t[:n], position, read, velocity, y[:, row], np.cumsum(work), y[:, -1], fs, device, hand,
-        told,
+        t[:n], position, read, velocity, y[:, row], work, work - done + least, y[:, -1], fs,
+        device, hand, told,
     )  # fmt: skip
 
 
@@ -163,7 +171,7 @@ def _axis_of(scene: Scene, axis: tuple[str, str] | None) -> tuple[str, str]:
     """Return an axis, or the only force over a position, or torque over an angle."""
     if axis is not None:
         need("axis", axis[:1], scene.outputs, "output")
-        need("axis", axis[1:], scene.inputs, "input")
+        need("axis", axis[1:], [*scene.inputs, ""], "input")
         return axis
     found = [
         (force, over)
@@ -171,10 +179,12 @@ def _axis_of(scene: Scene, axis: tuple[str, str] | None) -> tuple[str, str]:
         for over, x in scene.inputs.items()
         if y.dim * x.dim == unit("J")
     ]
+    if not found:  # what reads no position, moves the device all the same
+        found = [(y, "") for y, force in scene.outputs.items() if force.dim in FORCES]
     if len(found) != 1:
         raise BadValue(
             f"forces over a position, or torques over an angle, are {found}, and one of them is"
-            " the axis of the device: give axis=(output, input)"
+            " the axis of the device: give axis=(output, input), or a scene with an output in N"
         )
     return found[0]
 
@@ -266,6 +276,8 @@ def swept_damping(
     3.50 N s/m, at 2.5 Hz
     """
     output, name = _axis_of(scene, axis)
+    if not name:
+        raise BadValue(f"swept_damping: {output} reads no position, so it needs no damping: try_on")
     proc = compile(scene, fs, seed=seed)
     for param, value in params.items():
         proc.set(param, value, ramp=0.0)
@@ -298,6 +310,8 @@ class ClosedLoop:
     work : ndarray, shape (n,), J
         What the hand has done against the force since sample 0; the energy that the
         scene has given is its negative.
+    dips : ndarray, shape (n,), J
+        The least that this work was in each sample period, at 17 times from its start.
     asked : ndarray, shape (n,), N
         Force of the scene before its safety stage.
     fs : float, Hz
@@ -305,9 +319,10 @@ class ClosedLoop:
     hand : Hand
     told : dict
         What the safety stage did, as in the report of a session: "clips", "faults"
-        (also of the "device", whose motion was not finite) and "energy"; and the
-        "power" in W that the scene states to give on purpose, see
-        ``stimlib.blocks.active``.
+        (also of the "device", whose motion was not finite) and "energy"; the "power" in
+        W that the scene states to give on purpose, see ``stimlib.blocks.active``; and
+        what failed of the "hardware", which the stage cannot know: the samples of each
+        fault, and those of a force beyond what the amplifier makes.
     """
 
     t: np.ndarray
@@ -316,6 +331,7 @@ class ClosedLoop:
     velocity: np.ndarray
     force: np.ndarray
     work: np.ndarray
+    dips: np.ndarray
     asked: np.ndarray
     fs: float
     device: Device
@@ -328,12 +344,12 @@ class ClosedLoop:
 
         A passive scene that starts without stored energy gives none.
         """
-        return max(0.0, -float(self.work.min()))
+        return max(0.0, -float(self.dips.min()))
 
     @property
     def beyond(self) -> float:
         """The energy in J that it gave beyond what it states to give on purpose."""
-        return max(0.0, -float(np.min(self.work + self.told["power"] * (self.t + 1 / self.fs))))
+        return max(0.0, -float(np.min(self.dips + self.told["power"] * (self.t + 1 / self.fs))))
 
     @property
     def swing(self) -> tuple[float, float]:
@@ -385,6 +401,10 @@ class ClosedLoop:
                 " were beyond this"
             )
         lines += said_of_energy(self.told["energy"])
+        if hardware := self.told["hardware"]:
+            lines.append(
+                "the hardware: " + ", ".join(f"{n} {what}" for what, n in hardware.items())
+            )
         for name, at in self.told["faults"].items():
             lines.append(f"{name} was not finite at sample {at} ({at / self.fs:g} s), and ended")
         return "\n".join(lines)

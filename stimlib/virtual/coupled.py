@@ -28,5 +28,5 @@ def couple(scene, device, x, y, given, ends, faults, inputs, outputs, column, ro
         asked = most if asked > most else -most if asked < -most else asked
         force = force if fault[2] > 0.0 else asked
         given[3 * k] = force
-        run(device[rows.ENTRY], device, at(given, 3 * k), at(ends, 4 * k), 1)
-        true = ends[4 * k]
+        run(device[rows.ENTRY], device, at(given, 3 * k), at(ends, 5 * k), 1)
+        true = ends[5 * k]

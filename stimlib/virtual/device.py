@@ -184,6 +184,18 @@ class Faults:
         added = self.jump[1] * (t >= self.jump[0])
         return np.stack([added, stuck | dropped, lost, most], axis=1)
 
+    def told(self, rows: np.ndarray, force: np.ndarray, limit: float) -> dict[str, int]:
+        """Return the samples of each fault that happened, by what it was."""
+        added, stayed, lost, most = rows.T
+        most = np.minimum(most, limit or math.inf)
+        happened = {
+            "positions off": added != 0,
+            "readings that stayed": stayed > 0,
+            "forces lost": lost > 0,
+            "forces beyond the amplifier's": np.abs(force) > most,
+        }
+        return {what: int(row.sum()) for what, row in happened.items() if row.any()}
+
 
 @public
 def read_device(path: str | Path) -> Device:
@@ -242,7 +254,7 @@ class Mechanism(Block, in_files=False):
     """A device in a hand along a sample period, in which the force command is held.
 
     Its outputs are for the end of the period.  ``done`` is the work of the hand
-    against the force.
+    against the force, and ``least`` the smallest that it was in the period.
     """
 
     force: Block  # that the hand has to overcome, as scenes give it
@@ -262,11 +274,11 @@ class Mechanism(Block, in_files=False):
     damping: float
     stiffness: float
     begin: float  # m, of the device and of the hand's aim
-    outputs = ("measured", "position", "velocity", "done")
+    outputs = ("measured", "position", "velocity", "done", "least")
     begins_early = False
 
     def units(self, *u):
-        return u[1], u[1], u[1], u[1]
+        return u[1], u[1], u[1], u[1], u[1]
 
     def design(self, fs):
         parts = [
@@ -310,7 +322,7 @@ class Mechanism(Block, in_files=False):
     work = scratch(8)
 
     @staticmethod
-    def tile(p, s, force, aim, push, measured, position, velocity, done, w):
+    def tile(p, s, force, aim, push, measured, position, velocity, done, least, w):
         q, n, last, old = s.q, s.q.size, s.last, s.aim
         for i in range(force.size):
             slope = (aim[i] - old) * p.fs
@@ -321,7 +333,7 @@ class Mechanism(Block, in_files=False):
             command = where(
                 command < p.limit, where(command > -p.limit, command, -p.limit), p.limit
             )
-            at, total = old, 0.0
+            at, total, low = old, 0.0, 0.0
             for part in range(2):
                 f = where(part == 0, last, command)
                 for _ in range(SUBSTEPS):
@@ -344,9 +356,10 @@ class Mechanism(Block, in_files=False):
                         q[j] = w[j] + p.c[n * part + j] * stop
                     acting = 0.5 * (acting + where(p.lagged > 0.0, q[n - 1], f))
                     total = total + acting * (q[0] - before)
+                    low = where(total < low, total, low)
                     at = at + slope * p.grow[part]
             last, old = command, aim[i]
-            position[i], velocity[i], done[i] = q[0], q[1], total
+            position[i], velocity[i], done[i], least[i] = q[0], q[1], total, low
             measured[i] = q[0]
             if p.encoder > 0.0:
                 measured[i] = floor(q[0] / p.encoder + 0.5) * p.encoder

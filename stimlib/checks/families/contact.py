@@ -416,26 +416,47 @@ def _response_limit(b, fs, x, y):
 @law("Passive")
 def _passive(b, fs, x, y):
     """Count what may be given: bound, work of what acted, charge of what did not."""
-    reach, (part, whole) = b.speed / fs + b.encoder, math.modf(round(b.late * fs, 9))
-    now, then = (np.r_[np.zeros(int(whole) + k), y][: y.size] for k in (1, 2))
+    creep, (part, whole) = b.speed / fs, math.modf(round(b.late * fs, 9))
+    reach, sure, n = creep + b.encoder, np.inf if b.sure is None else b.sure, np.arange(y.size)
+
+    def late(row, k):
+        return np.r_[np.zeros(k), row][: y.size]
+
+    # what may act in the place of each force, and how far the position may be from a
+    # reading that stays
+    near_by = [late(y, k) for k in range(b.lost + 1)]
+    low, high = np.minimum(np.min(near_by, 0), sure), np.maximum(np.max(near_by, 0), -sure)
+    size, last = np.maximum(-low, high), late(y, 1)
     moved = np.diff(x[1], prepend=x[1][:1])
-    since = np.arange(y.size) - np.maximum.accumulate(np.where(moved == 0, -1, np.arange(y.size)))
-    stuck = np.maximum(since, np.r_[0, since[:-1]])  # and where it comes free
-    known = (np.abs(moved) <= reach) & (stuck <= (b.still or np.inf) * fs)
-    held = part * np.abs(then) + (1 - part) * np.abs(now)
-    work = np.where(known, (part * then + (1 - part) * now) * moved, -held * reach)
-    under_way, last = np.cumsum(np.abs(y)) - np.abs(y) - np.cumsum(held), np.r_[0.0, y[:-1]]
-    blurred = np.cumsum(np.abs(np.diff(last, prepend=0.0))) + np.abs(last)
+    since = n - np.maximum.accumulate(np.where(moved == 0, 0, n))
+    off, later = (creep * np.minimum(since + k, b.still * fs) for k in (0, math.ceil(part + whole)))
+    then, known = late(off, 1), np.abs(moved) <= reach
+    middle, changed = then + part * (off - then), np.abs(y - last) + np.abs(y) - np.abs(last)
+
+    def acting(row):
+        return part * late(row, int(whole) + 2) + (1 - part) * late(row, int(whole) + 1)
+
+    now, before = late(y, int(whole) + 1), late(y, int(whole) + 2)
+    work = np.where(
+        known, np.where(moved > 0, acting(low), acting(high)) * moved, -acting(size) * reach
+    )
+    back = then * np.abs(before) - off * np.abs(now) - middle * np.abs(now - before)
+    due = later * changed
     left = (
         b.bound
-        + b.power / fs * np.arange(1, y.size + 1)
-        + np.cumsum(work)
-        - reach * under_way
-        - b.encoder / 2 * blurred
+        + b.power / fs * (n + 1)
+        + np.cumsum(work + reach * acting(size) + late(due, int(whole) + 1) + back * known)
+        - np.cumsum(late(reach * size + b.encoder / 2 * changed + due, 1))
     )
+    left = np.maximum(left, 0.0)
     short = np.clip(1 - 2 * left / b.bound, 0.0, 1.0) * known
-    most = np.minimum(b.most * x[2], np.maximum(left, 0.0) / (reach + b.encoder))
-    return near(np.clip(x[0] + x[2] * b.damping * fs * moved * short, -most, most), 1e-9)
+    tops = [np.max([late(np.abs(y), k) for k in range(1, j + 2)], 0) for j in range(b.lost)]
+    free, each = np.maximum(left - reach * np.sum(tops, 0), 0.0), reach * (b.lost + 1)
+    rise, put = b.encoder + 2 * later, np.abs(last)
+    other = free / (each + rise)
+    own = np.where(each * put < free, (free + rise * put) / (each + rise), free / each)
+    up, down = (np.minimum(np.where(s * last > 0, own, other), b.most * x[2]) for s in (1, -1))
+    return near(np.clip(x[0] + x[2] * b.damping * fs * moved * short, -down, up), 1e-9)
 
 
 @law("Detents", since=1)
