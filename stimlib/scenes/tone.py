@@ -6,10 +6,12 @@ import numpy as np
 
 from ..blocks.clock import at, every
 from ..blocks.envelopes import burst
+from ..blocks.integrals import active
 from ..blocks.oscillators import carrier
 from ..core.graph import Block
 from ..core.parameter import Param
 from ..core.scene import Scene
+from ..core.units import unit as unit_of
 from ..errors import BadValue
 from ..system.limits import limits
 from .shipped import above_zero, shipped
@@ -29,10 +31,14 @@ def bursts(scene: str, duration: float, ramp: float, period: float, repeats: int
     return burst(starts, duration, ramp)
 
 
-def on_channels(scene: str, y: Block, channels: int) -> dict[str, Block]:
-    """Return an output for each channel, all of them the same signal."""
+def on_channels(scene: str, y: Block, channels: int, power: float) -> dict[str, Block]:
+    """Return an output for each channel, all of them the same signal.
+
+    A force states the power in W that it gives to a hand of 1 N s/m.
+    """
     above_zero(scene, channels=channels)
     limits.check("recording_columns", channels, f"{scene}: channels")
+    y = active(y, power) if y.dim == unit_of("N") and power > 0 else y
     names = ["signal"] if channels == 1 else [f"signal{i}" for i in range(channels)]
     return dict.fromkeys(names, y)
 
@@ -78,7 +84,9 @@ def tone(
     channels : int
         Number of equal outputs: ``signal``, or ``signal0``, ``signal1``, ..
     unit : str
-        Of the outputs, such as ``"m/s^2"``; by default none, a part of full scale.
+        Of the outputs, such as ``"m/s^2"``; by default none, a part of full scale.  In
+        N they state by ``active`` what a hand with a damping of 1 N s/m gets while a
+        burst lasts: amplitude^2/2.
 
     Returns
     -------
@@ -110,7 +118,7 @@ def tone(
     """
     e = bursts("tone", duration, ramp, period, repeats)
     y = Param("amplitude", amplitude, unit) * e * carrier(Param("freq", freq, "Hz"))
-    return Scene(on_channels("tone", y, channels))
+    return Scene(on_channels("tone", y, channels, amplitude * amplitude / 2))
 
 
 @shipped(
@@ -150,7 +158,9 @@ def pulse(
     channels : int
         Number of equal outputs: ``signal``, or ``signal0``, ``signal1``, ..
     unit : str
-        Of the outputs, such as ``"N"``; by default none, a part of full scale.
+        Of the outputs, such as ``"N"``; by default none, a part of full scale.  In N
+        they state by ``active`` what a hand with a damping of 1 N s/m gets while a
+        pulse lasts: amplitude^2.
 
     Returns
     -------
@@ -173,4 +183,4 @@ def pulse(
     array([1., 1., 0., 0., 0.])
     """
     y = Param("amplitude", amplitude, unit) * bursts("pulse", duration, ramp, period, repeats)
-    return Scene(on_channels("pulse", y, channels))
+    return Scene(on_channels("pulse", y, channels, amplitude * amplitude))

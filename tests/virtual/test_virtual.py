@@ -349,6 +349,24 @@ def test_the_smooth_part_moves_as_all_of_it_and_has_derivatives(device):
         refused(BadValue, "leave out", smooth, scene, dc.replace(device, **{field: 0.01}))
 
 
+@pytest.mark.parametrize(
+    ("scene", "power"), [(stimlib.scenes.tone, 0.5), (stimlib.scenes.pulse, 1.0)]
+)
+def test_a_shipped_vibration_states_what_it_gives(scene, power):
+    """A hand of 1 N s/m at its resonance gets nearly all of it, no other any more."""
+    words = {"freq": 40.0, "duration": 0.9, "ramp": 0.05} if power < 1 else {"duration": 0.5}
+    force, free = (scene(amplitude=1.0, unit=unit, **words) for unit in ("N", ""))
+    played = [stimlib.render(made, fs=1000, seconds=2.0)["signal"] for made in (force, free)]
+    np.testing.assert_array_equal(*played)
+    device, stiffness = Device(0.1, 0.25), 0.15 * (2 * np.pi * 40.0) ** 2 if power < 1 else 0.0
+    for damping in (0.75, 3.0):
+        trial = try_on(force, device, Hand(0.05, damping, stiffness), seconds=0.9, fs=8000.0)
+        assert trial.told["power"] == power and trial.beyond < 1e-3 < trial.given
+        assert (trial.given > 0.3 * power * 0.9) == (damping < 1)
+    quiet = try_on(scene(amplitude=0.0, unit="N", **words), device)
+    assert quiet.told["power"] == quiet.given == 0.0
+
+
 def test_a_trial_says_what_was_beyond_what_is_on_purpose():
     pushes = constant(-0.5, "N") + 0.0 * spring(X, 1.0)
     for force, power in ((pushes, 0.0), (active(pushes, 0.02), 0.02), (active(pushes, 0.5), 0.5)):
