@@ -88,9 +88,9 @@ def cell(name: str, fs: float, device: Device) -> str:
 def bounded(fault: str, runs: int) -> list[str]:
     """One row: what random scenes gave with the controller and without."""
     rows = [judged(seed, fault) for seed in range(runs)]
-    on, off, error, force, changed, told = (
+    on, off, error, force, changed, leaps = (
         np.array([row[k] for row in rows])
-        for k in ("on", "off", "error", "force", "changed", "told")
+        for k in ("on", "off", "error", "force", "changed", "leaps")
     )
     part = np.percentile(error[changed > 0] / force[changed > 0].clip(1e-9), 50)
     return [
@@ -102,13 +102,15 @@ def bounded(fault: str, runs: int) -> list[str]:
         f"{1e3 * on.max():.5g} mJ",
         f"{np.sum(changed == 0)}",
         f"{100 * part:.0f} %; {np.percentile(error, 95):.2g} N",
-        f"{np.sum(told > 0)}",
+        f"{np.sum(leaps > 0)}",
+        f"{sum(1 for row in rows if row['told'])}",
     ]
 
 
 OF_RANDOM = [
     "fault", "runs", "off: above the bound", "off: most given", "on: above the bound",
     "on: most given", "on: not changed", "on: error of the force", "on: positions not trusted",
+    "told of the hardware",
 ]  # fmt: skip
 
 

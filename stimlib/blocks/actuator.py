@@ -520,7 +520,8 @@ class Passive(Block):
         later = p.creep * where(same + p.ahead < p.still, same + p.ahead, p.still)
         rise = 2.0 * (p.blur + later)
         other, put = free / (each + rise), abs(s.put)
-        own = where(each * put < free, (free + rise * put) / (each + rise), free / each)
+        rises = each * put < free
+        own = where(rises, free + rise * put, free) / where(rises, each + rise, each)
         up, down = where(s.put > 0.0, own, other), where(s.put < 0.0, own, other)
         most = p.most * gain
         up, down = where(up < most, up, most), where(down < most, down, most)

@@ -42,7 +42,8 @@ Passive = Annotated[
         "--passivity",
         help=(
             "Largest energy in J that a force over a position may give, and how:"
-            " [bold]bound=0.01,damping=2,delay=0.003[/], with speed and encoder if needed."
+            " [bold]bound=0.01,damping=2,delay=0.003[/], with speed, encoder, still, lost and"
+            " sure if needed."
         ),
     ),
 ]

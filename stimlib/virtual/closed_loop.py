@@ -261,6 +261,13 @@ def swept_damping(
     damping : ndarray, shape (size // 2 - 1,), N s/m
         Below 0 where the scene takes energy.
 
+    Raises
+    ------
+    BadValue
+        No axis, or several to choose from; a force that reads no position.
+    UnknownName
+        An axis or a parameter that the scene does not have.
+
     References
     ----------
     Colgate and Schenkel (1997): a spring and a difference as damper need K T/2 + B.
