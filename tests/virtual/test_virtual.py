@@ -13,7 +13,17 @@ from scipy.integrate import solve_ivp
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnknownName, constant
 from stimlib.analysis import needed_damping
-from stimlib.blocks import active, fir, friction, oscillator, spring, sqrt, velocity, wall
+from stimlib.blocks import (
+    active,
+    fir,
+    friction,
+    oscillator,
+    spring,
+    sqrt,
+    velocity,
+    wall,
+    white_noise,
+)
 from stimlib.run.safety import Passivity, Safety
 from stimlib.virtual import (
     Device,
@@ -110,6 +120,8 @@ def test_work_is_that_of_the_held_force():
     moved = np.diff(trial.position, prepend=0.0)
     np.testing.assert_allclose(trial.work, np.cumsum(trial.force * moved), atol=1e-15)
     assert trial.given == -trial.dips.min() >= -trial.work.min() > 0
+    thirds = trial.velocity[133:266], trial.velocity[-133:]
+    assert trial.swing == pytest.approx([np.sqrt(np.mean(v**2)) for v in thirds], rel=1e-12)
     # between samples it is less where the motion turns, and where the force changes
     late = try_on(springy(300.0), Device(0.1, 1.0, delay=4.5e-4), push=kick, seconds=0.4)
     assert (late.dips <= late.work).all() and (late.dips < late.work - 1e-9).any()
@@ -146,7 +158,8 @@ def test_work_is_that_of_the_held_force():
     ids=["stiffness", "rate", "delay", "encoder"],
 )
 def test_margins_are_those_of_theory(make, low, high, limit):
-    assert margin(make, low, high) == pytest.approx(limit, rel=0.02)
+    found = margin(make, low, high)
+    assert found == pytest.approx(limit, rel=0.02) and make(found).settles
 
 
 @pytest.mark.parametrize(("k", "b"), [(1000.0, 0.0), (1000.0, 0.3), (0.0, 1.0)])
@@ -169,6 +182,14 @@ def test_a_sweep_of_what_is_not_linear():
     inside = swept_damping(half, center=0.005)[1].max()
     assert inside == pytest.approx(1.0, rel=1e-3)  # its force is a mean, half a sample late
     assert 0 < swept_damping(half)[1].max() < inside
+    # each frequency begins anew, with the same noise
+    noisy = Scene({"force": spring(X, 100.0) + constant(0.1, "N") * white_noise(1)})
+    f, damping = swept_damping(noisy, size=20, seed=3)
+    x = 1e-3 * np.sin(2 * np.pi * f[6] * np.arange(41) / 1000.0)
+    force = stimlib.compile(noisy, 1000.0, seed=3).process(x[None, :40])[0]
+    step = np.diff(x)
+    want = -np.sum((force * step)[20:]) / np.sum(step[20:] ** 2) / 1000.0
+    assert damping[6] == pytest.approx(want, rel=1e-9)
 
 
 def test_axis_motion_and_parameters():
