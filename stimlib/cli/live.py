@@ -223,6 +223,7 @@ def share_(
         title=title or Path(scene).name,  # the folders of a machine are nobody else's matter
         cite=cite,
         ranges=opt.ranges(range_, "--range"),
+        progress=not quiet,
     )
     size = len(page.page.encode())
     if json_:

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,9 +25,10 @@ from ..errors import MissingPackage, public
 from ..export.c99 import export_c
 from ..files.sidecar import describe
 from ..motion.source import frames_of, positions, sources_of
-from ..run.rendering import render
+from ..run.rendering import stream
 from ..system.limits import limits
 from ..system.pool import terminable
+from ..system.progress import progress as bar
 from ..system.safe_files import publish
 from .describe import Range, description, full_scales, page_rate, ranges_of
 from .inputs import first_sources, following
@@ -90,6 +91,7 @@ def share(
     title: str = "",
     cite: str = "",
     ranges: Mapping[str, Range] | None = None,
+    progress: bool = True,
 ) -> Shared:
     """Write a scene as one HTML page, which anybody can open without Python.
 
@@ -122,6 +124,9 @@ def share(
     ranges : mapping of str to (low, high), optional
         Of inputs (for the pointer) and of parameters (for the sliders); see
         `stimlib.live.describe.ranges_of`.
+    progress : bool
+        A progress bar on stderr while recorded motion is computed and packed, if that
+        is a terminal.
 
     Returns
     -------
@@ -161,15 +166,17 @@ def share(
         limits.check("render_bytes", 8 * n * len(scene.outputs), "share: bytes of the recording")
         x = positions(sources_of(motion, tuple(scene.inputs), n), 0, n, fs)
         rows = dict(zip(scene.inputs, x, strict=True))
-        made = render(scene, rows, fs, n / fs, params, seed)
-        data |= {"motion": packed(x), "samples": n}
+        with bar("sharing", n * (1 + ORDERS), progress, left=False) as advance:
+            y, at = np.empty((len(scene.outputs), n), "<f8"), 0
+            for part in stream(scene, rows, fs, n / fs, params, seed):
+                y[:, at : (at := at + part.shape[1])] = part
+                advance(part.shape[1], "computing the motion's samples")
+            data |= {"motion": packed(x, advance), "samples": n}
         texts = {name: describe(m) for name, m in motion.items()}
         alike = {t: ", ".join(n for n in texts if texts[n] == t) for t in texts.values()}
         driven = "; ".join(f"{names} = {text}" for text, names in alike.items())
         facts["length"] = f"{n / fs:g} s" + f" of {driven}" * bool(driven)
-        data["sha256"] = facts["SHA-256 of the samples"] = hashlib.sha256(
-            np.ascontiguousarray(made.y, "<f8").tobytes()
-        ).hexdigest()
+        data["sha256"] = facts["SHA-256 of the samples"] = hashlib.sha256(y.data).hexdigest()
     with terminable(), tempfile.TemporaryDirectory(prefix="stimlib-") as folder:
         still = {name: np.zeros(3) for name in scene.inputs}
         export_c(scene, fs, folder, still, "scene", 3 / fs, params, seed)
@@ -213,16 +220,26 @@ def _seconds(scene: Scene, motion: Mapping[str, Any], fs: float) -> float:
     return max(rests[rests > home.argmin()], default=n) / fs
 
 
-def packed(x: np.ndarray) -> dict[str, Any]:
+def packed(
+    x: np.ndarray, advance: Callable[..., None] = lambda done, text="": None
+) -> dict[str, Any]:
     """Return rows of float64 in few bytes, without loss.
 
     Words of a smooth motion have small differences of third or fourth order. Their
-    bytes, all first ones, then all second ones .., compress well.
+    bytes, all first ones, then all second ones .., compress well. ``advance`` is told
+    of samples of a row, once for each order.
     """
     words, found = np.ascontiguousarray(x, "<f8").view("<i8"), []
     for _ in range(ORDERS):
-        planes = np.ascontiguousarray(words).view(np.uint8).reshape(-1, 8).T
-        found.append(zlib.compress(planes.tobytes(), 9))
+        planes, deflate = (
+            np.ascontiguousarray(words).view(np.uint8).reshape(-1, 8).T,
+            zlib.compressobj(9),
+        )
+        made = b""
+        for plane in planes:
+            made += deflate.compress(plane.tobytes())
+            advance(x.shape[1] / 8, "packing the motion")
+        found.append(made + deflate.flush())
         words = np.diff(words, axis=1, prepend=np.int64(0))
     order = min(range(ORDERS), key=lambda k: len(found[k]))
     data = base64.b64encode(found[order]).decode()

@@ -33,8 +33,9 @@ KNOTS = np.linspace(0.0, 1.0, 5)
     felt=("Bumps on a touch screen feel alike wherever the finger is."),
     do="stroke the field, slowly and fast",
     words=(
-        "V = amplifier(pole swap(A e(x/wavelength) c(t) d_max/d(x))), d being the displacement"
-        " fitted over places; the displacement is the sum over the plate's modes of shape(x, y)"
+        "V = amplifier(pole swap(A e(x/wavelength) c(t) d_max/d(x))); e is the wave of bumps over"
+        " the place, c the carrier of freq, d(x) how far the plate moves where the finger is, and"
+        " d_max the most of it; the displacement is the sum over the plate's modes of shape(x, y)"
         " times the mode's answer to V (the touch-screen thesis, chapters 2 to 4)"
     ),
     full={"V": 200.0, "m": 5e-05},

@@ -22,7 +22,7 @@ from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import delivered
 from stimlib.live.server import Server
 from stimlib.live.stream import Stream
-from stimlib.run.safety import Safety
+from stimlib.run.safety import Passivity, Safety
 from stimlib.soft import surface
 
 pytestmark = pytest.mark.xdist_group("browser")
@@ -44,9 +44,11 @@ class Site:
     """One server at one address, and a browser."""
 
     def __init__(self, folder, browser):
-        self.folder, self.port, self.browser = folder, 0, browser
+        self.folder, self.port, self.browser, self.marked = folder, 0, browser, []
         full = Safety({"force1": 500.0, "force2": 500.0, "tone": 2.0})
-        self.serve(Stream(springs(), FS, full, title="Springs", folder=folder))
+        self.serve(
+            Stream(springs(), FS, full, title="Springs", folder=folder, send=[self.marked.append])
+        )
 
     def serve(self, stream):
         stream.warm_up()
@@ -199,7 +201,8 @@ def test_two_fingers_a_pen_and_a_sine_drive_what_they_are_given(page):
     choose(page, f"{SECOND} select", "u")
 
 
-def test_keys_move_the_finger_start_stop_and_record(page):
+def test_keys_move_the_finger_mark_start_stop_and_record(page, site):
+    assert page.js("document.querySelector('#keys').innerText").endswith("R records, M marks.")
     page.js("document.activeElement.blur()")
     press(page, 0.5, 0.5)
     release(page, 0.5)
@@ -212,6 +215,8 @@ def test_keys_move_the_finger_start_stop_and_record(page):
     until(page, f"live.field.fingers.get(0).u < {right['u']}")
     page.key("Enter")
     assert live(page, "live.field.fingers.get(0).on") == 0
+    page.key("m")
+    assert [m.name for m in waiting.until(lambda: site.marked)] == ["page"]
     for key, phase in ((" ", "idle"), ("r", "running"), (" ", "idle")):
         page.key(key)
         until(page, f"live.state.phase === '{phase}'")
@@ -411,6 +416,41 @@ def test_captions_and_words_say_the_sample_that_is_drawn(page):
         assert float(force.removesuffix(" N")) == pytest.approx(wanted, abs=0.6)  # of three digits
     assert len({x1 for x1, *_ in found}) > 10
     release(page, 0.9)
+
+
+def test_the_energy_that_a_force_gave_is_said_in_its_units_and_is_no_clip(browser):
+    """The controller changes the force while the finger moves to the right, where a
+    force of this sign gives energy, and only keys for what the page has are named.
+    """
+    force = Param("k", 400.0, "N/m") * Input("x", "m")
+    stream = Stream(Scene({"force": force}), FS, Safety(50.0, passivity=Passivity(2e-3, 5.0)))
+    stream.warm_up()
+    with Server(stream) as server:
+        page = browser.page(server.url)
+        page.until(READY)
+        keys = "document.querySelector('#keys').innerText"
+        assert page.js(f"{keys}.endsWith('Space starts and stops, R records.')")
+        assert page.js("document.querySelector('#mark').hidden")
+        energy = "document.querySelector('#observed:not([hidden]) #energy')?.textContent"
+        page.js("document.querySelector('#run').click()")
+        page.until(f"{energy} === 'force gave at most 0 µJ'")
+        page.until(RUNS)
+        press(page, 0.1, 0.5)
+        move(page, 0.9, 0.5)
+        until(page, "live.report.clips.passivity?.force > 100 && live.report.at > 8000")
+        said = r"/^force gave at most [\d.]+ [mµ]J \(\d+ samples changed, by up to [\d.]+ m?N\)$/"
+        page.until(f"{said}.test({energy})")
+        page.js("document.querySelector('#run').click()")
+        until(page, "live.state.phase === 'idle'")
+        last, words = live(page, "live.report.energy.force"), page.js(energy)
+        for value, part in (
+            (last["given"], words.split()[4:6]),
+            (last["most"], words.split()[-2:]),
+        ):
+            unit = {"mJ": 1e-3, "µJ": 1e-6, "N": 1.0, "mN": 1e-3}[part[1].strip(")")]
+            assert float(part[0]) * unit == pytest.approx(value, rel=6e-3) and value > 0
+        assert page.js("document.querySelector('#clip').textContent") == "no clip"
+        page.close()
 
 
 def test_who_wants_less_motion_sees_few_pictures(page):

@@ -11,7 +11,8 @@ import subprocess
 import sys
 import zlib
 from base64 import b64decode
-from contextlib import closing
+from contextlib import closing, redirect_stderr
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ import stimlib
 from stimlib import BadValue, Input, MissingPackage, Param, Scene, SinkError, UnknownName
 from stimlib.live import notebook
 from stimlib.live.describe import full_scales, page_rate
-from stimlib.live.share import WEB, _seconds, compiled, packed, page_of, share
+from stimlib.live.share import ORDERS, WEB, _seconds, compiled, packed, page_of, share
 from stimlib.motion import minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.scenes import ROWS, squeeze
 from stimlib.scenes.about import PAPERS, meanings
@@ -50,7 +51,10 @@ def test_motion_is_packed_without_loss():
         for _ in range(made["order"]):
             words = np.cumsum(words, axis=1)
         assert words.tobytes() == x.tobytes()
-    assert packed(smooth)["order"] > 1 and len(packed(smooth)["data"]) < 3 * 8000
+    steps = []
+    made = packed(smooth, lambda done, text: steps.append(done))
+    assert made["order"] > 1 and len(made["data"]) < 3 * 8000
+    assert sum(steps) == 8000 * ORDERS  # what the bar counts to, besides the rendering
 
 
 @pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")
@@ -174,7 +178,12 @@ def test_a_motion_without_an_end_is_shared_until_it_rests(motions, seconds):
 def made(tmp_path_factory):
     need_compiler()
     path = tmp_path_factory.mktemp("shared") / "squeeze.html"
-    return path, share(squeeze(), FS, path, MOTION, N / FS, title=EVIL, cite=CITED)
+    said = StringIO()
+    said.isatty = lambda: True
+    with redirect_stderr(said):
+        page = share(squeeze(), FS, path, MOTION, N / FS, title=EVIL, cite=CITED)
+    assert "packing the motion" in said.getvalue() and "100%" in said.getvalue()
+    return path, page
 
 
 def test_a_page_has_the_hash_of_the_rendering(made):

@@ -2,7 +2,7 @@
 
 const $ = id => document.getElementById(id);
 const GREEK = { alpha: "α", chi: "χ", gamma: "γ", mu: "µ", pi: "π", tau: "τ" };
-const TOKENS = /(?<mark>[\^_](?:\w+|\([^()]*\)))|\b(?<greek>alpha|chi|gamma|mu|pi|tau)\b|(?<![\d'’] ?)\b(?<letter>a(?! [a-z])|[A-Zb-z])\b(?!')|(?<root>\bsqrt\b)|(?<minus> - )/g;
+const TOKENS = /(?<mark>[\^_](?:\w+|\([^()]*\)))|\b(?<greek>alpha|chi|gamma|mu|pi|tau)(?=_|\b)|(?<![\d'’] ?)\b(?<letter>a(?! [a-z])|[A-Zb-z])(?=_|\b)(?!')|(?<root>\bsqrt\b)|(?<minus> - )/g;
 
 function element(parent, tag, textContent = "") { return Object.assign(parent.appendChild(document.createElement(tag)), { textContent }); }
 

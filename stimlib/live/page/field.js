@@ -143,7 +143,7 @@ export class Field {
       return `${input} = ${short((low + (high - low) * at) * factor)} ${unit}`.trim();
     };
     const mine = (all, at) => all.filter(a => a.finger === 0).map(a => say(a, at));
-    const pressure = f.on ? [`pressure ${short(f.p)}`] : [];
+    const pressure = f.on && Object.values(this.sources).some(s => s.from === "pressure") ? [`pressure ${short(f.p)}`] : [];
     const is = [f.on ? "The finger touches" : "The finger is lifted", ...mine(u, f.u), ...mine(v, f.v), ...pressure].join(", ");
     const known = [...u, ...v].filter(a => a.finger === 0 && Number.isFinite(drawn[a.input]));
     const followed = known.map(a => say(a, (drawn[a.input] - a.low) / (a.high - a.low)));

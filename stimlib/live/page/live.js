@@ -58,11 +58,12 @@ function greet(hello) {
   const ms = s => `${Math.round(1e3 * s)} ms`, [wait, smoothing] = hello.behind ?? [0, 0];
   $("behind").textContent = `The stimulus follows a pointer ${ms(wait + smoothing)} later, so that no step of it vibrates: ${ms(wait)} until`
     + ` its next report has come, and ${ms(smoothing)} of smoothing.`;
-  $("mark").hidden = !hello.marks;
+  $("mark").hidden = $("marks").hidden = !hello.marks;
   introduce(hello);
   $("no-params").hidden = hello.params.length > 0;
   $("heard").replaceChildren(...outputs.map(({ name }, k) => new Option(name, k)));
   field.set({ view: hello.view, units: Object.fromEntries(inputs.map(i => [i.name, i.unit])) });
+  $("map-of").textContent = hello.view?.hidden ? "Show where the bumps are" : "Show how soft each place is";
   $("map-choice").hidden = !(hello.view?.levels ?? hello.view?.hidden);
   const felt = [o => o.vibrates && !["V", "A"].includes(o.unit), o => !/^[xy]\d?$|^depth/.test(o.name), () => true]; // the first that holds
   hear(Math.max(0, outputs.findIndex(felt.find(is => outputs.some(is)))));
@@ -145,7 +146,8 @@ function fill(report) {
 function count(report) {
   if (hole) fill(report);
   live.report = report;
-  const all = Object.values(report.clips).flatMap(Object.values).reduce((a, b) => a + b, 0);
+  const { passivity: _, ...limited } = report.clips; // what damps a force is told with its energy
+  const all = Object.values(limited).flatMap(Object.values).reduce((a, b) => a + b, 0);
   if (all > clips) clipped = performance.now();
   clips = all;
   $("clock").textContent = `${report.seconds.toFixed(1)} s`;
@@ -282,14 +284,15 @@ function loudness() {
   return `${short(rms > LEAST * full ? rms * factor : 0)} ${shown} rms`.replace("  ", " ");
 }
 
-/** What was late, of all that is made, drawn and heard, and why. */
 /** What passivity controllers observed and did. */
 function energy() {
   const { energy: seen, clips: changed } = live.report ?? {};
-  return Object.entries(seen ?? {}).map(([name, { given, most }]) => `${name} gave ${(1e3 * given).toPrecision(2)} mJ`
-    + (changed.passivity?.[name] ? `, ${changed.passivity[name]} samples changed by up to ${most.toPrecision(2)}` : "")).join("; ");
+  const said = (unit, v) => { const { factor, unit: shown } = scaled(unit, v); return `${short(v * factor)} ${shown}`; };
+  return Object.entries(seen ?? {}).map(([name, { given, most }]) => `${name} gave at most ${said("J", given)}`
+    + (changed.passivity?.[name] ? ` (${changed.passivity[name]} samples changed, by up to ${said("N", most)})` : "")).join("; ");
 }
 
+/** What was late, of all that is made, drawn and heard, and why. */
 function gaps() {
   const { lost, underruns, skipped, rejected } = live.report ?? {}, all = sound.missing();
   if (underruns) all.push(`${underruns} in the stimulus (server late: ${short(lost / live.hello.fs)} s lost)`);

@@ -5,6 +5,7 @@ const SMALL = { // unit: [below this, times, becomes], the first that holds
   N: [[0.1, 1e3, "mN"]],
   V: [[0.1, 1e3, "mV"]],
   s: [[1, 1e3, "ms"]],
+  J: [[1e-3, 1e6, "µJ"], [1, 1e3, "mJ"]],
   "N*m": [[0.1, 1e3, "mN·m"]],
 };
 

@@ -245,7 +245,7 @@ function identity(scene) {
 export function connected() {
   const scene = globalThis.scene = new Scene(JSON.parse($("shared").textContent));
   scene.sound = new SceneSound(scene);
-  $("keys").textContent = $("keys").textContent.replace(/R records, M marks/, scene.shared.motion ? "R plays the recorded motion" : "").replace(/,\s*\./, ".");
+  $("records").textContent = scene.shared.motion ? ", R plays the recorded motion" : "";
   identity(scene);
   return { link: scene, sound: scene.sound };
 }
