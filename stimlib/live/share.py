@@ -24,6 +24,7 @@ from ..core.scene import Scene
 from ..errors import MissingPackage, public
 from ..export.c99 import export_c
 from ..files.sidecar import describe
+from ..motion.recorded import LIFTED
 from ..motion.source import frames_of, positions, sources_of
 from ..run.rendering import stream
 from ..system.limits import limits
@@ -158,6 +159,7 @@ def share(
         "sha256": "",
         "cite": cite,
         "held": [],
+        "lifted": [n for n, b in scene.inputs.items() if LIFTED.get(str(b.dim)) == "zero"],
         "sources": first_sources(scene, given, {}),
     }
     facts = {"hash of the scene": scene.hash, "sample rate": f"{fs:g} Hz", "seed": f"{seed}"}

@@ -193,14 +193,22 @@ def test_a_pointer_is_where_it_was_reported_a_delay_later(monkeypatch):
     clock = Clock()
     monkeypatch.setattr("stimlib.live.inputs.time", clock)
     inputs = Inputs(TOUCH, FS, {"x": (0.0, 0.1), "contact": (0.0, 1.0)})
-    moves, blocks = {1000: (0.2, 1), 2000: (0.8, 1), 2300: (0.5, 0), 2600: (0.5, 1)}, []
+    moves = {1000: (0.2, 1), 2000: (0.8, 1), 2300: (0.5, 0), 2600: (0.5, 1)}
+    blocks, newest = [], []
     for at in range(0, 3000, 10):
         clock.now = at / FS
         if at in moves:
             u, on = moves[at]
             inputs.move(0, u, 0.0, 0.0, on, 1e3 * clock.now)
         blocks.append(inputs.columns(at, 10))
+        newest.append(inputs.newest)
     x, contact = np.concatenate(blocks, axis=1)
+    assert {10 * k: n for k, n in enumerate(newest) if k and n != newest[k - 1]} == {
+        1020: [1000.0, 1.0],
+        2020: [2000.0, 2.0],
+        2320: [2300.0, 2.3],
+        2620: [2600.0, 2.6],
+    }
     assert np.flatnonzero(np.diff(contact)).tolist() == pytest.approx([1024, 2324, 2624], abs=1)
     assert x[[1990, 2300, 2622, 2627]] == pytest.approx([0.02, 0.08, 0.08, 0.05])
     clock.now = 3.1
@@ -216,6 +224,41 @@ def test_pressure_a_held_value_and_a_motion_of_the_callers():
         assert inputs.columns(at, 500)[0, -1] == pytest.approx(x)
     inputs.choose("x", **{"from": "value", "value": 2.5})
     assert inputs.columns(1200, 500)[0, -1] == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "kinds", "values"),
+    [
+        ("x1 x2 y1", "u u v", (0.0, 0.0, 0.0)),
+        ("angle contact press", "u contact pressure", (0.0, 0.0, 0.0)),
+        ("x y z", "u v value", (0.0, 0.0, 2.0)),  # two axes
+        ("load", "value", (2.0,)),
+        ("", "", ()),
+    ],
+)
+def test_inputs_begin_with_a_pointer_or_in_the_middle(inputs, kinds, values):
+    units = {"load": "N", "angle": "rad", "contact": "1", "press": "1"}
+    outputs = {n: 1.0 * Input(n, units.get(n, "m")) for n in inputs.split()}
+    scene = Scene(outputs | {"still": constant(1.0)})
+    made = Inputs(scene, FS, dict.fromkeys(scene.inputs, (-2.0, 6.0)), delay=0.0)
+    assert [s["from"] for s in made.sources.values()] == kinds.split()
+    assert tuple(s["value"] for s in made.sources.values()) == values
+    assert made.columns(0, 5).shape == (len(values), 5)
+
+
+def test_a_session_without_motion_says_which_finger_or_that_the_stream_is_silent():
+    inputs = Inputs(SPRING, FS, {"x": (0.0, 1.0)}, stream=lambda timeout: ([], []))
+    inputs.choose("x", finger=2)
+    assert inputs.missing().endswith("no pointer moved on the page (finger 3)")
+    inputs.move(2, 0.5, 0.5, 0.0, 1)
+    assert inputs.missing() == ""
+    inputs.choose("x", **{"from": "stream"})
+    assert "pointer" not in inputs.missing() != ""
+    inputs.take([[0.5]])
+    assert inputs.missing() == ""
+    inputs.choose("x", **{"from": "sine"})
+    inputs.count()
+    assert inputs.missing() == ""
 
 
 def test_a_motion_of_time_goes_on_in_each_session_that_follows():
@@ -341,6 +384,7 @@ UNIT = {"x": (0.0, 1.0)}
         (BadValue, "must be finite and rise", ranges_of, (SPRING, {"x": (1, 0)})),
         (BadValue, "does not hold", ranges_of, (SPRING, {"k": (0, 1)})),
         (UnknownName, "motion: there is no input 'z'", Inputs, (SPRING, FS, UNIT, {"z": np.sin})),
+        (BadValue, "300 Hz does not fit fs = 1000 Hz", Inputs, (SPRING, FS, UNIT, {}, 300.0)),
         (BadValue, "a live scene has no end", Inputs, (SPRING, FS, UNIT, {"x": np.zeros(5)})),
     ],
 )

@@ -70,7 +70,14 @@ def empty(title):
     hello = {"title": title, "fs": FS, "inputs": [], "params": [], "view": None, "alone": "yes"}
     hello["outputs"] = [{"name": title, "unit": title, "full": 1.0}]
     hello["about"] = {"do": title, "felt": [title], "laws": [title], "sources": [title]}
-    data = {"hello": hello, "facts": [[title, title]], "sources": {}, "held": [], "wasm": title}
+    data = {
+        "hello": hello,
+        "facts": [[title, title]],
+        "sources": {},
+        "held": [],
+        "lifted": [],
+        "wasm": title,
+    }
     data["cite"] = title
     return page_of(title, data | {"motion": None, "samples": 0, "sha256": ""})
 

@@ -1,10 +1,15 @@
 """The audio thread of a shared page in node: sources, changes, fades, other rates."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from live.node import HERE, LIVE, told
 from scipy.interpolate import CubicHermiteSpline
+
+from stimlib import Input, Scene
+from stimlib.live.inputs import Inputs
 
 FS, MOST = 8000, 128
 
@@ -13,12 +18,13 @@ def source(kind, low=-1.0, high=3.0, freq=5.0, value=0.5):
     return {"from": kind, "finger": 0, "low": low, "high": high, "freq": freq, "value": value}
 
 
-def started(calls, say=None, rate=FS, motion=(), **sources):
+def started(calls, say=None, rate=FS, motion=(), forces=(), **sources):
     names = list(sources)
     o = {
         "fs": FS,
         "inputs": names,
-        "outputs": [2.0, 4.0][: len(names)],
+        "outputs": [2.0, 4.0, 1.0, 1.0, 1.0][: len(names)],
+        "lifted": list(forces),
         "held": [f"{what}{k}" for k in range(len(names)) for what in ("x", "on")],
         "motion": list(motion),
         "sources": sources,
@@ -70,6 +76,66 @@ def test_a_finger_that_comes_late_is_caught_up_with_and_lands_at_once():
     down, up = (int(np.ceil((begin * MOST / FS + DELAY) * FS)) for begin in (5, 20))
     assert np.array_equal(np.flatnonzero(np.diff(rows[0])), [down - 1, up - 1])
     np.testing.assert_allclose(rows[1], np.where(np.arange(40 * MOST) < down, -1, 1))
+
+
+class Followed:
+    """In the place of the smoothing, which the thread of these tests has not either."""
+
+    def process(self, x):
+        return x.copy()
+
+
+CHOSEN = {
+    "on": source("contact"),
+    "a": source("u"),
+    "b": source("v", -2.0, 2.0),
+    "c": source("pressure", 0.0, 1.0),
+    "d": source("value", value=0.25) | {"finger": 1},
+}
+
+
+@pytest.mark.parametrize("names", ["onabcd", "abd"], ids=["contact", "none"])
+def test_the_thread_moves_its_inputs_as_a_live_page_does(names, monkeypatch):
+    """Two fingers that move, land, leave and stop, with reports that come late, in the
+    wrong order, and by a clock that is later and later; sources that are chosen anew.
+    """
+    sources = {n: s for n, s in CHOSEN.items() if n in names}
+    rng, say, calls = np.random.default_rng(6), {}, 280
+    for k in range(1, calls):
+        begin, late = 1e3 * k * MOST / FS, 100 < k < 140 and k % 20 < 6
+        for finger in (0, 1) if k % 7 else (0,):
+            t = begin - rng.uniform(4.0, 16.0) - 0.15 * k - 20.0 * (k % 31 == 0)
+            m = {"finger": finger, "u": 0.5 + 0.4 * np.sin(0.05 * k), "v": rng.uniform()}
+            m |= {"p": rng.uniform(0.1, 1.0), "on": int(k % 40 > 8), "t": t}
+            if not late and k % 90 < 80:
+                say.setdefault(k, []).append({"move": m})
+    for k, name, new in [
+        (45, "a", source("v", 0.0, 1.0)),
+        (150, "d", source("u") | {"finger": 1}),
+        (230, "a", source("u", 0.0, 2.0) | {"finger": 1}),
+    ]:
+        sources = sources | {name: new}
+        say.setdefault(k, []).append({"choose": sources})
+    first = {n: s for n, s in CHOSEN.items() if n in names}
+    _, rows, _ = started(calls, say, forces="cd", **first)
+    clock = SimpleNamespace(now=0.0, perf_counter=lambda: clock.now)
+    monkeypatch.setattr("stimlib.live.inputs.time", clock)
+    scene = Scene({n: 1.0 * Input(n, "N" if n in "cd" else "m") for n in first})
+    inputs = Inputs(scene, FS, dict.fromkeys(first, (0.0, 1.0)), delay=DELAY)
+    inputs.sources, inputs._follow, made = dict(first), Followed(), []
+    inputs._see_touch()
+    for k in range(calls):
+        clock.now = k * MOST / FS
+        for what, m in (pair for d in say.get(k, []) for pair in d.items()):
+            if what == "move":
+                inputs.move(**m)
+            else:
+                for name in [n for n, s in m.items() if s != inputs.sources[n]]:
+                    inputs.choose(name, **m[name])
+        made.append(inputs.columns(k * MOST, MOST))
+    made = np.concatenate(made, axis=1)
+    assert np.ptp(made, axis=1).min() > 0.5
+    np.testing.assert_allclose(rows[: len(first), : made.shape[1]], made, atol=1e-9)
 
 
 def test_another_output_is_heard_after_a_fade_and_all_ends_with_one():

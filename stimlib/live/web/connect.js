@@ -108,7 +108,7 @@ class Scene {
     const { fs, inputs, outputs } = this.hello;
     return {
       fs, wasm: bytes(this.shared.wasm), inputs: inputs.map(i => i.name), outputs: outputs.map(o => o.full),
-      held: this.shared.held, motion: await this.motion, samples: this.shared.samples, sources: this.sources,
+      held: this.shared.held, lifted: this.shared.lifted, motion: await this.motion, samples: this.shared.samples, sources: this.sources,
     };
   }
 

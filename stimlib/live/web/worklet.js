@@ -26,7 +26,7 @@ class Clock {
 class Scene extends AudioWorkletProcessor {
   constructor({ processorOptions: o }) {
     super();
-    Object.assign(this, o); // fs, wasm, inputs (names), outputs (full scales), held (names), motion (rows), check, sources
+    Object.assign(this, o); // fs, wasm, inputs (names), outputs (full scales), held (names), lifted (names of forces), motion (rows), check, sources
     const { exports: e } = new WebAssembly.Instance(new WebAssembly.Module(o.wasm)), rows = [o.inputs.length + 1, o.outputs.length];
     const view = (at, n) => new Float64Array(e.memory.buffer, at, MOST * n);
     this.run = e;
@@ -109,7 +109,9 @@ class Scene extends AudioWorkletProcessor {
   /** What the smoothing follows for input k, a finger or a value, as in inputs.py: it never jumps, but catches up. */
   target(k, n) {
     const { from, finger, low, high, value } = this.chosen[k], reports = this.fingers[finger], axis = POINTERS[from], way = this.ways[k];
-    const begin = MOST * this.held.indexOf(`x${k}`), length = CATCH_UP * this.fs, lands = this.touches && axis && from !== "pressure";
+    const begin = MOST * this.held.indexOf(`x${k}`), length = CATCH_UP * this.fs;
+    const zero = this.touches && from !== "contact" && this.lifted.includes(this.inputs[k]); // while its finger is lifted
+    const lands = this.touches && axis && from !== "pressure" && !zero;
     let j = 0, x = value, on = 1;
     const go = i => {
       const t = (this.made + i) / this.fs - this.delay;
@@ -117,6 +119,7 @@ class Scene extends AudioWorkletProcessor {
       const a = reports[j], b = reports[j + 1] ?? a, part = b[0] - a[0] < Infinity && b !== a ? Math.max(0, (t - a[0]) / (b[0] - a[0])) : 0;
       if (lands) on = a[4];
       x = axis ? low + (high - low) * (a[axis] + part * (b[axis] - a[axis])) : from === "contact" ? a[4] : value;
+      if (zero) x *= a[4];
     };
     go(-1);
     let { end, touched, last, jumps, late } = way.end === null ? { ...way, end: x, touched: on, last: x, late: [] } : way;
