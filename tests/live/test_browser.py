@@ -520,6 +520,25 @@ COMPUTED = {
             *("1235", "0.0123", pytest.approx(0.15), [-10, 0, 10], [0, 10]),
         ],
     ),
+    # laws: formula, words, source; letters are slanted, but for units and words
+    "about": (
+        """(() => { const html = t => m.write(document.createElement("p"), t).innerHTML;
+        return [
+          ...["F = k (x, y), else 0; x is deep (Hooke (1678))", "V = d(x), d being far",
+            "It moves; so it is (here)", "F = 1", "F = k (x)"].map(t => Object.values(m.parted(t))),
+          html("alpha^k x_max - sqrt(k) a rod's, 5 m chi"), html("b' c'"), html("tau_r"),
+        ]; })()""",
+        [
+            *(
+                ["F = k (x, y), else 0", "x is deep", "Hooke (1678)"],
+                ["V = d(x)", "d being far", ""],
+            ),
+            *(["", "It moves; so it is", "here"], ["F = 1", "", ""], ["F = k", "", "x"]),
+            "<i>α</i><sup><i>k</i></sup> <i>x</i><sub>max</sub> − √(<i>k</i>)"
+            " a rod's, 5 m <i>χ</i>",
+            *("b' c'", "<i>τ</i><sub><i>r</i></sub>"),
+        ],
+    ),
     # the full scale follows noise and no single step: it settles within a second, and
     # then rises only; gaps are counted once, with their causes
     "sound": (
@@ -625,6 +644,8 @@ def test_a_scene_without_inputs_has_no_field_and_what_vibrates_is_drawn_once(bro
             *("What", "Signals", "Outputs,", "Spectrum", "Parameters", "Sound")
         ]
         assert page.complaints() == []
+        does = page.js("document.querySelector('#do').textContent")
+        assert does == "Press Start and turn the sound on."
         page.js("document.querySelector('#run').click()")
         curves = "[...document.querySelectorAll('.plot')].filter(e => e.checkVisibility())"
         names = f"{curves}.map(e => e.textContent.split(/ =|:/)[0]).join()"

@@ -296,6 +296,84 @@ def test_a_recording_plays_and_a_parameter_changes_it(page):
     assert page.complaints() == []
 
 
+WATCH = """
+  window.told = []; window.seen = []; window.reports = []; window.newest = {};
+  const { tell, onmessage } = scene;
+  scene.tell = m => { told.push(m); tell.call(scene, m); };
+  scene.tap = (all, n, first) => {
+    newest = { all, n, first, x1: all[n - 1] };
+    seen.push([scene.session, first, scene.phase]);
+  };
+  scene.onmessage = m => {
+    const { samples, text } = m.data;
+    if (samples) newest.shown = [...new Float32Array(samples, 48)];
+    if (text?.is === "report") reports.push([text.at, text.seconds, newest.first + newest.n]);
+    onmessage(m);
+  };
+"""
+
+
+def test_what_is_done_by_hand_reaches_the_audio_thread_and_what_comes_back_is_said(page):
+    def chosen(css, value):
+        page.js(
+            f"(e => {{ e.value = {value!r}; e.dispatchEvent(new Event('change')); }})"
+            f"(document.querySelector({css!r}))"
+        )
+
+    page.reload()
+    page.until("window.scene?.checked")
+    page.js(WATCH)
+    assert "follows a pointer 78 ms later" in page.js(
+        "document.querySelector('#behind').textContent"
+    )
+    chosen("#heard", "1")
+    page.click("#run")
+    page.until("seen.length > 3")
+    assert {"listen": 1} in page.js("told.slice(-3)")  # also what was chosen before
+    x, y, wide, high = page.box("#field")
+    page.mouse("Pressed", x + 0.4 * wide, y + high / 2)
+    page.mouse("Moved", x + 0.7 * wide, y + high / 2)
+    page.until("newest.x1 > 0.6 * scene.sources.x1.high && scene.sound.played.length > 0")
+    assert page.js("document.querySelector('#gaps').textContent") == "none"
+    # no more than the age of the context, and no less than the delay of a pointer
+    delay, age = page.js("[scene.sound.played[0], 1e3 * scene.context.currentTime]")
+    assert 1e3 / 60 < delay < age
+    page.mouse("Released", x + 0.7 * wide, y + high / 2)
+    chosen("#param-k", "100")
+    assert page.js("told.at(-1)") == {"set": [0, 100, 160]}  # 20 ms
+    page.click("#record")
+    page.until("scene.recorded && newest.first > 1000 && seen.at(-1)[0] === scene.session")
+    chosen("#sources fieldset:nth-child(2) select", "value")
+    assert page.js("told.at(-1).choose.x2.from") == "value"
+    assert page.js("document.querySelector('#log').textContent") == ""
+    page.click("#record")
+    page.until("scene.recorded && seen.at(-1)[0] === scene.session && newest.first > 500")
+    page.click("#run")
+    page.until("scene.phase === 'idle'")
+    assert page.js("document.querySelector('#log').textContent") == ""  # stopped, not ended
+    page.js("scene.postMessage({ do: 'stop' })")
+    assert page.js("scene.phase") == "idle"
+    # the end of a session before is not the end of the next
+    session, phases = page.js("[scene.session, seen.filter(([, first]) => first > 300)]")
+    assert {p for s, _, p in phases if s == session - 1} == {"running"}
+    for at, seconds, end in page.js("reports"):
+        assert at == end == seconds * FS
+    # clips on either side, values in full scale, vibration that begins at rest, and
+    # nothing of a session before
+    full = page.js("scene.hello.outputs.map(o => o.full)")
+    page.js(f"""scene.clips = {{}};
+      scene.take({{ all: Float64Array.of(0, 0, {-2 * full[0]}, {full[1] / 2}), n: 1, first: 0, t: 0,
+        session: scene.session }})""")
+    assert page.js("newest.shown") == [0, 0, -2, 0.5, 0, 0]
+    assert page.js("scene.clips") == {"force1": {"full": 1}}
+    page.js("newest.shown = 0; scene.take({ all: new Float64Array(4), n: 1, session: -1 })")
+    assert page.js("newest.shown") == 0
+    for open in (1, 0):
+        page.click("#sound")
+        page.until(f"Math.abs(scene.sound.open.gain.value - {open}) < 0.05")
+    assert page.complaints() == []
+
+
 SHOWN = """[...document.querySelectorAll('.plot canvas, #field')].filter(e => e.checkVisibility())
   .map(e => [e.id || e.parentElement.className, e.getBoundingClientRect()])
   .map(([name, {top, bottom}]) => [name, top, bottom])"""
@@ -336,6 +414,7 @@ def test_a_page_says_what_it_is_in_the_words_of_the_report(made, page):
     about = [f"{n}\n{u}" for n, u in zip("k A level".split(), ("N/m", "", ""), strict=True)]
     for said, start, meaning in zip(params, about, meanings("squeeze").values(), strict=True):
         assert said.startswith(start.strip()) and meaning[:12] in said
+    assert "\nSources\n" in text and "\nto cite\n" in text
     assert PAPERS["UGrip paper"] in text and CITED in text and squeeze().hash in text
 
 
@@ -358,6 +437,8 @@ def test_a_page_says_which_output_is_not_finite_and_may_start_again(page, tmp_pa
     other.js("scene.set({name: 'q', value: 1.0})")
     other.click("#run")
     other.until(f"scene.next > {FS // 2} && scene.phase === 'running' && {note} === ''")
+    said = "['#do', '#about'].map(q => (e => e.hidden || e.innerText)(document.querySelector(q)))"
+    assert other.js(said) == ["Press Start and move a finger over the field.", True]
     assert other.complaints() == []
     other.close()
 

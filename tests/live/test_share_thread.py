@@ -23,7 +23,7 @@ def started(calls, say=None, rate=FS, motion=(), forces=(), **sources):
     o = {
         "fs": FS,
         "inputs": names,
-        "outputs": [2.0, 4.0, 1.0, 1.0, 1.0][: len(names)],
+        "outputs": [2.0, 4.0, 1.0, 1.0, 1.0, 1.0][: len(names)],
         "lifted": list(forces),
         "held": [f"{what}{k}" for k in range(len(names)) for what in ("x", "on")],
         "motion": list(motion),
@@ -33,7 +33,7 @@ def started(calls, say=None, rate=FS, motion=(), forces=(), **sources):
     say = {0: [begin]} | (say or {})
     how = json.dumps({"rate": rate, "o": o, "calls": calls, "say": say})
     made = told(HERE / "thread.js", LIVE / "web" / "worklet.js", how)
-    return np.array(made["heard"]), np.array(made["rows"]), made["ended"]
+    return np.array(made["heard"]), np.array(made["rows"]), made
 
 
 def test_a_sine_and_the_change_to_another_in_100_ms():
@@ -57,7 +57,9 @@ def move(t, u, on=1):
 def test_a_finger_is_where_its_time_stamps_say_a_delay_later():
     """Two reports come with each block, as the thread hears of them."""
     say = {k: [move(16 * k - 8, 0.032 * k - 0.016), move(16 * k, 0.032 * k)] for k in range(1, 31)}
-    _, rows, _ = started(32, say, x=source("u"))
+    _, rows, made = started(32, say, x=source("u"))
+    newest = [0, 0, 0, *(int((16e-3 * (k + 1) - DELAY) / 0.008) * 8 for k in range(3, 32))]
+    assert made["times"] == newest and made["moved"] == [t for t in newest if t]
     u = 2 * (np.arange(rows.shape[1]) / FS - DELAY)
     settled = slice(int(0.2 * FS), 31 * MOST)
     np.testing.assert_allclose(rows[0, settled], -1 + 4 * u[settled], atol=1e-9)
@@ -90,11 +92,12 @@ CHOSEN = {
     "a": source("u"),
     "b": source("v", -2.0, 2.0),
     "c": source("pressure", 0.0, 1.0),
-    "d": source("value", value=0.25) | {"finger": 1},
+    "d": source("value", value=0.25) | {"finger": 1},  # d and e are forces
+    "e": source("pressure", 0.5, 1.5) | {"finger": 1},
 }
 
 
-@pytest.mark.parametrize("names", ["onabcd", "abd"], ids=["contact", "none"])
+@pytest.mark.parametrize("names", ["onabcde", "abd"], ids=["contact", "none"])
 def test_the_thread_moves_its_inputs_as_a_live_page_does(names, monkeypatch):
     """Two fingers that move, land, leave and stop, with reports that come late, in the
     wrong order, and by a clock that is later and later; sources that are chosen anew.
@@ -102,11 +105,11 @@ def test_the_thread_moves_its_inputs_as_a_live_page_does(names, monkeypatch):
     sources = {n: s for n, s in CHOSEN.items() if n in names}
     rng, say, calls = np.random.default_rng(6), {}, 280
     for k in range(1, calls):
-        begin, late = 1e3 * k * MOST / FS, 100 < k < 140 and k % 20 < 6
+        begin, late = 1e3 * k * MOST / FS, 80 < k < 200 and 30 <= k % 40 < 38
         for finger in (0, 1) if k % 7 else (0,):
             t = begin - rng.uniform(4.0, 16.0) - 0.15 * k - 20.0 * (k % 31 == 0)
             m = {"finger": finger, "u": 0.5 + 0.4 * np.sin(0.05 * k), "v": rng.uniform()}
-            m |= {"p": rng.uniform(0.1, 1.0), "on": int(k % 40 > 8), "t": t}
+            m |= {"p": rng.uniform(0.1, 1.0), "on": int(k % 40 > 3), "t": t}
             if not late and k % 90 < 80:
                 say.setdefault(k, []).append({"move": m})
     for k, name, new in [
@@ -117,10 +120,10 @@ def test_the_thread_moves_its_inputs_as_a_live_page_does(names, monkeypatch):
         sources = sources | {name: new}
         say.setdefault(k, []).append({"choose": sources})
     first = {n: s for n, s in CHOSEN.items() if n in names}
-    _, rows, _ = started(calls, say, forces="cd", **first)
+    _, rows, _ = started(calls, say, forces="de", **first)
     clock = SimpleNamespace(now=0.0, perf_counter=lambda: clock.now)
     monkeypatch.setattr("stimlib.live.inputs.time", clock)
-    scene = Scene({n: 1.0 * Input(n, "N" if n in "cd" else "m") for n in first})
+    scene = Scene({n: 1.0 * Input(n, "N" if n in "de" else "m") for n in first})
     inputs = Inputs(scene, FS, dict.fromkeys(first, (0.0, 1.0)), delay=DELAY)
     inputs.sources, inputs._follow, made = dict(first), Followed(), []
     inputs._see_touch()
@@ -140,17 +143,27 @@ def test_the_thread_moves_its_inputs_as_a_live_page_does(names, monkeypatch):
 
 def test_another_output_is_heard_after_a_fade_and_all_ends_with_one():
     say = {10: [{"listen": 1}], 25: [{"stop": True}]}
-    y, _, ended = started(40, say, a=source("value", value=1.0), b=source("value", value=-2.0))
-    assert ended == 1
+    y, _, made = started(40, say, a=source("value", value=1.0), b=source("value", value=-2.0))
+    assert made["ended"] == 1
     np.testing.assert_allclose(y[[9 * MOST, 20 * MOST]], [1.0 / 2, -2.0 / 4])  # of full scale
     assert np.abs(np.diff(y)).max() < 4 * 0.5 / (0.02 * FS)  # the first is of 3 samples
     assert not y[0] > 0.01 and not y[-MOST:].any()
 
 
+def test_a_session_begins_as_the_one_before_it_did():
+    """One that interrupts another after its fade of 20 ms, another from silence."""
+    sources = {"x": source("value", value=1.0)}
+    begin = [{"start": {"params": [], "sources": sources, "session": 2}}]
+    y, _, _ = started(60, {10: begin, 30: [{"stop": True}], 40: begin}, **sources)
+    assert y[: 10 * MOST].max() == 0.5
+    for first in (12 * MOST, 40 * MOST):
+        assert np.array_equal(y[first : first + 10 * MOST], y[: 10 * MOST])
+
+
 def test_another_rate_reads_a_cubic_polynomial_through_four_samples():
     x = np.random.default_rng(3).standard_normal(1000)
-    y, rows, ended = started(60, rate=48000, motion=x, x=source("given"))
-    assert ended == 1 and rows[0].tobytes() == x.tobytes() and not y[6000:].any()
+    y, rows, made = started(60, rate=48000, motion=x, x=source("given"))
+    assert made["ended"] == 1 and rows[0].tobytes() == x.tobytes() and not y[6000:].any()
     places = np.arange(y.size) / 6 - 2
     wanted = CubicHermiteSpline(np.arange(1000), x, np.gradient(x))(places) / 2
     middle = slice(1000, 5000)  # after the fade

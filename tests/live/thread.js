@@ -1,6 +1,6 @@
 // The audio thread of a shared page without a browser: node thread.js WORKLET '{"rate": .., "o": {..}, "calls": n, "say": {"0": [{..}]}}'
 // Its scene gives its inputs back: output k is input k. say: what the page posts before a call of `process`.
-// Prints what was heard, and the inputs and outputs as they were posted.
+// Prints what was heard, which moves the samples had reached when, and the inputs and outputs as they were posted.
 "use strict";
 const fs = require("fs"), given = JSON.parse(process.argv[3]), MOST = 128;
 const { o } = given, inputs = o.inputs.length, memory = { buffer: new ArrayBuffer(8 * MOST * 64) };
@@ -19,8 +19,11 @@ Object.assign(globalThis, {
 (0, eval)(fs.readFileSync(process.argv[2], "utf8"));
 const thread = new Thread({ processorOptions: { ...o, motion: Float64Array.from(o.motion) } }), heard = [], rows = Array.from({ length: inputs + o.outputs.length }, () => []);
 let ended = 0;
+const moved = [], times = [];
 thread.port.postMessage = m => {
   if (m.all) rows.forEach((r, k) => r.push(...m.all.subarray(k * m.n, (k + 1) * m.n)));
+  if (m.all) times.push(m.t);
+  if (m.moved) moved.push(m.moved);
   ended ||= m.ended ?? 0;
 };
 for (let k = 0; k < given.calls; k++) {
@@ -29,4 +32,4 @@ for (let k = 0; k < given.calls; k++) {
   thread.process([], [[out]]);
   heard.push(...out);
 }
-console.log(JSON.stringify({ heard, rows, ended }));
+console.log(JSON.stringify({ heard, rows, ended, moved, times }));

@@ -55,9 +55,9 @@ function greet(hello) {
   live.panels = [...drawnIn(inputs, "inputs"), ...grouped(outputs).flatMap(g => [...drawnIn(g, "outputs"), ...g.flatMap(vibrates)])];
   show = { params: parameters(hello.params, $("params"), say), sources: sources(hello, $("sources"), say) };
   for (const part of document.querySelectorAll("[data-of=inputs]")) part.hidden = !inputs.length;
-  const ms = s => `${Math.round(1e3 * s)} ms`, [wait, smoothing] = hello.behind ?? [0, 0];
-  $("behind").textContent = `The stimulus follows a pointer ${ms(wait + smoothing)} later, so that no step of it vibrates: ${ms(wait)} until`
-    + ` its next report has come, and ${ms(smoothing)} of smoothing.`;
+  const [wait, smoothing] = (hello.behind ?? [0, 0]).map(s => Math.round(1e3 * s)); // the parts make the whole
+  $("behind").textContent = `The stimulus follows a pointer ${wait + smoothing} ms later, so that no step of it vibrates: ${wait} ms until`
+    + ` its next report has come, and ${smoothing} ms of smoothing.`;
   $("mark").hidden = $("marks").hidden = !hello.marks;
   introduce(hello);
   $("no-params").hidden = hello.params.length > 0;
