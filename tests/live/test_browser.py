@@ -438,7 +438,7 @@ def test_the_energy_that_a_force_gave_is_said_in_its_units_and_is_no_clip(browse
         press(page, 0.1, 0.5)
         move(page, 0.9, 0.5)
         until(page, "live.report.clips.passivity?.force > 100 && live.report.at > 8000")
-        said = r"/^force gave at most [\d.]+ [mµ]J \(\d+ samples changed, by up to [\d.]+ m?N\)$/"
+        said = r"/^force gave at most [\d.]+ [mµ]?J \(\d+ samples changed, by up to [\d.]+ m?N\)$/"
         page.until(f"{said}.test({energy})")
         page.js("document.querySelector('#run').click()")
         until(page, "live.state.phase === 'idle'")
@@ -447,7 +447,7 @@ def test_the_energy_that_a_force_gave_is_said_in_its_units_and_is_no_clip(browse
             (last["given"], words.split()[4:6]),
             (last["most"], words.split()[-2:]),
         ):
-            unit = {"mJ": 1e-3, "µJ": 1e-6, "N": 1.0, "mN": 1e-3}[part[1].strip(")")]
+            unit = {"J": 1.0, "mJ": 1e-3, "µJ": 1e-6, "N": 1.0, "mN": 1e-3}[part[1].strip(")")]
             assert float(part[0]) * unit == pytest.approx(value, rel=6e-3) and value > 0
         assert page.js("document.querySelector('#clip').textContent") == "no clip"
         page.close()

@@ -310,6 +310,10 @@ WATCH = """
     if (text?.is === "report") reports.push([text.at, text.seconds, newest.first + newest.n]);
     onmessage(m);
   };
+  window.filters = [];
+  window.BiquadFilterNode = class extends BiquadFilterNode {
+    constructor(context, o) { super(context, o); filters.push([o.type, o.frequency]); }
+  };
 """
 
 
@@ -368,6 +372,7 @@ def test_what_is_done_by_hand_reaches_the_audio_thread_and_what_comes_back_is_sa
     assert page.js("scene.clips") == {"force1": {"full": 1}}
     page.js("newest.shown = 0; scene.take({ all: new Float64Array(4), n: 1, session: -1 })")
     assert page.js("newest.shown") == 0
+    assert page.js("filters") == [["highpass", 40]] * 2
     for open in (1, 0):
         page.click("#sound")
         page.until(f"Math.abs(scene.sound.open.gain.value - {open}) < 0.05")
