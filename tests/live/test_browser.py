@@ -522,11 +522,15 @@ COMPUTED = {
     ),
     # laws: formula, words, source; letters are slanted, but for units and words
     "about": (
-        """(() => { const html = t => m.write(document.createElement("p"), t).innerHTML;
+        """(async () => { const html = t => m.write(document.createElement("p"), t).innerHTML;
+        const { live } = await import("./live.js"), laws = ["F = k x; the force (A)", "it moves"];
+        m.introduce({ about: { felt: [], do: "", laws, sources: [] }, inputs: [] });
+        const shown = [...document.querySelectorAll("#laws p")].map(p => p.textContent);
+        m.introduce(live.hello);
         return [
           ...["F = k (x, y), else 0; x is deep (Hooke (1678))", "V = d(x), d being far",
             "It moves; so it is (here)", "F = 1", "F = k (x)"].map(t => Object.values(m.parted(t))),
-          html("alpha^k x_max - sqrt(k) a rod's, 5 m chi"), html("b' c'"), html("tau_r"),
+          html("alpha^k x_max - sqrt(k) a rod's, 5 m chi"), html("b' c'"), html("tau_r"), shown,
         ]; })()""",
         [
             *(
@@ -537,6 +541,7 @@ COMPUTED = {
             "<i>α</i><sup><i>k</i></sup> <i>x</i><sub>max</sub> − √(<i>k</i>)"
             " a rod's, 5 m <i>χ</i>",
             *("b' c'", "<i>τ</i><sub><i>r</i></sub>"),
+            ["F = k x", "the force.", "Source: A.", "It moves."],
         ],
     ),
     # the full scale follows noise and no single step: it settles within a second, and
