@@ -174,6 +174,7 @@ def test_no_page_is_faster_than_it_can_present():
         ({"x1": minimum_jerk(), "x2": sinusoid(0.01, 1.0)}, 5.0),  # never
         ({"x1": ramp_and_hold(0.01, 0.2, 0.5)}, 5.0),  # does not come back
         ({"x1": np.zeros_like}, 5.0),  # does not go
+        ({"x1": minimum_jerk(), "x2": np.zeros_like}, 4.8),  # one of two goes
         ({"x1": minimum_jerk(), "x2": np.zeros(4000)}, 0.5),
     ],
 )
