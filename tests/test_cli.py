@@ -495,8 +495,8 @@ def test_render_writes_and_draws_what_the_library_renders(tmp_path):
 
 def test_show_tells_a_scene_and_draws_and_saves_it(tmp_path):
     done = ran(f"show squeeze --draw {tmp_path}/g.svg --save {tmp_path}/s.json")
-    assert "felt: An elastic object vibrates while" in done.output and "White(" not in done.output
-    assert "law:  F = k x + A level (k tau v)(tau dp/dt) while" in done.output
+    assert "felt:  An elastic object vibrates while" in done.output and "White(" not in done.output
+    assert "law:   F = k x + A level (k tau v)(tau dp/dt) while" in done.output
     done = ran("show squeeze --plan")
     assert "enabled 1  White(0, 1" in done.output and "removed:" in done.output
     assert "<svg" in (tmp_path / "g.svg").read_text()

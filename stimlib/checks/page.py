@@ -23,6 +23,7 @@ from ..errors import BadValue, shown
 from ..files.sidecar import describe, sidecar_of
 from ..motion.text import parse_motion
 from ..scenes import ROWS
+from ..scenes.about import about
 from .evidence import ALARM, Check, Evidence
 from .figures import figures
 from .power import OF_IT, Shows
@@ -322,10 +323,16 @@ def _held(h: Any, least: float) -> str:
 
 def _displayed(e: Evidence) -> dict[str, str]:
     """Return the facts about inputs and outputs."""
+    said = about(e.scene)
     rows = {
         "outputs": ", ".join(f"{n} [{b.dim}]" for n, b in e.scene.outputs.items()),
         "length": f"{e.frames} samples at {e.fs:g} Hz, {e.frames / e.fs:g} s",
-        "parameters": ", ".join(f"{n} = {v:g}" for n, v in e.params.items()) or "none",
+        "parameters": "; ".join(
+            f"{n} = {v:g}: {said['meanings'].get(n, '')}".rstrip(": ") for n, v in e.params.items()
+        )
+        or "none",
+        "fixed values": "; ".join("{name} = {value}: {meaning}".format(**r) for r in said["fixed"])
+        or "none",
         "motion": "; ".join(f"{n}: {_spec(m)}" for n, m in e.motion.items()) or "none",
         "seed": str(e.seed),
     }

@@ -115,7 +115,12 @@ class Report:
         from rich.table import Table
         from rich.text import Text
 
-        table = Table(title=Text(f"{self.what()}: {self.verdict}"), title_justify="left")
+        table = Table(
+            title=Text(f"{self.what()}: {self.verdict}"),
+            title_justify="left",
+            caption=f"{sum(c.passed for c in self.checks)} of {len(self.checks)} checks passed",
+            caption_justify="left",
+        )
         for column in ("", "check", "measured", "limit", "what it compares"):
             table.add_column(column, justify="right" if column in ("measured", "limit") else "left")
         for c in self.checks:

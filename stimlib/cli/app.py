@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from functools import cache, partial, wraps
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 import typer
@@ -45,12 +46,26 @@ class _AsItIs:
         return self.typers().coerce(value, param=param, ctx=ctx)
 
 
+_TAKES = {float: "NUMBER", int: "NUMBER", Path: "PATH", str: "TEXT", list[str]: "TEXT"}
+
+
 class _Light:
-    """A command whose parameters are converted by `_AsItIs`, where typer converts."""
+    """A command whose parameters are converted by `_AsItIs`, where typer converts.
+
+    The help has short words for what an option takes: typer's names of types leave its
+    sentences 21 of 80 columns. A flag takes nothing.
+    """
 
     def get_params(self, ctx: Any) -> Any:
         found = super().get_params(ctx)  # type: ignore[misc]
         for p in found:
+            if p.param_type_name == "argument":
+                p.display_type_rich = lambda ctx: None
+            elif getattr(p, "is_flag", False):
+                p.metavar = " "
+            elif hasattr(p, "type_descriptor"):
+                p._get_number_range_help_str = str  # '' for 0<=x<=65535 of a port
+                p.metavar = p.metavar or _TAKES.get(p.type_descriptor.annotation, "WORD")
             if hasattr(p, "get_runtime_param") and "get_runtime_param" not in vars(p):
                 p.get_runtime_param = partial(_AsItIs, p.get_runtime_param)
         return found
@@ -66,12 +81,6 @@ class _Group(_Light, TyperGroup):
     def make_context(self, *args: Any, **options: Any) -> Any:
         with _in_one_line():
             return super().make_context(*args, **options)
-
-    def get_command(self, ctx: Any, name: str) -> Any:
-        found = super().get_command(ctx, name)
-        for flag in (p for p in getattr(found, "params", ()) if getattr(p, "is_flag", False)):
-            flag.metavar = " "  # a flag takes no value, and typer would write <bool>
-        return found
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the subcommand; refuse a second value of an option that takes one."""
@@ -99,8 +108,10 @@ def _in_one_line() -> Iterator[None]:
         if type(e).__name__ == "NoArgsIsHelpError":  # typer has no public name for it
             raise
         text = " ".join(e.format_message().replace("Value error, ", "").split()).rstrip(".")
+        text = re.sub(r"Input should be a valid (\w+).*", r"write a plain \1, such as 8", text)
         text = re.sub(r"(?<=No such option: )--html.*", "--html; write --report", text)
-        failed(f"{text}; see {e.ctx.command_path if e.ctx else 'stimlib'} --help")
+        text = f"{text}; see {e.ctx.command_path if e.ctx else 'stimlib'} --help"
+        failed(text.replace(". Did you", "; did you").replace("?; see", "? See"))
         raise typer.Exit(2) from None
 
 

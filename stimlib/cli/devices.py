@@ -57,7 +57,7 @@ def loopback(
     safety: Any,
     motions: Any,
     sink: Annotated[
-        Literal["jack"], typer.Option(help="Kind of device that plays and records.")
+        Literal["jack"], typer.Option(help="Kind of device that plays and records: [bold]jack[/].")
     ] = "jack",
     device: Annotated[str | None, typer.Option(help="Name of the JACK server.")] = None,
     connect: opt.Connect = [],

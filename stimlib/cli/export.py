@@ -24,7 +24,7 @@ def export_(
     ],
     safety: Any,
     motions: Any,
-    lang: Annotated[Literal["c"], typer.Option(help="Language: C99.")] = "c",
+    lang: Annotated[Literal["c"], typer.Option(help="Language: [bold]c[/], which is C99.")] = "c",
     name: Annotated[
         str, typer.Option(help="Prefix of all names in C, and name of the files.")
     ] = "stimulus",

@@ -84,7 +84,7 @@ Log = Annotated[
         )
     ),
 ]
-Quiet = Annotated[bool, typer.Option(help="Show no progress bar and no report.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress bar and no report.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of text.")]
 Separator = Annotated[
     str, typer.Option(help="Separator of the columns of a table: , ; | or [bold]tab[/].")

@@ -80,7 +80,8 @@ def play(
         SinkName | None,
         typer.Option(
             help=(
-                "Kind of device; by default a JACK server or else a PortAudio device that is "
+                "Kind of device: [bold]null[/] (none), [bold]jack[/], [bold]portaudio[/] or "
+                "[bold]nidaq[/]. By default a JACK server or else a PortAudio device that is "
                 "ready, and [bold]null[/] if there is none. NI-DAQ must be named."
             )
         ),
@@ -130,7 +131,12 @@ def play(
     ] = [],
     silence: Annotated[
         Literal["fade", "hold", "stop"],
-        typer.Option(help="What to do while --stream is silent for 50 ms or longer."),
+        typer.Option(
+            help=(
+                "What the outputs do while --stream is silent for 50 ms or longer: "
+                "[bold]fade[/] out, [bold]hold[/] the last row, or [bold]stop[/] the session."
+            )
+        ),
     ] = "fade",
     marker: opt.Marker = [],
     send: opt.Send = [],

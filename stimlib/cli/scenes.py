@@ -66,7 +66,7 @@ def show(
     else:
         print(shown(made))
         for what, text in _told(scene, made):
-            print(shown(f"{what:5} {text}"))
+            print(shown(f"{what:6} {text}"))
         if plan_:
             print(shown(plan))
         for (y, x), b in needed.items():
@@ -102,12 +102,20 @@ def list_(json_: opt.Json = False):
 
 def _told(text: str, scene: Scene) -> Iterator[tuple[str, str]]:
     """Yield what is felt, the laws, and a command for each way to try a scene."""
+    from ..core.units import pretty
     from ..scenes import ROWS
+    from ..scenes.about import about
 
     rows = [ROWS[part.law] for part in scene.parts if part.law in ROWS]
     for row in rows:
         yield "felt:", row.felt
         yield "law:", row.words
+    said = about(scene)
+    yield from (
+        ("live:", f"{n} = {p.value:g} {pretty(p.unit)}  {said['meanings'].get(n, '')}".rstrip())
+        for n, p in scene.params.items()
+    )
+    yield from (("fixed:", "{name} = {value}  {meaning}".format(**row)) for row in said["fixed"])
     name = shlex.quote(text)
     yield "try:", f"stimlib live {name}"
     drive = {n: m for row in rows[:1] for n, m in row.drive.items() if n in scene.inputs}
@@ -149,4 +157,4 @@ def _call(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _summary(function: Callable[..., Any]) -> str:
-    return (inspect.getdoc(function) or "").splitlines()[0]
+    return (inspect.getdoc(function) or "").splitlines()[0].replace("``", "")

@@ -231,8 +231,9 @@ def mutate_(
     Exit status 1 if one is missed.
 
     Each number is replaced by 1.01 and 1.25 times its value, its negative, 0 and 1.
-    "Equal samples" means that this motion does not use the number: choose another
-    motion. "Within tolerance" and "no law" are changes that the law misses.
+    "Refused" is a change that the law detects. "Equal samples" means that this motion
+    does not use the number: choose another motion. "Within tolerance" and "no law" are
+    changes that the law misses.
 
     [bold]stimlib mutate wall --motion 'sinusoid(0.002, 5)'[/]
 

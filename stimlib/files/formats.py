@@ -92,7 +92,7 @@ def full_scales(full_scale: Any, proc: Processor, subtype: str) -> Array:
         scales = np.array([float(v) for v in values], dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise BadValue(
-            f"full_scale must be a number or a mapping by output name, got {full_scale!r}"
+            f"full_scale = {full_scale!r} is no number, nor a number for each output by its name"
         ) from None
     if not (np.isfinite(scales) & (scales > 0)).all():
         raise BadValue(f"full_scale must be finite and above 0, got {full_scale!r}")

@@ -401,7 +401,7 @@ class Inputs:
         x, on = (np.broadcast_to(v, len(t)) for v in self._held(source, t, zero))
         end, touched, last = self._ends[k] or (x[0], on[0], x[0])
         chosen, length = self._changed[self.names[k]] is None, CATCH_UP * self.fs
-        # what the source before had to catch up with is nothing to the one that is chosen
+        # what the source before had to catch up with is nothing to the new one
         late = self._late[k] = [j for j in self._late[k] if at - j[0] < length and not chosen]
         if end != x[0] and source["from"] in POINTERS[:3] and self.delay and not chosen:
             late.append((at, end - x[0]))

@@ -76,7 +76,7 @@ hello has
 - outputs: list of {name, unit, full, vibrates}: full is the value in that unit that is
   1 in the samples and at a device, so the safety stage's limit; vibrates: whether it
   does more than follow a slow motion, while every input sweeps its range in a second
-- about: {do, felt, laws, sources}, see `stimlib.scenes.about.about`
+- about: {do, felt, laws, sources, fixed}, see `stimlib.scenes.about.about`
 - view: null, or what is drawn of the scene, with lengths in m and ``values``, the names
   of the inputs and outputs that the drawing needs: {kind: "surface", width, height,
   columns, rows, levels (rows * columns numbers 0 to 1, first row at y = 0), inputs: {x,

@@ -331,14 +331,14 @@ def quiet_scale(scene: Scene) -> float:
     10.0
     >>> quiet_scale(tone(unit="N"))
     Traceback (most recent call last):
-    stimlib.errors.BadValue: full_scale (--full-scale) is missing: signal is in N, so
-     give the value that 1.0 at the device makes, such as 50
+    stimlib.errors.BadValue: full_scale is missing: signal is in N, so give the
+     value that 1.0 at the device makes, such as 50
     """
     for name, block in scene.outputs.items():
         if block.dim != ONE:
             raise BadValue(
-                f"full_scale (--full-scale) is missing: {name} is in {block.dim}, so give the value"
-                " that 1.0 at the device makes, such as 50"
+                f"full_scale is missing: {name} is in {block.dim}, so give the value that 1.0 at"
+                " the device makes, such as 50"
             )
     return QUIET
 

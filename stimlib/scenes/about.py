@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
-from ..core.parts import OWN
+from ..core.parts import OWN, Part
 from ..core.scene import Scene
 from .shipped import ROWS, SHIPPED
 
@@ -53,7 +53,8 @@ def about(scene: Scene) -> dict[str, Any]:
         ``do``: what to do on a page, after "Press Start and"; ``felt``, ``laws`` and
         ``sources``: lists of what is felt, of laws as the report of ``verify`` has them
         or as the docstring of a law of your own begins, and of papers; ``meanings``: of
-        parameters, by name. What nothing says is empty.
+        parameters, by name; ``fixed``: name, value and meaning, as texts, of each
+        argument that is set when the scene is made. What nothing says is empty.
 
     Examples
     --------
@@ -61,8 +62,11 @@ def about(scene: Scene) -> dict[str, Any]:
     >>> from stimlib.scenes.about import about
     >>> about(wall())["meanings"]
     {'k': 'Stiffness in N/m.', 'b': 'Damping in N s/m.'}
+    >>> about(wall())["fixed"]
+    [{'name': 'at', 'value': '0', 'meaning': 'Place of the surface in m.'}]
     """
     found: dict[str, Any] = {"do": "", "felt": {}, "laws": {}, "sources": {}, "meanings": {}}
+    found["fixed"] = [row for p in scene.parts if p.law in ROWS for row in fixed(p)]
     for part in scene.parts:
         if part.law in ROWS:
             row, sources = ROWS[part.law], _line(sections(SHIPPED[part.law])["References"])
@@ -89,13 +93,43 @@ def meanings(name: str) -> dict[str, str]:
     >>> meanings("squeeze")["A"]
     'Vibration gain; 0 skips the noise altogether.'
     """
-    sentences = [
-        sentence
-        for entry in re.split(r"^(?=\S)", sections(SHIPPED[name])["Parameters"], flags=re.M)
-        for sentence in re.split(r"(?<=\.) ", _line(entry.partition("\n")[2]))
-    ]
-    live = [(LIVE.search(s), s) for s in sentences]
+    live = [(LIVE.search(s), s) for _, sentences in _entries(name) for s in sentences]
     return {m[1]: s.replace(m[0], "") for m, s in live if m}
+
+
+def fixed(part: Part) -> list[dict[str, str]]:
+    """Return the values of a shipped scene that cannot be changed live, with meanings.
+
+    What is None or False is left out: it is not there.
+
+    Examples
+    --------
+    >>> from stimlib.scenes import detents
+    >>> from stimlib.scenes.about import fixed
+    >>> [(row["name"], row["value"]) for row in fixed(detents().parts[0])]
+    [('count', '24'), ('presliding', '0.01')]
+    """
+    given, before = part.given or {}, f"{part.name}." * bool(part.name)
+    rows = []
+    for names, (first, *_) in _entries(part.law):
+        there = {n: _value(given.get(n)) for n in names if not LIVE.search(first)}
+        if values := ", ".join(filter(None, there.values())):
+            rows.append({"name": before + ", ".join(there), "value": values, "meaning": first})
+    return rows
+
+
+def _value(v: Any) -> str:
+    if v is None or isinstance(v, bool | str):
+        return "yes" if v is True else v or ""
+    return f"{v:g}" if isinstance(v, int | float) else "a table"
+
+
+def _entries(name: str) -> Iterator[tuple[list[str], list[str]]]:
+    """Yield the names and the sentences of each entry of a docstring's parameters."""
+    for entry in re.split(r"^(?=\w)", sections(SHIPPED[name])["Parameters"], flags=re.M)[1:]:
+        head, _, text = entry.partition("\n")
+        names = head.partition(" : ")[0].split(", ")
+        yield names, re.split(r"(?<=[^.]\.) ", _line(text))
 
 
 def sections(function: Callable[..., Any]) -> dict[str, str]:

@@ -51,7 +51,7 @@ def bump_grid(
     Parameters
     ----------
     waveform : {"square", "sine", "sawtooth", "half_sine"} or array_like
-        Of both directions, see ``bump``.
+        Shape of a bump, of both directions, see ``bump``.
     along, across : float
         Number of bumps over ``length`` (along x) and over ``width`` (along y). 0: none
         in this direction, which leaves ridges across the other one; the scene then has
@@ -64,13 +64,13 @@ def bump_grid(
         Peak in V before the amplifier, live as ``A``; at 0 the envelopes and the
         carrier are skipped.
     length, width : float
-        Of the explored region in m; the thesis' is 10 by 4 cm.
+        Size of the explored region in m; the thesis' is 10 by 4 cm.
     freq : float
         Frequency of the carrier in Hz, live as ``freq``.
     gain : float
-        Of the amplifier.
+        Gain of the amplifier.
     rectify : {"half", "full", None}
-        Of the carrier.
+        Rectification of the carrier.
 
     Returns
     -------

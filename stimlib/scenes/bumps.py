@@ -82,7 +82,7 @@ def bumps(
     Parameters
     ----------
     waveform : {"square", "sine", "sawtooth", "half_sine"} or array_like
-        See ``bump``.
+        Shape of a bump, see ``bump``.
     bumps : float
         Number of bumps over ``length``.
     duty : float
@@ -91,13 +91,13 @@ def bumps(
         Peak in V before the amplifier, live as ``A``; at 0 the envelope and the
         carrier are skipped.
     length : float
-        Of the explored region, in m.
+        Length of the explored region, in m.
     freq : float
         Frequency of the carrier in Hz, live as ``freq``.
     phase : float
-        Of the carrier at the first sample, in rad.
+        Phase of the carrier at the first sample, in rad.
     gain : float
-        Of the amplifier.
+        Gain of the amplifier.
     displacement : (knots, displacement) or path, optional
         Profile to equalise, positions in m; see ``equalize``.
     limit : float, optional
@@ -108,9 +108,9 @@ def bumps(
         Also take an input ``contact`` (1 touching, 0 not): a lift is silent, and
         re-contact starts anew.
     sampling : {"area", "point"}
-        Of the envelope.
+        Sampling of the envelope.
     rectify : {"half", "full", None}
-        Of the carrier.
+        Rectification of the carrier.
 
     Returns
     -------

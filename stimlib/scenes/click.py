@@ -51,11 +51,11 @@ def click(
     at, back, travel : float
         Places in m of the snap, the way back and the bottom.
     stiffness : float
-        Of the bottom, in N/m.
+        Stiffness of the bottom, in N/m.
     A : float
         Amplitude of the vibration in N, live as ``A``.
     freq, decay : float
-        Of the vibration, in Hz and s.
+        Frequency in Hz and decay in s of the vibration.
     contact : bool
         Also take an input ``contact`` (1 touching, 0 not).
 

@@ -37,7 +37,7 @@ def friction(
     static, kinetic : float
         Coefficients of friction at which it slips, and which a slip leaves.
     stiffness : float
-        Of the finger's pad, in N/m.
+        Stiffness of the finger's pad, in N/m.
     contact : bool
         Also take an input ``contact`` (1 touching, 0 not).
 

@@ -47,13 +47,13 @@ def grating(
     fine_depth : float
         Force of the fine grating in N, live as ``fine_depth``.
     coarse, fine : float
-        Their wavelengths in m.
+        Wavelengths of the two gratings in m.
     roughness : float
         Force of the roughness in N rms, live as ``roughness``.
     slope : float
-        Of the roughness' spectrum over place, 0.5 to 4.
+        Slope of the roughness' spectrum over place, 0.5 to 4.
     seed : int
-        Of the roughness: the name of the surface.
+        Seed of the roughness: the name of the surface.
     shortest, longest : float
         Wavelengths in m between which its spectrum follows the law.
     contact : bool

@@ -41,10 +41,10 @@ def impact(
     A : float
         Amplitude of the vibration for a velocity, in N s/m, live as ``A``.
     freq, decay : float
-        Of the vibration, in Hz and s: low and short for rubber, high and long for
-        metal.
+        Frequency in Hz and decay in s of the vibration: low and short for rubber, high
+        and long for metal.
     cutoff : float
-        Of the velocity, in Hz; below fs/2.
+        Cut-off frequency of the velocity, in Hz; below fs/2.
     contact : bool
         Also take an input ``contact`` (1 touching, 0 not).
 

@@ -66,7 +66,7 @@ def soft_surface(
     tangent : float
         Tangential force in N at S = 1, of which delays are made; ours.
     side : float
-        Of the triangle in m.
+        Side of the triangle in m.
     frames : bool
         The laws to the letter, once per frame of 30 ms; by default those that mean the
         same at every rate.

@@ -87,14 +87,15 @@ def squeeze(
         Inputs ``x1``, ``x2``, .. in m, compression positive; outputs ``force1``,
         ``force2``, .. in N.
     seed : int
-        Of the noise; finger i has stream i.
+        Seed of the noise; finger i has stream i.
     passband : float
-        Of the differentiator, in Hz; the stop band begins 500 Hz above, which order 128
-        at 8 kHz reaches.  At low sample rates that is above fs/2, and there is none.
+        Passband of the differentiator, in Hz; the stop band begins 500 Hz above, which
+        order 128 at 8 kHz reaches.  At low sample rates that is above fs/2, and there
+        is none.
     f_low, tol_db : float
-        Lower edge (Hz) and accuracy of the pink noise.
+        Lower edge (Hz) and accuracy (dB) of the pink noise.
     cutoff : float
-        Of the velocity estimate, in Hz.
+        Cut-off frequency of the velocity estimate, in Hz.
     resolution : float
         Encoder step in m, for the loading gate.
     contact : bool

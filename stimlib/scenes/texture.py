@@ -40,14 +40,15 @@ def texture(
     Parameters
     ----------
     model : TextureModel or path, optional
-        See ``load_texture`` and ``stimlib.fitting.texture.fit_texture``.  By default an
-        invented one of stimlib's, because those of the toolkit may not be passed on.
+        Model of a measured surface, see ``load_texture`` and
+        ``stimlib.fitting.texture.fit_texture``.  By default an invented one of
+        stimlib's, because those of the toolkit may not be passed on.
     level : float
         Factor on the acceleration, live as ``level``.
     seed : int
-        Of the noise.
+        Seed of the noise.
     cutoff : float
-        Of the velocity estimate, in Hz.
+        Cut-off frequency of the velocity estimate, in Hz.
     contact : bool
         Also take an input ``contact`` (1 touching, 0 not): a lift is as no force, and
         re-contact starts anew.

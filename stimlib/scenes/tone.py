@@ -84,7 +84,7 @@ def tone(
     channels : int
         Number of equal outputs: ``signal``, or ``signal0``, ``signal1``, ..
     unit : str
-        Of the outputs, such as ``"m/s^2"``; by default none, a part of full scale.  In
+        Unit of the outputs, such as ``"m/s^2"``; by default none, a part of full scale.  In
         N they state by ``active`` what a hand with a damping of 1 N s/m gets while a
         burst lasts: amplitude^2/2.
 
@@ -147,7 +147,7 @@ def pulse(
     amplitude : float
         Height in the unit of the outputs, live as ``amplitude``.
     duration : float
-        Of each pulse with its ramps, in s.
+        Duration of each pulse with its ramps, in s.
     ramp : float
         Time in s over which it rises, and falls, as a raised cosine; 0 is a rectangle,
         and half the duration a Hann window.
@@ -158,7 +158,7 @@ def pulse(
     channels : int
         Number of equal outputs: ``signal``, or ``signal0``, ``signal1``, ..
     unit : str
-        Of the outputs, such as ``"N"``; by default none, a part of full scale.  In N
+        Unit of the outputs, such as ``"N"``; by default none, a part of full scale.  In N
         they state by ``active`` what a hand with a damping of 1 N s/m gets while a
         pulse lasts: amplitude^2.
 

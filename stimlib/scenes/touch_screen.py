@@ -67,7 +67,8 @@ def touch_screen(
     Parameters
     ----------
     waveform, bumps, length
-        As of ``bumps``; the explored length lies in the middle of the plate.
+        Shape and number of the bumps, and the explored length in m, as of ``bumps``;
+        the length lies in the middle of the plate.
     duty : float
         Part of each bump that is ridge, live as ``duty``.
     amplitude : float
@@ -79,16 +80,17 @@ def touch_screen(
         How many times as fast the first resonance shall answer, see ``pole_swap``; 1
         leaves it as it is.
     gain : float
-        Of the amplifier.
+        Gain of the amplifier.
     modes : int
-        Of the plate.
+        Number of modes of the plate.
     finger : bool
         Whether the finger loads the plate, with 0.1 g, 1 N s/m and 500 N/m (assumed).
     rectify : {None, "half", "full"}
-        Of the carrier.  The thesis takes "half"; what it holds besides the carrier, at
-        0 Hz and at twice the frequency, the swap would raise ``swap`` times.
+        Rectification of the carrier.  The thesis takes "half"; what it holds besides
+        the carrier, at 0 Hz and at twice the frequency, the swap would raise ``swap``
+        times.
     model : Plate, optional
-        With patches, which say the voltages that they take; default
+        The plate, with patches, which say the voltages that they take; default
         ``Plate.paper(measured=True)``. Frequency of the carrier in Hz, by default the
         first resonance of this model, live as ``freq``.
 

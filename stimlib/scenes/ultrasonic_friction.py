@@ -63,7 +63,7 @@ def ultrasonic_friction(
     mu : float
         Coefficient of friction without vibration.
     stiffness : float
-        Of the finger's pad along the plate, in N/m.
+        Stiffness of the finger's pad along the plate, in N/m.
     per_volt : float
         Amplitude of the plate's steady vibration at the resonance, in m/V.
     freq, q : float

@@ -62,10 +62,10 @@ def viscoelastic(
     w : float
         Angular frequency of equal force in rad/s.
     scheme, tol
-        See ``springpot``. The thesis' operator is "gl", its own ways to compute it are
-        "gl-downsampled" and "gl-short-memory"; "l1", the block's default, is nearer to
-        D^alpha: within 0.1 % of the largest force at 1 kHz, 5 Hz and alpha = 0.5, where
-        "gl" is within 0.61 %.
+        How the springpot is computed, see ``springpot``. The thesis' operator is "gl",
+        its own ways to compute it are "gl-downsampled" and "gl-short-memory"; "l1", the
+        block's default, is nearer to D^alpha: within 0.1 % of the largest force at
+        1 kHz, 5 Hz and alpha = 0.5, where "gl" is within 0.61 %.
     contact : bool
         Also take an input ``contact`` (1 touching, 0 not): off contact the force is 0,
         and re-contact starts anew at rest.

@@ -319,7 +319,7 @@ def roles_of(
         if not isinstance(make, Scene):
             there += f"; arguments: {', '.join(known) or 'none'}"
         raise UnknownName(
-            f"rows: there is no {', '.join(unknown)} in the scene; {there}; besides: seed, motion"
+            f"there is no column {', '.join(unknown)} in the scene; {there}; also: seed, motion"
         )
     return Roles(tuple(n for n in columns if n in live), tuple(rest))
 

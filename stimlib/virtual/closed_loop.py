@@ -394,9 +394,11 @@ class ClosedLoop:
         amplitude, rate = self.cycle
         lines = [f"{self.device!r} in {self.hand!r}, {self.t.size / self.fs:g} s at {self.fs:g} Hz"]
         if self.settles:
-            lines.append(f"it comes to rest at {1e3 * self.position[-1]:.3g} mm")
+            lines.append(f"the device comes to rest at {1e3 * self.position[-1]:.3g} mm")
         else:
-            lines.append(f"it does not come to rest: {1e3 * amplitude:.3g} mm at {rate:.3g} Hz")
+            lines.append(
+                f"the device does not come to rest: {1e3 * amplitude:.3g} mm at {rate:.3g} Hz"
+            )
         lines.append(f"contact began {self.contacts} times")
         lines.append(
             f"the scene gave {1e3 * self.given:.3g} mJ more than it had got; the hand did"

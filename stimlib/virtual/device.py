@@ -219,7 +219,9 @@ def read_device(path: str | Path) -> Device:
     try:
         given = json.loads(Path(path).read_text("utf-8"))
     except (OSError, ValueError, RecursionError) as e:
-        raise BadValue(f"{path}: no device: {e}; write names of Device as JSON") from None
+        raise BadValue(
+            f"{path}: cannot be read ({getattr(e, 'strerror', e)}); write a device as JSON"
+        ) from None
     known = [f.name for f in dc.fields(Device)]
     if not isinstance(given, dict) or given.keys() - known or not {"mass", "damping"} <= {*given}:
         raise BadValue(

@@ -69,7 +69,13 @@ def empty(title):
     """A page of a scene that does nothing, with texts of others everywhere."""
     hello = {"title": title, "fs": FS, "inputs": [], "params": [], "view": None, "alone": "yes"}
     hello["outputs"] = [{"name": title, "unit": title, "full": 1.0}]
-    hello["about"] = {"do": title, "felt": [title], "laws": [title], "sources": [title]}
+    hello["about"] = {
+        "do": title,
+        "felt": [title],
+        "laws": [title],
+        "sources": [title],
+        "fixed": [],
+    }
     data = {
         "hello": hello,
         "facts": [[title, title]],
