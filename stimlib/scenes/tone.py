@@ -84,8 +84,8 @@ def tone(
     channels : int
         Number of equal outputs: ``signal``, or ``signal0``, ``signal1``, ..
     unit : str
-        Unit of the outputs, such as ``"m/s^2"``; by default none, a part of full scale.  In
-        N they state by ``active`` what a hand with a damping of 1 N s/m gets while a
+        Unit of the outputs, such as ``"m/s^2"``; by default none, a part of full scale.
+        In N they state by ``active`` what a hand with a damping of 1 N s/m gets while a
         burst lasts: amplitude^2/2.
 
     Returns
@@ -158,8 +158,8 @@ def pulse(
     channels : int
         Number of equal outputs: ``signal``, or ``signal0``, ``signal1``, ..
     unit : str
-        Unit of the outputs, such as ``"N"``; by default none, a part of full scale.  In N
-        they state by ``active`` what a hand with a damping of 1 N s/m gets while a
+        Unit of the outputs, such as ``"N"``; by default none, a part of full scale.
+        In N they state by ``active`` what a hand with a damping of 1 N s/m gets while a
         pulse lasts: amplitude^2.
 
     Returns
