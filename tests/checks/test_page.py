@@ -27,6 +27,7 @@ from stimlib.core.parts import Part
 from stimlib.motion.generators import constant_speed, minimum_jerk
 from stimlib.run.processor import Change
 from stimlib.scenes import ROWS
+from stimlib.scenes.about import meanings
 
 TAGS = "<i>&b\x1b[2J"  # markup, and a control character
 
@@ -143,7 +144,7 @@ def test_what_was_displayed_is_told_in_its_units(bumped, text_of):
     wanted = {
         "outputs": "voltage [V]",
         "length": "1600 samples at 8000 Hz, 0.2 s",
-        "parameters": "A = 3",
+        "parameters": f"A = 3: {meanings('bumps')['A']}",
         "seed": "7",
         "stored as": "WAV FLOAT, full scale: voltage 50 V",
         "file hash": "5a",
