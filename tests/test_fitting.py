@@ -19,6 +19,7 @@ from stimlib.blocks.fractional import relaxation_modulus, springpot
 from stimlib.blocks.viscoelastic import generalized_maxwell, springpot_series
 from stimlib.errors import BadValue, SinkError
 from stimlib.fitting.closed_form import (
+    Sampled,
     arm_forces,
     maxwell_force,
     mittag_leffler,
@@ -26,7 +27,7 @@ from stimlib.fitting.closed_form import (
     springpot_series_force,
     thin,
 )
-from stimlib.fitting.relaxation import fit_generalized_maxwell, fit_springpot
+from stimlib.fitting.relaxation import ALPHAS, fit_generalized_maxwell, fit_springpot
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 RAMPS = {"0p1s": 0.1, "1s": 1.0, "10s": 10.0, "100s": 100.0}
@@ -180,6 +181,31 @@ def test_a_spring_and_a_dashpot_are_at_the_ends(alpha):
     fit = fit_springpot(t, y, springpot_force(t, y, 5.0, alpha), sigma="absolute")
     assert fit.chi == pytest.approx(5.0, rel=1e-6) and fit.alpha == pytest.approx(alpha, abs=1e-6)
     assert 0 <= fit.intervals["alpha"][0] <= fit.alpha <= fit.intervals["alpha"][1] <= 1
+
+
+@pytest.mark.parametrize("freq", [31.3, 49.9, 90.1])
+def test_an_order_is_found_between_a_spring_and_orders_against_the_motion(freq):
+    """Errors near y = 0 count most, where orders of 0.05 have the other sign."""
+    t = np.arange(60) / 1000
+    y = 0.005 * (1 - np.cos(2 * np.pi * freq * t))
+    fit = fit_springpot(t, y, springpot_force(t, y, 300.0, 1e-6), sigma="relative")
+    assert fit.alpha == pytest.approx(1e-6, rel=1e-5)
+    assert fit.chi == pytest.approx(300.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01, 1.0])
+@pytest.mark.parametrize("alpha", [0.0, 0.03, 0.5, 0.999])
+def test_few_orders_are_tried(monkeypatch, alpha, noise):
+    """Each costs a convolution of the whole recording."""
+    tried = Counter()
+    law = Sampled.__call__
+    monkeypatch.setattr(
+        Sampled, "__call__", lambda s, order: tried.update([s.scheme]) or law(s, order)
+    )
+    t, y, f = pressed("l1", alpha=alpha)
+    f = f + noise * np.abs(f).max() * np.random.default_rng(4).standard_normal(f.size)
+    fit_springpot(t, y, f)
+    assert max(tried.values()) <= len(ALPHAS) + 8
 
 
 def test_maxwell_arms_are_found_again_without_a_spring():

@@ -307,16 +307,20 @@ class Sampled:
     """
 
     def __init__(self, step: float, y: np.ndarray, some: np.ndarray, scheme: str, onset: str):
+        from scipy.fft import next_fast_len, rfft
+
         self.step, self.some, self.scheme = step, some, scheme
-        self.moves = np.diff(y, prepend=0.0 if onset == "step" else y[0])
+        moves = np.diff(y, prepend=0.0 if onset == "step" else y[0])
+        self.size, self.length = moves.size, next_fast_len(2 * moves.size - 1, True)
+        self.moves = rfft(moves, self.length)
 
     def __call__(self, alpha: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the response and its derivative for an order alpha."""
-        from scipy.signal import fftconvolve
+        from scipy.fft import irfft, rfft
         from scipy.special import gamma
 
         order = complex(alpha, TINY)
-        j = np.arange(1.0, self.moves.size)
+        j = np.arange(1.0, self.size)
         if self.scheme == "gl":
             ratios = np.cumprod((j - order) / j)
         else:
@@ -325,7 +329,8 @@ class Sampled:
         first = 1.0 if self.scheme == "gl" else 1 / gamma(2 - order)
         weights = np.r_[1.0, ratios] * first * self.step**-order
         value, by = (
-            fftconvolve(part, self.moves)[self.some] for part in (weights.real, weights.imag / TINY)
+            irfft(rfft(part, self.length) * self.moves, self.length)[self.some]
+            for part in (weights.real, weights.imag / TINY)
         )
         return value, by
 
