@@ -248,6 +248,7 @@ def test_of_a_combined_scene_each_output_has_its_device():
         (sensation_level, (T, FS, "N"), {"mass": 0.0}, "mass = 0.0; give mass="),
         (sensation_level, (T, FS, "m"), {"mass": 0.1}, "leave mass out"),
         (sensation_level, ([0.0, np.nan], FS, "m"), {}, "not finite"),
+        (sensation_level, (T, FS, "m"), {"gain": np.inf}, "gain = inf is not finite"),
         (sensation_level, (np.zeros((2, 9)), FS, "m"), {}, "row of numbers"),
         (sensation_level, (T, 20.0, "m"), {}, "cutoff"),
     ],
@@ -257,8 +258,14 @@ def test_what_no_level_is_known_for(call, given, words, why):
 
 
 @pytest.mark.filterwarnings("error")
-def test_the_largest_motions_have_a_level():
-    assert np.isfinite(sensation_level(1e300 * tone(250.0, 1.0), FS, "m").outside)
+@pytest.mark.parametrize("size", [1e300, 1e150, 1e-150, 1e-300])
+def test_levels_of_any_size_are_logarithms(size):
+    """The square of such a number is infinite, or 0."""
+    got = sensation_level(size * tone(250.0, 1.0), FS, "m")
+    assert got.pacinian == pytest.approx(140 + 20 * np.log10(size), abs=0.1)
+    gained = sensation_level(size * tone(250.0, 1.0), FS, "m", gain=1e-6 / size)
+    assert gained.pacinian == pytest.approx(20.0, abs=0.1)
+    assert gained.non_pacinian == pytest.approx(-11.8, abs=0.1)
 
 
 # What cannot be said ------------------------------------------------------------------

@@ -318,8 +318,9 @@ def sensation_level(
     detection_threshold(HIGH, area)  # which knows the areas
     if not np.isfinite(rows := unmasked(y)).all():
         raise BadValue("sensation_level: y has a number that is not finite; give finite samples")
+    power_of_2 = int(np.frexp(np.abs(rows).max(initial=0.0))[1])  # so that squares exist
     with np.errstate(all="ignore"):  # of silence, and of numbers beyond any skin
-        fast = gain * vibration(rows, fs, CHANNELS["NP"].low / 2)
+        fast = vibration(np.ldexp(rows, -power_of_2), fs, CHANNELS["NP"].low / 2)
         # the ends of a record are no clicks
         ends = np.minimum(np.arange(fast.size), np.arange(fast.size)[::-1]) / (FADE * fs)
         fast *= np.sin(np.pi / 2 * np.minimum(ends, 1.0)) ** 2
@@ -327,7 +328,7 @@ def sensation_level(
         power = np.abs(lines) ** 2
         known = (f >= CHANNELS["NP"].low) & (f <= HIGH)
         lines[~known] = 0.0
-        lines[known] /= (2 * np.pi * f[known]) ** ORDERS[name] * (mass or 1.0)
+        lines[known] /= (2 * np.pi * f[known]) ** ORDERS[name]
         leak = -np.expm1(-1 / (TAU * fs))
         # envelopes, 1.0 at the threshold
         p, n = (
@@ -335,6 +336,7 @@ def sensation_level(
         )
         summed, _ = all_pole(leak, [leak - 1], p**2)
         levels = 10 * np.log10([summed.max(), (n**2).max()])
+        levels += 20 * (power_of_2 * np.log10(2.0) + np.log10(abs(gain)) - np.log10(mass or 1.0))
         if levels.max() > MASKER:
             levels[levels.argmin()] = np.nan
         outside = float(np.nan_to_num(power[~known].sum() / power.sum()))
