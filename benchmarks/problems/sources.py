@@ -22,6 +22,8 @@ PI = 4 * np.arctan(LD(1))
 # Hz: a whole number without a common factor with fs, and the end of what a finger feels
 FREQ, FELT = 201, 1000
 SECOND = np.arange(8000)
+# of a decimation's window, and of its edge over half the rate: what is felt must pass
+SHAPES, CUTS = np.arange(0.0, 21.0), np.arange(0.3, 1.11, 0.1)
 
 
 def aliases(f: Signal) -> float:
@@ -58,14 +60,21 @@ def parabolic(x: np.ndarray) -> np.ndarray:
 
 
 def oversampled(n: int) -> Signal:
-    """Made at n times the rate and brought down by scipy's filter."""
+    """Made at n times the rate and brought down by scipy's filter, as long as its
+    default, whose window and edge are searched.
+    """
 
-    def run(x: np.ndarray) -> np.ndarray:
-        return signal.resample_poly(
-            2 * turns(np.arange(-200 * n, (x.size + 200) * n) / n) - 1, 1, n
-        )[200 : 200 + x.size]
+    def windowed(beta: float, edge: float) -> Signal:
+        h = signal.firwin(20 * n + 1, edge / n, window=("kaiser", beta))
 
-    return run
+        def run(x: np.ndarray) -> np.ndarray:
+            return signal.resample_poly(
+                2 * turns(np.arange(-200 * n, (x.size + 200) * n) / n) - 1, 1, n, window=h
+            )[200 : 200 + x.size]
+
+        return run
+
+    return searched(aliases, product(SHAPES, CUTS), windowed)
 
 
 def additive(x: np.ndarray) -> np.ndarray:
@@ -177,7 +186,14 @@ def pulses_at(fs: float) -> list[Method]:
         y[period // 2 :: period] = 1.0
         return y
 
+    def at_times(x: np.ndarray) -> np.ndarray:
+        y, k = np.zeros(x.size), np.arange(x.size * RATE / fs + 1)
+        at = np.rint((k + 0.5) / RATE * fs).astype(int)
+        y[at[at < x.size]] = 1.0
+        return y
+
     return on(np.zeros(n), late, {
+        "numpy, the times by the formula, fs": ([fs], always(at_times)),
         "stimlib pulse_train, fs": ([fs], own(lambda _: pulse_train(RATE), fs, ())),
         "numpy cumsum of the phase, fs": ([fs], always(phase(np.float64))),
         "the same in float32, fs": ([fs], always(phase(np.float32))),
