@@ -3,8 +3,8 @@ it claims to follow.
 
 Every final class of stimlib must have an example here (``missing`` finds them by
 reflection); the laws of ``tests/test_laws.py`` then run over all of them.  Physical
-laws are those of ``stimlib.design.responses``, with the numbers that each example
-should have written by hand.
+laws are those of ``stimlib.design.responses`` and of ``closed_forms``, with the numbers
+that each example should have written by hand.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from inspect import signature
 from typing import NamedTuple
 
+import closed_forms
 import numpy as np
 
 import stimlib
@@ -287,10 +288,20 @@ TABLE = [
         rates=(8000.0,),
     ),
     Entry(
-        "fir", "Taps", lambda x: b.fir(x, UNEVEN), (normal,), lti=True, laws=(law.sum_of(UNEVEN),)
+        "fir",
+        "Taps",
+        lambda x: b.fir(x, UNEVEN),
+        (normal,),
+        lti=True,
+        laws=(closed_forms.sum_of(UNEVEN),),
     ),
     Entry(
-        "fir_1", "Taps", lambda x: b.fir(x, [-2.0]), (normal,), lti=True, laws=(law.sum_of([-2.0]),)
+        "fir_1",
+        "Taps",
+        lambda x: b.fir(x, [-2.0]),
+        (normal,),
+        lti=True,
+        laws=(closed_forms.sum_of([-2.0]),),
     ),
     Entry(
         "differentiator",
@@ -465,7 +476,7 @@ TABLE = [
         lambda x: b.first_order(x, 0.01),
         (normal,),
         lti=True,
-        laws=(law.ramp_invariant(0.01), law.lag(0.01)),
+        laws=(closed_forms.ramp_invariant(0.01), law.lag(0.01)),
     ),
     Entry(
         "first_order_slow",
@@ -474,7 +485,7 @@ TABLE = [
         (held,),
         lti=True,
         rates=(1000.0, 4000.0),
-        laws=(law.ramp_invariant(0.2), law.lag(0.2)),
+        laws=(closed_forms.ramp_invariant(0.2), law.lag(0.2)),
     ),
     Entry(
         "first_order_fast",
@@ -482,7 +493,7 @@ TABLE = [
         lambda x: b.first_order(x, 1e-5),
         (normal,),
         lti=True,
-        laws=(law.ramp_invariant(1e-5),),
+        laws=(closed_forms.ramp_invariant(1e-5),),
     ),
     Entry(
         "kelvin_voigt",
@@ -727,7 +738,7 @@ TABLE += [
         (squeeze,),
         lti=True,
         unit="m",
-        laws=(law.arms([200.0], [0.02]),),
+        laws=(closed_forms.arms([200.0], [0.02]),),
         rates=(8000.0, 1000.0, 48000.0),
     ),
     Entry(
@@ -738,7 +749,7 @@ TABLE += [
         lti=True,
         unit="m",
         laws=(
-            law.running_sum()._replace(
+            closed_forms.running_sum()._replace(
                 law=lambda f, fs: 4.0 * fs * law.difference(f, fs), tol=1e-8
             ),
         ),
@@ -750,7 +761,7 @@ TABLE += [
         (held,),
         lti=True,
         unit="m",
-        laws=(law.arms([3.0], [0.05]),),
+        laws=(closed_forms.arms([3.0], [0.05]),),
     ),
     Entry(
         "maxwell_contact",
@@ -766,7 +777,7 @@ TABLE += [
         (squeeze,),
         lti=True,
         unit="m",
-        laws=(law.arms(*zip(*SOFT, strict=True), 70.0),),
+        laws=(closed_forms.arms(*zip(*SOFT, strict=True), 70.0),),
     ),
     Entry(
         "generalized_maxwell_many",
@@ -784,7 +795,7 @@ TABLE += [
         (squeeze,),
         lti=True,
         unit="m",
-        laws=(law.arms([3.0], [0.1], 7.0),),
+        laws=(closed_forms.arms([3.0], [0.1], 7.0),),
     ),
     Entry(
         "compliance_kelvin_voigt",
@@ -793,7 +804,7 @@ TABLE += [
         (held,),
         lti=True,
         unit="N",
-        laws=(law.chain(0.0, [1 / 200], [0.02], 0.0),),
+        laws=(closed_forms.chain(0.0, [1 / 200], [0.02], 0.0),),
     ),
     Entry(
         "compliance_maxwell",
@@ -801,7 +812,7 @@ TABLE += [
         lambda f: compliance_maxwell(f, 200.0, 4.0),
         (held,),
         unit="N",
-        laws=(law.chain(1 / 200, [], [], 1 / 4),),
+        laws=(closed_forms.chain(1 / 200, [], [], 1 / 4),),
     ),
     Entry(
         "compliance_live",
@@ -809,7 +820,7 @@ TABLE += [
         lambda f: compliance_maxwell(f, constant(50.0, "N/m") + Param("k", 1.0, "N/m"), tau=0.1),
         (normal,),
         unit="N",
-        laws=(law.chain(1 / 51, [], [], 1 / 5.1),),
+        laws=(closed_forms.chain(1 / 51, [], [], 1 / 5.1),),
     ),
     Entry(
         "compliance_chain",
@@ -818,7 +829,7 @@ TABLE += [
         (normal,),
         lti=True,
         unit="N",
-        laws=(law.chain(1 / 70, [1 / k for k, _ in SOFT], [tau for _, tau in SOFT], 0.0),),
+        laws=(closed_forms.chain(1 / 70, [1 / k for k, _ in SOFT], [tau for _, tau in SOFT], 0.0),),
     ),
 ]
 
@@ -1112,7 +1123,7 @@ TABLE += [
 
 # Filters ------------------------------------------------------------------------------
 def butter(band, edges, order):
-    return law.family(band, edges, order, "butterworth", 1.0, 60.0)
+    return closed_forms.family(band, edges, order, "butterworth", 1.0, 60.0)
 
 
 TABLE += [
@@ -1122,7 +1133,7 @@ TABLE += [
         "First",
         lambda x: b.lowpass(x, 60.0, 4, "elliptic", onset="steady"),
         (squeeze,),
-        laws=(law.family("lowpass", [60.0], 4, "elliptic", 1.0, 60.0),),
+        laws=(closed_forms.family("lowpass", [60.0], 4, "elliptic", 1.0, 60.0),),
     ),
     Entry(
         "lowpass",
@@ -1147,7 +1158,7 @@ TABLE += [
         lambda x: b.lowpass(x, 60.0, 7, "bessel"),
         (normal,),
         lti=True,
-        laws=(law.family("lowpass", [60.0], 7, "bessel", 1.0, 60.0),),
+        laws=(closed_forms.family("lowpass", [60.0], 7, "bessel", 1.0, 60.0),),
     ),
     Entry(
         "highpass",
@@ -1155,7 +1166,7 @@ TABLE += [
         lambda x: b.highpass(x, 40.0, 5, "chebyshev1", ripple=0.5),
         (normal,),
         lti=True,
-        laws=(law.family("highpass", [40.0], 5, "chebyshev1", 0.5, 60.0),),
+        laws=(closed_forms.family("highpass", [40.0], 5, "chebyshev1", 0.5, 60.0),),
     ),
     Entry(
         "bandpass",
@@ -1171,7 +1182,7 @@ TABLE += [
         lambda x: b.bandstop(x, 40.0, 70.0, 4, "elliptic", attenuation=50.0),
         (normal,),
         lti=True,
-        laws=(law.family("bandstop", [40.0, 70.0], 4, "elliptic", 1.0, 50.0),),
+        laws=(closed_forms.family("bandstop", [40.0, 70.0], 4, "elliptic", 1.0, 50.0),),
     ),
     Entry(
         "sos",
@@ -1187,7 +1198,7 @@ TABLE += [
         lambda x: b.resonator(x, 158.0, 20.0),
         (normal,),
         lti=True,
-        laws=(law.resonance(158.0, 20.0),),
+        laws=(closed_forms.resonance(158.0, 20.0),),
     ),
     Entry(
         "notch",
@@ -1195,7 +1206,7 @@ TABLE += [
         lambda x: b.notch(x, 50.0, 3.0),
         (normal,),
         lti=True,
-        laws=(law.resonance(50.0, 3.0, True),),
+        laws=(closed_forms.resonance(50.0, 3.0, True),),
     ),
     Entry(
         "mode",
@@ -1203,7 +1214,7 @@ TABLE += [
         lambda x: b.mode(x, 158.0, 10.0),
         (normal,),
         lti=True,
-        laws=(law.oscillator(158.0, 10.0),),
+        laws=(closed_forms.oscillator(158.0, 10.0),),
     ),
     Entry(
         "mode_shape",
@@ -1218,7 +1229,7 @@ TABLE += [
         lambda x: b.pole_swap(x, 158.0, 10.0, 4.0),
         (normal,),
         lti=True,
-        laws=(law.pole_swap(158.0, 10.0, 4.0),),
+        laws=(closed_forms.pole_swap(158.0, 10.0, 4.0),),
     ),
     Entry(
         "svf",
@@ -1240,14 +1251,20 @@ TABLE += [
         lambda x: b.svf(x, Param("f", 80.0, "Hz"), Param("q", 5.0), "notch"),
         (normal,),
     ),
-    Entry("integrate", "Integrate", lambda x: b.integrate(x), (normal,), laws=(law.integral(0.0),)),
+    Entry(
+        "integrate",
+        "Integrate",
+        lambda x: b.integrate(x),
+        (normal,),
+        laws=(closed_forms.integral(0.0),),
+    ),
     Entry(
         "integrate_leak",
         "Integrate",
         lambda x: b.integrate(x, 30.0),
         (held,),
         lti=True,
-        laws=(law.integral(30.0),),
+        laws=(closed_forms.integral(30.0),),
     ),
     Entry(
         "moving_average",
@@ -1256,7 +1273,7 @@ TABLE += [
         (normal,),
         lti=True,
         rates=(8000.0,),
-        laws=(law.mean_of(80),),
+        laws=(closed_forms.mean_of(80),),
         late=1e-15,  # its sums begin anew each 80 samples
     ),
     Entry(
@@ -1266,7 +1283,7 @@ TABLE += [
         (normal,),
         lti=True,
         rates=(8000.0,),
-        laws=(law.mean_of(16),),
+        laws=(closed_forms.mean_of(16),),
     ),
     Entry(
         "envelope_follower", "Follower", lambda x: b.envelope_follower(x, 0.002, 0.03), (normal,)
@@ -1350,7 +1367,7 @@ TABLE += [
         (sparse,),
         lti=True,
         rates=(8000.0,),
-        laws=(law.sum_of(CLICK),),
+        laws=(closed_forms.sum_of(CLICK),),
     ),
     Entry(
         "grain_slower",
@@ -1417,7 +1434,7 @@ TABLE += [
         "band_noise",
         "BandNoise",
         lambda: b.band_noise(80.0, 300.0, 0.01, seed=3, shared=True),
-        laws=(law.band_noise(80.0, 300.0, 0.01, 4),),
+        laws=(closed_forms.band_noise(80.0, 300.0, 0.01, 4),),
     ),
 ]
 

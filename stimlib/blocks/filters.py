@@ -283,18 +283,6 @@ class Filter(Cascade):
         }
         return cascade(sections(rows), float(middle.get(self.band, 0.0)))
 
-    def laws(self, fs):
-        return (
-            responses.family(
-                self.band,
-                tuple(self.edges.values()),
-                self.order,
-                self.kind,
-                self.ripple,
-                self.attenuation,
-            ),
-        )
-
 
 def _level(y: Filter) -> float:
     """Return the gain at 0 Hz of a filter that passes 0 Hz.

@@ -93,9 +93,6 @@ class Taps(Fir):
     def design(self, fs):
         return line(self.taps)
 
-    def laws(self, fs):
-        return (responses.sum_of(self.taps),)
-
 
 @public
 def fir(x: Block, taps, unit: str = "", onset: str = "step") -> Block:
@@ -355,9 +352,6 @@ class MovingAverage(Fir):
                 high, low, at = 0.0, 0.0, np.int64(0)
         words[0], words[1] = high, low
         return DelayState(s.line, np.uint64(at))
-
-    def laws(self, fs):
-        return (responses.mean_of(round(self.seconds * fs)),)
 
 
 @public

@@ -216,7 +216,7 @@ class FirstOrder(Lag):
         return LagParams(e, h, e - h), LagState(0.0, 0.0, 0.0)
 
     def laws(self, fs):
-        return responses.lag(self.tau), responses.ramp_invariant(self.tau)
+        return (responses.lag(self.tau),)
 
 
 @public

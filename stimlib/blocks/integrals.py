@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from ..core.graph import Block, Map, reach
 from ..core.loops import loop
 from ..core.units import unit
-from ..design import responses
 from ..errors import Above0, BadValue, public
 from .events import as_signal
 from .filters import delay
@@ -51,9 +50,6 @@ class Integrate(Lag):
             else (0.5 / fs, 0.5 / fs)
         )
         return LagParams(e, now, before), LagState(0.0, 0.0, 0.0)
-
-    def laws(self, fs):
-        return (responses.running_sum() if self.held else responses.integral(self.leak),)
 
 
 @public

@@ -17,7 +17,6 @@ from ..core.maths import TINY, each, floor, flush, fma, where
 from ..core.parameter import Param
 from ..core.pointwise import clip
 from ..core.response import backward
-from ..design import responses
 from ..design.filters import Quadratic, sections
 from ..errors import Above0, BadValue, one_of, public
 from .filters import Cascade, CascadeParams, CascadeState, cascade
@@ -64,9 +63,6 @@ class Resonator(Cascade):
         g = tan(pi * r)
         p = section(g, (1 + g * g) * tan(pi * w), "notch" if self.notched else "bandpass")
         return p._replace(at=0.0 if self.notched else r), CascadeState(*np.zeros((4, 1)))
-
-    def laws(self, fs):
-        return (responses.resonance(self.freq, self.q, self.notched),)
 
 
 @public
@@ -388,9 +384,6 @@ class Mode(Block):
             0.0, 0.0, 0.0
         )
 
-    def laws(self, fs):
-        return (responses.oscillator(self.freq, self.q),)
-
     @staticmethod
     def step(p, s, x):
         dx = x - s.last
@@ -696,9 +689,6 @@ class PoleSwap(Cascade):
         size = [abs(s * s + s * float(v[1]) + float(v[2])) for v in (bottom, top)]
         scale = Fraction(size[0] / size[1])
         return cascade(sections([([scale * v for v in top], bottom)]), r)
-
-    def laws(self, fs):
-        return (responses.pole_swap(self.freq, self.q, self.gain),)
 
 
 @public

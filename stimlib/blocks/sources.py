@@ -397,9 +397,6 @@ class BandNoise(Cascade):
         with np.errstate(invalid="raise"):  # a gain beyond a float, times a 0
             return p._replace(h0=first * p.h0, e1=first * p.e1, e0=first * p.e0), s
 
-    def laws(self, fs):
-        return (responses.band_noise(self.low, self.high, self.psd, self.order),)
-
 
 @public
 def band_noise(
@@ -662,9 +659,6 @@ class Grain(Block):
         )
         shape = resampled(self.samples, self.rate, fs, name="grain")
         return GrainParams(shape), GrainState(np.zeros(shape.size), NONE, NONE)
-
-    def laws(self, fs):
-        return (responses.sum_of(self.samples),) if self.rate == fs else ()
 
     def memory(self, p):
         return p.shape.size

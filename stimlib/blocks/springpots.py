@@ -610,9 +610,6 @@ class ShortMemory(Method):
             np.zeros(taps.size - 1), 0.0, ONSETS[self.onset]
         )
 
-    def laws(self, fs):
-        return (responses.short_memory(self.order, self.seconds, fs),)
-
     @staticmethod
     def work(p):
         return p.taps.size + 63

@@ -145,9 +145,6 @@ class MaxwellArms(Block):
             np.zeros(e.size), np.zeros(e.size), 0.0, ONSETS[self.onset]
         )
 
-    def laws(self, fs):
-        return (responses.arms(self.k, self.tau),)
-
     work = scratch(SCRATCH + 64)
 
     @staticmethod
@@ -442,9 +439,6 @@ class KelvinChain(Block):
             [self.j0, *(c * v.h for c, v in zip(j, s, strict=True)), *(v / 2 for v in flow)]
         )
         return ChainParams(e, r, d), ChainState(np.zeros(e.size), np.zeros(e.size), 0.0)
-
-    def laws(self, fs):
-        return (responses.chain(self.j0, self.j, self.tau, self.fluidity),)
 
     work = scratch(SCRATCH + 64)
 

@@ -29,6 +29,7 @@ from ..run.driver import Rows, rows_of, samples
 from ..run.processor import Change, Processor, compile
 from ..run.rendering import Rendering
 from . import laws
+from .linear import laws_of
 
 ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report
 FEWEST = 64  # enabled samples without which a noise is not tested
@@ -491,7 +492,7 @@ def noise_model(root: Block, fs: float):
     chain: list[Law] = []
     b = root
     while not isinstance(b, White):
-        law: tuple[Law, ...] = b.laws(fs)
+        law = laws_of(b, fs)
         if not (law and law[0].shapes):
             return None
         chain.append(law[0])

@@ -2,7 +2,8 @@
 
 Nothing of a recursion is run.  A response is taps, or a sum of modes r exp(n L) in
 extended precision, whose poles come from their formulas (of pinking, whose poles are
-fitted, from the design: the law of its spectrum holds them).
+fitted, from the design: the law of its spectrum holds them).  The same responses, at
+frequencies, are the reference laws of check (a2).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 import scipy
 
 from ..blocks.noise import FilteredNoise, White
+from ..design.responses import Law, below_nyquist, largest, whole_band
 from . import laws
 from .rows import Row, Rows, law, touched
 
@@ -48,6 +50,13 @@ class Modes:
             np.exp(np.multiply.outer(k, self.L)) for k in (np.arange(0, n, 64), np.arange(64))
         )
         return np.r_[self.direct, ((far * self.r) @ near.T).real.ravel()][:n]
+
+    def at(self, f: Row, fs: float) -> Row:
+        """Return the frequency response at some frequencies."""
+        turn = 2j * PI * f[:, None] / LONG(fs)
+        return (
+            self.direct - np.sum(self.r / np.expm1(self.L - turn) * np.exp(-turn), axis=1)
+        ).astype(complex)
 
     def lost(self, n: int) -> float:
         """Return the rounding of the first n samples, summed.
@@ -163,13 +172,19 @@ RESPONSES: dict[str, Callable[[Any, float], Modes | Callable[[int], Row]]] = {}
 """By the name of a class: its modes, or a function that gives the first n samples of
 its response.
 """
+EXACT: set[str] = set()
+"""Names of classes whose responses are also laws at frequencies."""
 
 
-def response(*names: str) -> Callable:
-    """Register the impulse response of the classes with these names."""
+def response(*names: str, exact: bool = True) -> Callable:
+    """Register the impulse response of the classes with these names.
+
+    It is not an exact law at frequencies if it is fitted by the design, or has no end.
+    """
 
     def enter(f: Callable) -> Callable:
         RESPONSES.update(dict.fromkeys(names, f))
+        EXACT.update(names if exact else ())
         law(*names, since=settled)(_linear)
         return f
 
@@ -206,6 +221,29 @@ START = 1e-5  # of a state that is drawn: what its factor may lose
 def _made(b: Any, fs: float) -> Modes | Callable[[int], Row]:
     made = RESPONSES[type(b).__name__](b, fs)
     return _equal(made.direct, *map(tuple, (made.r, made.L))) if isinstance(made, Modes) else made
+
+
+def laws_of(b: Any, fs: float) -> tuple[Law, ...]:
+    """Return the laws of a block's frequency response: its own, and the exact one."""
+    if type(b).__name__ not in EXACT:
+        return b.laws(fs)
+    made, edge = _made(b, fs), getattr(b, "low", None) or getattr(b, "high", None)
+    text = "the response of its numbers"
+    if isinstance(made, Modes):
+        points = (lambda fs: np.geomspace(edge / 30, 0.45 * fs, 401)) if edge else whole_band(200)
+        exact = Law(points, made.at, 1e-10, text, size=_sizes, shapes=bool(edge))
+    else:
+        h = np.asarray(made(1 << 62), float)
+        n, tol = 2 * (below_nyquist(fs).size - 1), max(1e-12, 2e-15 * h.size)
+        # at the n frequencies of a transform, taps that are n apart count as one
+        folded = np.pad(h, (0, -h.size % n)).reshape(-1, n).sum(axis=0)
+        exact = Law(below_nyquist, lambda f, fs: np.fft.rfft(folded), tol, text, size=largest)
+    return (*b.laws(fs), exact)
+
+
+def _sizes(H: Row) -> Row:
+    """Return the scales of errors: in a stop band, a part of what passes."""
+    return np.abs(H) + 1e-3 * np.abs(H).max()
 
 
 @lru_cache(32)

@@ -31,6 +31,7 @@ from ..run.processor import Processor, compile
 from ..run.rendering import Rendering
 from ..virtual.device import Device
 from .evidence import Check, Evidence, gather, stated
+from .linear import laws_of
 from .local import blocks_held
 from .noise import generator, noise
 from .report import Report
@@ -244,11 +245,11 @@ def linear_blocks(e: Evidence) -> list[Check]:
             e.skipped.append(
                 f"{name}: its impulse response never settles, so it is not transformed"
             )
-        if not b.laws(e.fs):
+        if not (known := laws_of(b, e.fs)):
             e.skipped.append(f"{b!r}: no physical law is known for it")
             continue
         transfer: Any = type(b).transfer
-        for law in b.laws(e.fs):
+        for law in known:
             error = law.error(partial(_response, transfer, p, e.fs), e.fs)
             checks.append(
                 Check(

@@ -23,7 +23,7 @@ import numpy as np
 from contract import TABLE, Entry, ours
 
 from stimlib import Scene, StimlibError, blocks as b
-from stimlib.checks import local, verification
+from stimlib.checks import linear, local, verification
 from stimlib.core.graph import kind as kind_of, reach, signals
 from stimlib.run.processor import Change
 from stimlib.targets.python import Engine
@@ -239,7 +239,8 @@ class World(NamedTuple):
         stands for.
         """
         for block in local.outside(self.scene.outputs.values()):
-            for law in block.laws(self.fs) if type(block).transfer is not None else ():
+            known = linear.laws_of(block, self.fs) if type(block).transfer is not None else ()
+            for law in known:
                 error = law.error(
                     partial(
                         verification._response,

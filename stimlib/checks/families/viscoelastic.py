@@ -26,7 +26,7 @@ def _chain(b, fs):
     return Modes(b.j0 + direct, r, L)
 
 
-@response("Series")
+@response("Series", exact=False)
 def _series(b, fs):
     """Return the response of two elements in series, g S/(g + S), as a power series.
 
