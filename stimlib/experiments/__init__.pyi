@@ -35,16 +35,10 @@ from .experiment import (
     Masking as Masking,
     Timing as Timing,
 )
-from .fits import (
-    Fit as Fit,
-    LikelihoodRatio as LikelihoodRatio,
-    bootstrap as bootstrap,
-    likelihood_ratio as likelihood_ratio,
-    profile as profile,
-    psychometric as psychometric,
-    psychometrics as psychometrics,
-)
+from .fit_comparison import LikelihoodRatio as LikelihoodRatio, likelihood_ratio as likelihood_ratio
+from .fits import Fit as Fit, psychometric as psychometric, psychometrics as psychometrics
 from .integration import Integrated as Integrated, integrated as integrated
+from .intervals import bootstrap as bootstrap, profile as profile
 from .latin_squares import (
     check_graeco_latin as check_graeco_latin,
     graeco_latin as graeco_latin,

@@ -19,7 +19,7 @@ from ..errors import BadValue, need, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered, without_inverse
 from ..system.progress import progress as bar
-from .fits import undetermined
+from .fit_problems import undetermined
 from .likelihood import Sets, maximum, numbers
 from .reader import Saved, columns
 from .trial import Record

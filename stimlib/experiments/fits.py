@@ -3,96 +3,45 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from numbers import Real
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
 from ..core.units import pretty
-from ..errors import BadValue, need, public, shortened
+from ..errors import BadValue, public, shortened
 from ..system.packages import package
-from .goodness import (
-    allowed,
-    best_possible,
-    dispersion,
-    goodness,
-    highest_of_any,
-    parameters,
-)
+from .answer_sets import answers_of, mirrored, set_of, stacked
+from .fit_problems import PROBLEMS, SURE, Interval, flaws_of, gap_of, undetermined
+from .goodness import allowed, best_possible, dispersion, goodness, parameters
+from .intervals import Options, intervals_of
 from .likelihood import (
     FREE,
     GUESSES,
     LAPSES,
-    NEAR,
-    PROBIT,
-    PROBLEMS as ESTIMATES,
     Array,
     Found,
     Model,
     Sets,
     curve,
-    ends,
     maximum,
+    middle_of,
     numbers,
     probability,
-    total,
+    subset,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PROBLEMS = ESTIMATES | {
-    "separated": (
-        "no level has both answers but the one between: the slope is not determined, the {name} is"
-        " {between}; add levels there, or trials"
-    ),
-    "falling": (
-        "yes becomes rarer as the level rises: check whether the other answer should count as yes"
-    ),
-    "flat": (
-        "the answers hardly depend on the level: the data allow a slope of 0, and any {name}; add"
-        " levels further apart, or trials"
-    ),
-    "lapses": (
-        "some answers far from the {name} fit no curve without lapses, and make this one too flat:"
-        ' give lapse="free" to fit their rate, or a rate of your own'
-    ),
-    "guess": (
-        "the answers {against}: give the chance level of the task as guess=, 0.5 where the right"
-        " one of two intervals was to be found, or hand over the table of answers, which has it; in"
-        " a comparison, add levels below the PSE"
-    ),
-    "overdispersed": (
-        "the answers scatter about the curve more than answers of one probability for each level"
-        " do (p = {p:.2g}): the participant may have changed between blocks, or the curve has"
-        " another shape; intervals are wider by a factor of {wider:.2g} unless dispersion is given;"
-        " look at the residuals over time, and try another link"
-    ),
-}
-"""What can be wrong with a fit, and what to do; ``Fit.problems`` names them."""
-SURE = 0.01  # how often chance alone names a problem
-CHANCES = (0.0, 1 / 4, 1 / 3, 1 / 2)
-"""Chance levels of common tasks, which a given one is tested against."""
-# twice a difference of log-likelihoods, from which on chance level 1/2 fits about as
-# well as a symmetric curve
-AS_GOOD = -2.0
-SAME = 1e-12  # levels that differ by less, relative to their size, differ by rounding
-ROUNDED = 1e-11  # the same between fits, whose levels may have gone through a logarithm
-BEYOND = 4.0  # sigmas from the PSE, where nobody errs but by a lapse
-RESAMPLES = 2000  # fits of a bootstrap
-SAME_FIT = 1e-2  # twice a difference in log-likelihood that the search may leave
 SHARED = "shared"  # a rate that is fitted to all sets together
 LATTICE = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)  # shared rates to begin from, of the highest
-# trials at a level, beyond which likelihoods are too coarse for intervals; size of a
-# level
-MOST, LARGEST = 1e9, 1e100
 TOGETHER = 256  # sets in one call, so that memory stays small
-Interval = tuple[float, float]
 Key = TypeVar("Key", bound=Hashable)
 
 
@@ -169,7 +118,7 @@ class Fit:
     comparison: bool = True
     unit: str = ""
     data: tuple[tuple[float, int, int], ...] = ()
-    method: tuple[Model, float, _How] | None = field(default=None, repr=False, compare=False)
+    method: tuple[Model, float, Options] | None = field(default=None, repr=False, compare=False)
 
     @property
     def name(self) -> str:
@@ -305,8 +254,8 @@ class Fit:
         model, fall, how = self.method
         at, yes, asked = np.array(self.data).T[:, None]
         sets = Sets(np.log10(at) if self.log else at, yes, asked)
-        best = maximum(sets, _middle(sets, model), model)
-        low, high = _around(sets, model, np.array([fall]), how, best, part)[0, :, 0].tolist()
+        best = maximum(sets, middle_of(sets, model), model)
+        low, high = intervals_of(sets, model, np.array([fall]), how, best, part)[0, :, 0].tolist()
         return (float(_power(low)), float(_power(high))) if self.log else (low, high)
 
     def _part(self, p: ArrayLike) -> Array:
@@ -607,7 +556,7 @@ def psychometrics(
     lapse = float(lapse) if isinstance(lapse, Real) else lapse
     dispersion, confidence = dispersion and float(dispersion), float(confidence)
     log = log or link == "weibull"
-    how = _How(log, dispersion, interval, confidence, int(seed), unit)
+    how = Options(log, dispersion, interval, confidence, int(seed), unit)
     _model(link, guess, lapse, how)
     middle = _known(pse, guess, log)
     sets: dict[Any, Any] = {}
@@ -615,8 +564,8 @@ def psychometrics(
     fits: dict[Any, Fit] = {}
     for key, given in data.items():
         where = f"psychometrics of {shortened(key)}" if key != "" else "psychometrics"
-        answers, chance = _answers(where, given)
-        sets[key] = _set(where, answers, log)
+        answers, chance = answers_of(where, given)
+        sets[key] = set_of(where, answers, log)
         if middle is not None and chance not in (None, 0.5):
             raise BadValue(f"{where}: pse is of a curve that is 1/2 there, not of chance {chance}")
         chances[key] = None if middle is not None else chance if guess is None else guess
@@ -633,28 +582,17 @@ def psychometrics(
     return {key: fits[key] for key in data}
 
 
-class _How(NamedTuple):
-    """How to fit, beside the model."""
-
-    log: bool
-    dispersion: float | None
-    interval: str
-    confidence: float
-    seed: int
-    unit: str
-
-
 def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> dict[str, float]:
     """Return the rates that all sets share, whatever else their models are."""
     names = [name for name in ("guess", "lapse") if parts and getattr(parts[0][1], name) == SHARED]
     if not names:
         return {}
-    padded = [(_padded(part), model) for part, model in parts]
+    padded = [(stacked(part), model) for part, model in parts]
 
     def loss(rates: Array) -> float:
         one = dict(zip(names, rates.tolist(), strict=True))
         return -sum(
-            float(maximum(s, _middle(s, model), _with(model, one)).loglik.sum())
+            float(maximum(s, middle_of(s, model), _with(model, one)).loglik.sum())
             for s, model in padded
         )
 
@@ -677,25 +615,21 @@ def _with(model: Model, rates: Mapping[str, float]) -> Model:
     return model._replace(guess=guess, lapse=lapse)
 
 
-def _middle(sets: Sets, model: Model) -> Array:
-    """Return where intercepts are taken: the known middle, or that of the levels."""
-    mean = total(sets.x * sets.n) / total(sets.n)
-    return mean if model.pse is None else np.full_like(mean, model.pse)
-
-
-def _fitted(part: Sequence[Sets], model: Model, rates: Mapping[str, float], how: _How) -> list[Fit]:
+def _fitted(
+    part: Sequence[Sets], model: Model, rates: Mapping[str, float], how: Options
+) -> list[Fit]:
     """Return the fits of some sets, in one call of each step."""
     most = {
         n: v
         for n, v in (("lapse", LAPSES), ("guess", GUESSES))
         if getattr(model, n) in (FREE, SHARED)
     }
-    sets, model = _padded(part), _with(model, rates)
-    middle = _middle(sets, model)
+    sets, model = stacked(part), _with(model, rates)
+    middle = middle_of(sets, model)
     best = maximum(sets, middle, model)
-    problems = [undetermined(_mirrored(one, model.pse)) for one in part]
+    problems = [undetermined(mirrored(one, model.pse)) for one in part]
     if at := [i for i, wrong in enumerate(problems) if not wrong]:
-        flaws = _flaws(_some(sets, at), middle[at], model, Found(*(v[at] for v in best)))
+        flaws = flaws_of(subset(sets, at), middle[at], model, Found(*(v[at] for v in best)))
         for i, name in zip(at, flaws, strict=True):
             problems[i] = (name,) if name else ()
     usable = [i for i, wrong in enumerate(problems) if set(wrong) <= {"lapses", "guess"}]
@@ -721,7 +655,7 @@ def _fitted(part: Sequence[Sets], model: Model, rates: Mapping[str, float], how:
     around = np.full((2, 2, len(part)), math.nan)
     if usable:
         some = Found(*(v[usable] for v in best))
-        around[..., usable] = _around(_some(sets, usable), model, falls[usable], how, some)
+        around[..., usable] = intervals_of(subset(sets, usable), model, falls[usable], how, some)
     return [
         _fit(
             one,
@@ -743,42 +677,7 @@ def _fitted(part: Sequence[Sets], model: Model, rates: Mapping[str, float], how:
     ]
 
 
-def _around(
-    sets: Sets, model: Model, falls: Array, how: _How, best: Found, part: float = 0.5
-) -> Array:
-    """Return the ends of the level of a part of the curve, and of sigma, on the axis.
-
-    Of each set, as `profile`; nan without intervals.
-    """
-    if how.interval == "profile":
-        return _profile(sets, model, falls, part, best)
-    around = np.full((2, 2, falls.size), math.nan)
-    if how.interval == "none":
-        return around
-    middle = _middle(sets, model)
-    at, spread = middle + (curve(model.link).inverse(part) - best.a) / best.b, 1 / best.b
-    wider = np.sqrt(falls / allowed(math.nan, 0, how.confidence))
-    for i, asked in enumerate(sets.n > 0):  # a set without what fills it up
-        one = Sets(*(v[i][asked] for v in sets))
-        level, sigma = bootstrap(one, model, how.confidence, how.seed, part=part)
-        around[0, :, i] = at[i] + wider[i] * (level - at[i])
-        around[1, :, i] = spread[i] * (sigma / spread[i]) ** wider[i]
-    return around
-
-
-def _mirrored(one: Sets, pse: float | None) -> Sets:
-    """Return a set with its mirror image about a middle that is known.
-
-    A curve through that middle is as likely of both, and answers that are all right
-    about it are separated there.
-    """
-    if pse is None:
-        return one
-    x, yes, n = (v[one.x != pse] for v in one)  # at the middle they say nothing
-    return Sets(np.append(x, 2 * pse - x), np.append(yes, n - yes), np.append(n, n))
-
-
-def _fit(one: Sets, found: Array, around: Array, model: Model, how: _How, **each: Any) -> Fit:
+def _fit(one: Sets, found: Array, around: Array, model: Model, how: Options, **each: Any) -> Fit:
     """Return the report of a set.
 
     PSE and sigma, and their intervals, are on the axis of the fit.
@@ -796,7 +695,7 @@ def _fit(one: Sets, found: Array, around: Array, model: Model, how: _How, **each
         deviance=float(2 * (best_possible(one) - each["loglik"])),
         trials=int(one.n.sum()),
         levels=one.x.size,
-        gap=_gap(one, log, model.guess),
+        gap=gap_of(one, log, model.guess),
         link=model.link,
         log=log,
         confidence=how.confidence,
@@ -805,319 +704,6 @@ def _fit(one: Sets, found: Array, around: Array, model: Model, how: _How, **each
         data=tuple(zip(*(v.tolist() for v in rows), strict=True)),
         **each,
     )
-
-
-def _some(sets: Sets, rows: Sequence[int] | Array) -> Sets:
-    return Sets(*(v[rows] for v in sets))
-
-
-def _padded(part: Sequence[Sets]) -> Sets:
-    """Return sets as rows of one length.
-
-    They are filled up with the last level, without trials.
-    """
-    longest = max(one.x.size for one in part)
-    x = [np.pad(one.x, (0, longest - one.x.size), "edge") for one in part]
-    yes, n = ([np.pad(one[i], (0, longest - one[i].size)) for one in part] for i in (1, 2))
-    return Sets(np.stack(x), np.stack(yes), np.stack(n))
-
-
-@dataclass(frozen=True)
-class LikelihoodRatio:
-    """A comparison of two models of the same answers.
-
-    Attributes
-    ----------
-    statistic : float
-        Twice the gain in log-likelihood.
-    df : int
-        How many more parameters the fuller model has.
-    p : float
-        How often chance gains as much where the simpler model is true.
-    """
-
-    statistic: float
-    df: int
-    p: float
-
-
-@public
-def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRatio:
-    """Compare a model with a fuller one that contains it, over the same answers.
-
-    For instance one curve for two conditions with one for each, or no lapses with
-    lapses that are fitted.  One curve for both means one threshold and one slope: the
-    test does not say which of them differs, for which `Fit.pse_interval` and
-    `Fit.sigma_interval` are a guide.
-
-    Parameters
-    ----------
-    simple, full : iterable of Fit
-        All fits of each model.
-
-    Returns
-    -------
-    LikelihoodRatio
-        p is by chi squared; where the fuller model is overdispersed, by F, of the
-        statistic divided by ``df`` and by the dispersion of its fits.
-
-    Raises
-    ------
-    BadValue
-        The answers differ, or the fuller model has no more parameters or a lower
-        log-likelihood, as where its shared rate was fitted to other sets as well.
-
-    References
-    ----------
-    McCullagh and Nelder (1989), Generalized Linear Models, sections 4.4.3 and 4.5.
-
-    Examples
-    --------
-    >>> from stimlib.experiments import likelihood_ratio, psychometric
-    >>> levels, asked = [1.0, 1.5, 2.0, 2.5, 3.0], [20] * 5
-    >>> soft, hard = [1, 4, 9, 17, 19], [0, 1, 3, 10, 17]
-    >>> each = [psychometric(levels, yes, asked) for yes in (soft, hard)]
-    >>> both = psychometric(2 * levels, soft + hard, 2 * asked)
-    >>> likelihood_ratio([both], each).p < 0.001
-    True
-    """
-    one, other = list(simple), list(full)
-    if wrong := [fit for fit in (*one, *other) if not isinstance(fit, Fit)]:
-        raise BadValue(f"likelihood_ratio: {wrong[0]!r:.80} is no Fit; give lists of fits")
-    before, after = _pooled(one), _pooled(other)
-    if len(before) != len(after) or not np.allclose(before, after, rtol=ROUNDED, atol=0.0):
-        raise BadValue("likelihood_ratio: both models must be fitted to the same answers")
-    counts = [
-        sum(fit.parameters for fit in fits) + max((fit.shared for fit in fits), default=0)
-        for fits in (one, other)
-    ]
-    df = counts[1] - counts[0]
-    if df < 1:
-        raise BadValue(
-            f"likelihood_ratio: {counts[1]} parameters of the fuller model must be more than the"
-            f" {counts[0]} of the simpler one"
-        )
-    gain = 2 * (sum(fit.loglik for fit in other) - sum(fit.loglik for fit in one))
-    if gain < -SAME_FIT:
-        raise BadValue(
-            f"likelihood_ratio: the log-likelihood of the fuller model is {-gain / 2:.2g} below"
-            " that of the simpler one, so it does not contain it; fit shared rates to the same"
-            " sets in both"
-        )
-    gain = max(gain, 0.0)
-    free = [(fit.levels - fit.parameters, fit.dispersion) for fit in other]
-    free = [(k, v) for k, v in free if math.isfinite(v)]
-    left = sum(k for k, _ in free)
-    scatter = sum(k * v for k, v in free) / left if left else 1.0
-    p = (
-        scipy.stats.f.sf(gain / df / scatter, df, left)
-        if scatter > 1
-        else scipy.stats.chi2.sf(gain, df)
-    )
-    return LikelihoodRatio(gain, df, float(p))
-
-
-def _pooled(fits: Sequence[Fit]) -> list[list[float]]:
-    """Return each level of all fits, how many said yes there, and were asked.
-
-    Levels that differ by rounding, as those of two staircases in dB, are one.
-    """
-    found: list[list[float]] = []
-    before = -math.inf
-    for level, yes, asked in sorted(row for fit in fits for row in fit.data):
-        if level - before > ROUNDED * abs(level):
-            found.append([level, 0, 0])
-        found[-1][1] += yes
-        found[-1][2] += asked
-        before = level
-    return found
-
-
-@public
-def profile(
-    sets: Sets,
-    model: Model = PROBIT,
-    confidence: float = 0.95,
-    fall: ArrayLike | None = None,
-    part: float = 0.5,
-) -> Array:
-    """Return profile-likelihood intervals of many sets at once.
-
-    Parameters
-    ----------
-    sets : Sets
-        Of shape (.., levels); no set separated.
-    model : Model
-    confidence : float
-    fall : array_like, shape (..), optional
-        How far twice the log-likelihood falls to the end of an interval; by default the
-        quantile of chi squared.
-    part : float
-        The part of the way up, between guesses and lapses, of the level whose ends are
-        looked for: 1/2 is the PSE.
-
-    Returns
-    -------
-    ndarray, shape (2, 2, ..)
-        Lower and upper end of the PSE, or of that level, and of sigma (positive slopes
-        only).
-
-    References
-    ----------
-    Venzon and Moolgavkar (1988), Applied Statistics 37:87.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from stimlib.experiments import profile
-    >>> from stimlib.experiments.likelihood import Sets
-    >>> profile(
-    ...     Sets(np.arange(5.0), np.array([1, 4, 9, 17, 19]), np.full(5, 20))
-    ... ).round(3)
-    array([[1.627, 2.365],
-           [0.867, 1.647]])
-    """
-    each = np.broadcast_arrays(*sets)
-    shape, sets = each[0].shape[:-1], Sets(*(v.reshape(-1, v.shape[-1]) for v in each))
-    fall = allowed(math.nan, 0, confidence) if fall is None else numbers("profile: fall", fall)
-    if fall.ndim and fall.shape != shape or not (fall > 0).all():
-        raise BadValue(
-            f"profile: fall, of shape {fall.shape}, must be above 0, and one number or one for each"
-            f" set: {shape}"
-        )
-    best = maximum(sets, _middle(sets, model), model)
-    fall = np.broadcast_to(fall, shape).ravel()
-    return _profile(sets, model, fall, part, best).reshape(2, 2, *shape)
-
-
-def _profile(sets: Sets, model: Model, fall: Array, part: float, best: Found) -> Array:
-    """Return profile-likelihood intervals, (2, 2, sets), about known maxima."""
-    middle, up, z = _middle(sets, model), _quantile(model, part), np.sqrt(fall)
-    both = np.repeat([-1.0, 1.0], middle.size)  # the lower ends of all sets, then the upper ones
-    peaks, z, middles = Found(*(np.tile(v, 2) for v in best)), np.tile(z, 2), np.tile(middle, 2)
-    twice = _some(sets, np.tile(np.arange(middle.size), 2))
-    width = np.sqrt(total(sets.n * (sets.x - middle[:, None]) ** 2) / total(sets.n)) / 8
-
-    # from there on a curve is a step, and its slope is rounding
-    with np.errstate(divide="ignore"):
-        steepest = np.tile(np.minimum(60.0, np.log(1e9 / width)), 2)
-
-    def found(start: Array, step: Array, hold: Callable[[Array, Array], dict[str, Array]]) -> Array:
-        """Return the ends along one way to hold a parameter."""
-        last = Found(*(v.copy() for v in peaks))
-
-        def fallen(x: Array, k: Array, search: bool) -> Array:
-            """Return how far the profile has fallen, which is nearly straight."""
-            now = Found(*(v[k] for v in last))
-            at = dict(c=middles[k]) | hold(x, k)
-            least = maximum(_some(twice, k), model=model, start=now, search=search, **at)
-            for v, new in zip(last, least, strict=True):
-                v[k] = new
-            return np.sqrt(2 * np.maximum(peaks.loglik[k] - least.loglik, 0.0)) - z[k]
-
-        at = ends(lambda x, k: fallen(x, k, False), start, step)
-        # where another peak is higher there, the end is further away
-        k = np.flatnonzero(np.isfinite(at) & bool(model.guess or model.lapse))
-        k = k[fallen(at[k], k, True) < -NEAR] if k.size else k
-        if k.size:
-            for v, peak in zip(last, peaks, strict=True):
-                v[k] = peak[k]
-            at[k] = ends(lambda x, rows: fallen(x, k[rows], True), start[k], step[k])
-        return at
-
-    def at_level(m: Array, k: Array) -> dict[str, Array]:
-        return dict(c=m, a=np.full(m.shape, up))
-
-    def at_slope(logs: Array, k: Array) -> dict[str, Array]:
-        return dict(b=np.exp(np.clip(logs, -60, steepest[k])))
-
-    sigmas = np.exp(-found(np.log(np.abs(peaks.b)), -0.2 * both, at_slope))
-    if model.pse is not None:  # then the level goes with sigma
-        away = up * sigmas if up else np.zeros(sigmas.shape)
-        levels = np.sort(model.pse + away.reshape(2, -1), axis=0).ravel()
-    else:
-        start = np.tile(middle + (up - best.a) / best.b, 2)
-        levels = found(start, both * np.tile(width, 2), at_level)
-    return np.stack([levels, sigmas]).reshape(2, 2, -1)
-
-
-@public
-def bootstrap(
-    sets: Sets,
-    model: Model = PROBIT,
-    confidence: float = 0.95,
-    seed: int = 0,
-    n: int = RESAMPLES,
-    part: float = 0.5,
-) -> Array:
-    """Return parametric-bootstrap percentiles of the fit to one set of answers.
-
-    Each simulated set has the same levels.
-
-    Parameters
-    ----------
-    sets : Sets
-        Of shape (levels,).
-    model, confidence
-        As `profile`.
-    seed : int
-    n : int
-        How many.
-    part : float
-        As `profile`.
-
-    Returns
-    -------
-    ndarray, shape (2, 2)
-        As `profile`.  A resample that is separated counts with the sigma of nearly 0
-        that it has.
-
-    References
-    ----------
-    Efron and Tibshirani (1993), An Introduction to the Bootstrap, section 13.3;
-    Wichmann and Hill (2001), Perception and Psychophysics 63:1314.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from stimlib.experiments import bootstrap
-    >>> from stimlib.experiments.likelihood import Sets
-    >>> bootstrap(
-    ...     Sets(np.arange(5.0), np.array([1, 4, 9, 17, 19]), np.full(5, 20)), n=200
-    ... ).round(1)
-    array([[1.6, 2.4],
-           [0.8, 1.5]])
-    """
-    if not 0 < confidence < 1 or seed < 0 or n < 1:
-        raise BadValue(
-            f"bootstrap: confidence = {confidence}, seed = {seed}, n = {n} must be within 0 .. 1, 0"
-            " or above, above 0"
-        )
-    middle, up = float(np.average(sets.x, weights=sets.n)), _quantile(model, part)
-    middle = middle if model.pse is None else model.pse
-    found = maximum(sets, middle, model)
-    eta = found.a + found.b * (sets.x - middle)
-    p = probability(eta, model.link, found.guess, found.lapse)[0]
-    drawn = np.random.default_rng(seed).binomial(sets.n.astype(int), p, (n, p.size)).astype(float)
-    fits = maximum(sets._replace(yes=drawn), middle, model)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # of a flat resample at one half any PSE is as likely
-        away = np.where(fits.a == up, 0.0, (up - fits.a) / fits.b)
-        each = np.stack([middle + away, 1 / np.abs(fits.b)])
-    tail = (1 - confidence) / 2
-    # infinities have no straight line between them
-    low = np.quantile(each, tail, axis=1, method="lower")
-    high = np.quantile(each, 1 - tail, axis=1, method="higher")
-    with np.errstate(invalid="ignore"):
-        found = np.quantile(each, [tail, 1 - tail], axis=1, method="median_unbiased").T
-    return np.where(np.isnan(found), np.stack([low, high], axis=1), found)
-
-
-def _quantile(model: Model, part: float) -> float:
-    """Return the link at a part of the way up, or raise BadValue."""
-    if not isinstance(part, (int, float)) or not 0 < part < 1:
-        raise BadValue(f"part = {part!r:.80} must be a number above 0 and below 1, such as 0.75")
-    return float(curve(model.link).inverse(part))
 
 
 # What is given ------------------------------------------------------------------------
@@ -1137,7 +723,7 @@ def _known(pse: Any, guess: Any, log: bool) -> float | None:
     return math.log10(pse) if log else float(pse)
 
 
-def _model(link: str, guess: Any, lapse: Any, how: _How) -> None:
+def _model(link: str, guess: Any, lapse: Any, how: Options) -> None:
     """Raise BadValue unless the model and how to fit it are meant."""
     curve(link)
     if how.interval not in ("profile", "bootstrap", "none"):
@@ -1172,152 +758,3 @@ def _model(link: str, guess: Any, lapse: Any, how: _How) -> None:
             f"psychometric: guess = {guess!r} must be at least 0 and below 1 - lapse, or {FREE!r}"
             f" or {SHARED!r} to fit it; 0.5 for the right one of two"
         )
-
-
-def _answers(where: str, given: Any) -> tuple[Sequence[ArrayLike], float | None]:
-    """Return what was given as rows, and the chance level of a table of answers."""
-    if not hasattr(given, "keys"):  # a DataFrame has some, too
-        return given, None
-    need(where, ("level", "outcome"), given)
-    chances = {_chance(where, c) for c in (given["chance"] if "chance" in given else [None])}
-    if len(chances) > 1:
-        raise BadValue(
-            f"{where}: the answers are of tasks with chance levels {chances}: fit each task by"
-            " itself"
-        )
-    return (given["level"], given["outcome"]), chances.pop() if chances else None
-
-
-def _chance(where: str, given: Any) -> float | None:
-    """Return a chance level of a table as a float, or None where it is missing."""
-    if given is None or type(given).__name__ == "NAType":  # pandas' missing value
-        return None
-    if not isinstance(given, Real) or not (given != given or 0 <= float(given) < 1):
-        raise BadValue(
-            f"{where}: chance = {given!r:.80} must be a number from 0 to below 1, or None where the"
-            " task has no chance level"
-        )
-    return None if given != given else float(given)
-
-
-def _set(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
-    """Return one set, each level once.
-
-    Levels that differ by rounding are one, the lowest of them.
-    """
-    if not 2 <= len(given) <= 3:
-        raise BadValue(
-            f"{where}: give (levels, yes) or (levels, yes, trials), not {len(given)} things"
-        )
-    x, k = (
-        numbers(f"{where}: {name}", v) for name, v in zip(("levels", "yes"), given, strict=False)
-    )
-    n = numbers(f"{where}: trials", given[2]) if len(given) == 3 else np.ones_like(k)
-    if not x.ndim == 1 == k.ndim == n.ndim or not x.size == k.size == n.size > 0:
-        raise BadValue(
-            f"{where}: levels {x.shape}, yes {k.shape} and trials {n.shape} must be rows of one"
-            " length, with a number in each"
-        )
-    for name, bad in (
-        ("levels", ~np.isfinite(x) | (log & (x <= 0))),
-        ("trials", ~((n >= 0) & (n <= MOST) & (n == np.floor(n)))),
-        ("yes", ~((k >= 0) & (k <= n) & (k == np.floor(k)))),
-    ):
-        if bad.any():
-            at = int(np.argmax(bad))
-            what = (
-                "must be finite" + (", and above 0 for log" if log else "")
-                if name == "levels"
-                else f"must be a whole number from 0 to {MOST:g}"
-                if name == "trials"
-                else f"must be a whole number from 0 to trials[{at}] = {n[at]:g}"
-            )
-            raise BadValue(
-                f"{where}: {name}[{at}] = {dict(levels=x, yes=k, trials=n)[name][at]:g} {what}"
-            )
-    unique, at_level = np.unique(x[n > 0], return_inverse=True)
-    if not unique.size:
-        raise BadValue(f"{where}: there are no trials")
-    new = np.append(True, np.diff(unique) > SAME * np.abs(unique[1:]))
-    unique, at_level = unique[new], (np.cumsum(new) - 1)[at_level]
-    if log:
-        unique = np.log10(unique)
-    if np.abs(unique).max() > LARGEST or 0 < np.ptp(unique) < 1 / LARGEST:
-        raise BadValue(
-            f"{where}: levels of {unique[0]:g} to {unique[-1]:g}: give them in another unit, so"
-            " that sums of squares exist"
-        )
-    return Sets(unique, np.bincount(at_level, k[n > 0]), np.bincount(at_level, n[n > 0]))
-
-
-# What is wrong with it ----------------------------------------------------------------
-def _gap(sets: Sets, log: bool, guess: float | str | None) -> Interval:
-    """Return the highest level with a no and the lowest with a yes, in order.
-
-    With guesses, they are those below and above half-way.
-    """
-    some_no, some_yes = sets.x[sets.yes < sets.n], sets.x[sets.yes > 0]
-    if not some_no.size or not some_yes.size:
-        return math.nan, math.nan
-    if isinstance(guess, float) and guess:
-        above = sets.yes / sets.n >= (1 + guess) / 2
-        some_no, some_yes = np.append(-np.inf, sets.x[~above]), np.append(np.inf, sets.x[above])
-    low, high = sorted((float(some_no.max()), float(some_yes.min())))
-    return (10**low, 10**high) if log else (low, high)
-
-
-def undetermined(sets: Sets) -> tuple[str, ...]:
-    """Return why answers determine no finite slope above 0; empty if they do.
-
-    Only the order of the answers matters.
-    """
-    some_no, some_yes = sets.x[sets.yes < sets.n], sets.x[sets.yes > 0]
-    if not some_no.size or not some_yes.size or sets.x.size < 2:
-        return ("few",)
-    if some_no.max() <= some_yes.min():
-        return ("separated",)
-    return ("falling",) if some_yes.max() <= some_no.min() else ()
-
-
-def _gain(sets: Sets, middle: Array, model: Model, found: Found, least: float) -> Array:
-    """Return twice the gain in log-likelihood of another model; -inf if below least.
-
-    The model is fitted only where curves of any form can gain so much.
-    """
-    rates = [v if isinstance(v, float) else 0.0 for v in (model.guess, model.lapse)]
-    low, high = rates if model.guess is not None else rates[1:] * 2
-    gain = np.full(middle.shape, -np.inf)
-    at = np.flatnonzero(2 * (highest_of_any(sets, low, high) - found.loglik) > least)
-    if at.size:
-        best = maximum(_some(sets, at), middle[at], model).loglik
-        gain[at] = 2 * (best - found.loglik[at])
-    return gain
-
-
-def _flaws(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]:
-    """Return what is wrong with answers that have a best curve; "" if nothing is."""
-    eta = found.a[:, None] + found.b[:, None] * (sets.x - middle[:, None])
-    # but for lapses, they are separated
-    near = np.sum((np.abs(eta) < BEYOND) & (sets.n > 0), axis=1)
-    flat = 2 * (found.loglik - maximum(sets, middle, model, b=0.0).loglik) < scipy.stats.chi2.ppf(
-        0.95, 1
-    )
-    # at the edge of its range: half of chi squared
-    least = scipy.stats.chi2.isf(2 * SURE, 1)
-    gain = np.full(flat.shape, -np.inf)
-    if model.lapse != FREE:
-        gain = _gain(sets, middle, model._replace(lapse=FREE), found, least)
-    lapses = gain > least
-    guess = np.zeros(flat.shape, bool)
-    if model.guess != FREE and model.pse is None:
-        others = [0.5] if model.guess is None else [g for g in CHANCES if g != model.guess]
-        least = AS_GOOD if model.guess is None else scipy.stats.chi2.isf(SURE, 1)
-        each = [_gain(sets, middle, model._replace(guess=g), found, least) for g in others]
-        better = np.max(each, axis=0)
-        guess = (better > least) & (~lapses | (better > gain))
-    names = np.select(
-        [flat, found.b <= 0, near < 1 + (model.pse is None), guess, lapses],
-        ["flat", "falling", "separated", "guess", "lapses"],
-        "",
-    )
-    return [str(name) for name in names]

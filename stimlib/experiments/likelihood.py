@@ -656,3 +656,14 @@ def ends(excess: Callable[[Array, Array], Array], start: ArrayLike, step: ArrayL
         near[rows], far[rows] = np.where(out, a, x), np.where(out, x, b)
         rows = rows[~(np.abs(value) <= NEAR)]
     return np.where(never, np.copysign(np.inf, step), middle)
+
+
+def middle_of(sets: Sets, model: Model) -> Array:
+    """Return where intercepts are taken: the known middle, or that of the levels."""
+    mean = total(sets.x * sets.n) / total(sets.n)
+    return mean if model.pse is None else np.full_like(mean, model.pse)
+
+
+def subset(sets: Sets, rows: Sequence[int] | Array) -> Sets:
+    """Return some of the sets, by number."""
+    return Sets(*(v[rows] for v in sets))

@@ -9,7 +9,8 @@ from typing import Any
 from ..errors import BadValue, need, public
 from ..system.fields import positive
 from ..system.packages import package
-from .fits import Fit, _chance, psychometrics
+from .answer_sets import chance_of
+from .fits import Fit, psychometrics
 
 Columns = Mapping[str, Sequence[Any]]
 """Columns with a row for each trial, as `stimlib.experiments.observers.simulate`
@@ -109,7 +110,7 @@ class DifferenceThreshold:
         Where the curve is half-way up.
     trials : int
     problems : tuple of str
-        Of the fit, see `stimlib.experiments.fits.PROBLEMS`; nothing can be used as it
+        Of the fit, see `stimlib.experiments.fit_problems.PROBLEMS`; nothing can be used as it
         is where there are some.
     """
 
@@ -189,7 +190,7 @@ def difference_thresholds(
                 f"difference_thresholds: standard = {at[key]!r:.80} must be a number above 0, and"
                 " one for each group; give more columns as by, such as the condition"
             )
-        chances = [_chance("difference_thresholds", v) for v in rows.get("chance", ())]
+        chances = [chance_of("difference_thresholds", v) for v in rows.get("chance", ())]
         equal[key] = pse if pse != "standard" else 0.0 if any(chances) else at[key]
     found: dict[tuple[Any, ...], Fit] = {}
     for middle in dict.fromkeys(equal.values()):
