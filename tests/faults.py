@@ -17,6 +17,7 @@ from stimlib import Input, Scene, blocks as b, constant
 from stimlib.blocks.actuator import StaticLimit
 from stimlib.blocks.bumps import LinearBump, SineBump
 from stimlib.blocks.contact import Button, Detents, Wall
+from stimlib.blocks.creep import KelvinChain, compliance_kelvin_voigt
 from stimlib.blocks.filters import CascadeState, Delay
 from stimlib.blocks.fir_filters import Differentiator, Taps
 from stimlib.blocks.friction import StickSlip
@@ -37,19 +38,14 @@ from stimlib.blocks.noise import (
 )
 from stimlib.blocks.oscillators import Carrier
 from stimlib.blocks.resonance import Resonator, section
+from stimlib.blocks.series import Series
 from stimlib.blocks.sources import Ring
 from stimlib.blocks.springpots import ShortMemory, Springpot, SpringpotLive
 from stimlib.blocks.surfaces import Grating, SpatialNoise
 from stimlib.blocks.tables import Lut
 from stimlib.blocks.texture import Texture
 from stimlib.blocks.tracking import Track, TrackVelocity, track, track_velocity
-from stimlib.blocks.viscoelastic import (
-    KelvinChain,
-    MaxwellArms,
-    Series,
-    compliance_kelvin_voigt,
-    maxwell,
-)
+from stimlib.blocks.viscoelastic import MaxwellArms, maxwell
 from stimlib.core.maths import copy, modes as modes_sum, pairs, where
 from stimlib.motion.generators import constant_speed, minimum_jerk, ramp_and_hold, sinusoid
 from stimlib.scenes import (

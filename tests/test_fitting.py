@@ -16,7 +16,8 @@ from refusals import refused
 import stimlib
 from stimlib import Input, Scene
 from stimlib.blocks.fractional import relaxation_modulus, springpot
-from stimlib.blocks.viscoelastic import generalized_maxwell, springpot_series
+from stimlib.blocks.series import springpot_series
+from stimlib.blocks.viscoelastic import generalized_maxwell
 from stimlib.errors import BadValue, SinkError
 from stimlib.fitting.closed_form import (
     Sampled,

@@ -10,6 +10,12 @@ from .avatars import delay_avatar, vibration
 from .bumps import bump
 from .clock import at, elapsed, every, timeline
 from .contact import button, detents, squeeze_film, wall
+from .creep import (
+    compliance,
+    compliance_generalized_kelvin_voigt,
+    compliance_kelvin_voigt,
+    compliance_maxwell,
+)
 from .cursors import cursor
 from .envelopes import burst, envelope
 from .equalization import equalize
@@ -23,22 +29,14 @@ from .integrals import active, energy, integrate
 from .noise import coloured_noise, pink_noise, pinking, white_noise
 from .oscillators import carrier, oscillator, pulse_train
 from .resonance import amplifier, mode, mode_shape, notch, pole_swap, resonator, svf
+from .series import springpot_series
 from .soft import deformation, indentation, press, stiffness_map, triangle
 from .sources import band_noise, chirp, grain, playback, ring
 from .surfaces import grating, spatial_noise
 from .tables import lut, lut2, panning
 from .texture import texture
 from .tracking import track, track_velocity
-from .viscoelastic import (
-    compliance,
-    compliance_generalized_kelvin_voigt,
-    compliance_kelvin_voigt,
-    compliance_maxwell,
-    generalized_maxwell,
-    maxwell,
-    springpot_series,
-    standard_linear_solid,
-)
+from .viscoelastic import generalized_maxwell, maxwell, standard_linear_solid
 
 __all__ = [
     "active",

@@ -110,8 +110,8 @@ class DifferenceThreshold:
         Where the curve is half-way up.
     trials : int
     problems : tuple of str
-        Of the fit, see `stimlib.experiments.fit_problems.PROBLEMS`; nothing can be used as it
-        is where there are some.
+        Of the fit, see `stimlib.experiments.fit_problems.PROBLEMS`; nothing can be used
+        as it is where there are some.
     """
 
     standard: float

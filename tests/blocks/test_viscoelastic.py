@@ -14,6 +14,11 @@ from refusals import refused, warned
 import stimlib
 from stimlib import Input, Param, Scene, UnitError, constant
 from stimlib.blocks import compliance, integrate, spring, springpot, springpot_series
+from stimlib.blocks.creep import (
+    compliance_generalized_kelvin_voigt,
+    compliance_kelvin_voigt,
+    compliance_maxwell,
+)
 from stimlib.blocks.fractional import (
     creep_compliance,
     maxwell_arm,
@@ -21,14 +26,7 @@ from stimlib.blocks.fractional import (
     relaxation_modulus,
 )
 from stimlib.blocks.impedance import sampled
-from stimlib.blocks.viscoelastic import (
-    compliance_generalized_kelvin_voigt,
-    compliance_kelvin_voigt,
-    compliance_maxwell,
-    generalized_maxwell,
-    maxwell,
-    standard_linear_solid,
-)
+from stimlib.blocks.viscoelastic import generalized_maxwell, maxwell, standard_linear_solid
 from stimlib.checks import linear
 from stimlib.core.graph import reach
 from stimlib.files import audio

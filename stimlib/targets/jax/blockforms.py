@@ -23,6 +23,7 @@ from jax import lax
 from ...blocks import noise, springpots as pot
 from ...blocks.actuator import Passive, ResponseLimit
 from ...blocks.avatars import DelayAvatar
+from ...blocks.creep import KelvinChain
 from ...blocks.cursors import Cursor
 from ...blocks.filters import Cascade, Delay
 from ...blocks.fir_filters import Fir
@@ -31,10 +32,11 @@ from ...blocks.movement import sinpi
 from ...blocks.noise import FilteredNoise, Modes
 from ...blocks.onset import First
 from ...blocks.oscillators import QUARTER, WORD, Carrier, fold, rectified
+from ...blocks.series import Series
 from ...blocks.sources import Grain, Ring
 from ...blocks.surfaces import SpatialNoise
 from ...blocks.texture import Texture
-from ...blocks.viscoelastic import KelvinChain, MaxwellArms, Series
+from ...blocks.viscoelastic import MaxwellArms
 from ...core.graph import AtLeast, Block, Greater
 from ...core.guard import Guard
 from ...core.silence import Sounding
