@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from ..errors import BadValue
 from ..system.limits import limits
-from .kept import kept
+from ..system.linear_algebra import one_thread
 
 # Best approximations in the sense of Chebyshev --------------------------------------
 # Best approximations in the sense of Chebyshev: what the designs of ``pink`` and
@@ -119,7 +119,7 @@ class DifferentiatorDesign(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-@kept
+@one_thread()
 def differentiator_taps(
     fs: float, passband: float, stopband: float | None, order: int
 ) -> DifferentiatorDesign:

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import BadValue
+from ..system.linear_algebra import one_thread
 from .filters import FloatArray, alternating, between, peaks_of
-from .kept import kept
 
 # A power law over place as a sum of octaves -----------------------------------------
 # A power law over place as a sum of octaves, each with the spectrum of a random spline.
@@ -148,7 +148,7 @@ class NoiseDesign(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-@kept
+@one_thread()
 def noise_modes(fs: float, f_low: float, tol_db: float, slope: float = 1.0) -> NoiseDesign:
     """Design a filter of constant slope with the fewest sections that meet a tolerance.
 
