@@ -23,6 +23,7 @@ import pytest
 
 from stimlib import Input, Scene
 from stimlib.blocks import envelope, friction, oscillator
+from stimlib.cli.app import friendly
 from stimlib.core import maths
 from stimlib.core.program import design_of, program_of
 from stimlib.core.steps import source
@@ -119,6 +120,24 @@ def test_processes_that_start_at_once_compile_each_entry_once(wanted, tmp_path):
     assert {y for y, _ in ends} == {wanted[0]}
     compiled = re.findall(r"cache miss: (\w+)", ends[0][1] + ends[1][1])
     assert sorted(compiled) == sorted({p.name for p in new.iterdir()} - {runtime_entry().name})
+
+
+def test_what_an_empty_cache_compiles_is_said_once_before(tmp_path, monkeypatch, capsys):
+    """The words come before the text runs, which is what takes long; of a block class
+    there are none.
+    """
+    monkeypatch.setenv("STIMLIB_CACHE", str(tmp_path / "empty"))
+    monkeypatch.setattr(cache_folder, "_folder", None)
+    seen = "import sys; print('running', file=sys.stderr)"
+    with friendly():
+        caches.load("x = 1", "Add")
+        assert capsys.readouterr().err == ""
+        caches.load(seen, "runtime")
+        caches.load(seen, "pump")
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["compiling for this machine, once: about two seconds", "running", "running"]
+    caches.load(f"{seen} # again", "pump")
+    assert capsys.readouterr().err == "running\n", "nobody is told outside of a command"
 
 
 def test_the_log_tells_hits_misses_and_times(wanted, tmp_path):

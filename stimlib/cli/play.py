@@ -11,7 +11,7 @@ import typer
 from .. import files
 from ..devices import available
 from ..errors import BadValue, FaultError, SinkError
-from ..system.progress import compiling, progress
+from ..system.progress import progress
 from ..system.safe_files import unused
 from . import options as opt
 from .app import command, errors, failed, note, say
@@ -37,8 +37,7 @@ def _play(
     """
     failures: list[Any] = []
     with sink:
-        with compiling(wanted):
-            sink.open(fs, channels, block)
+        sink.open(fs, channels, block)
         sink.start(seconds)
         frames = None if seconds is None else round(seconds * fs)
         with reloaded, progress("playing; Ctrl-C ends", frames, wanted) as advance:

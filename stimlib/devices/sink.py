@@ -32,7 +32,7 @@ from ..errors import BadValue, FaultError, MotionError, SinkError, StimlibError,
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
 from . import words
-from .engine import PUMP, Pump
+from .engine import Pump
 from .markers import RECENT, WINDOW, Markers, Send, behind, checked_name
 from .process import abandoned, account, begin, begin_playing, end_playing, open_sinks, signals_wait
 from .session import Recorder, SessionReport
@@ -269,9 +269,6 @@ class Sink:
         if self.calibration is not None:
             self.safety = self.calibration.safety(self.scene, self.safety, rate)
             self.protected = protect(self.scene, self.safety)
-        from ..targets.llvm.engine import expect
-
-        expect([PUMP])
         self.proc = compile(self.protected, rate, seed=self.seed)
         self.rate, self.block = self.proc.fs, block
         self._warm_up()

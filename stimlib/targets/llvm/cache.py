@@ -17,7 +17,7 @@ import os
 import stat
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from functools import cache
 from pathlib import Path
@@ -31,7 +31,7 @@ from ...core.steps import source
 from ...errors import SinkError
 from ...system import safe_files
 from ...system.cache_folder import folder, lock, open_to_others, temporary
-from ...system.progress import announce, counted
+from ...system.progress import announce
 from . import known, machine, rows, walk
 
 logger = logging.getLogger(__name__)
@@ -79,21 +79,6 @@ def _sums(text: str) -> str:
 
 def _name(text: str, stem: str) -> str:
     return f"{stem}_{_sums(text)[:20]}"
-
-
-def expect(pieces: Iterable[tuple[str, str]]) -> None:
-    """Report how many lines have to be compiled before pieces can be loaded.
-
-    Pieces are arguments of ``load``. Nothing is done unless somebody counts.
-    """
-    # a name is a hash of the whole text: not for nothing
-    for tell in counted:
-        missing = {
-            name: text
-            for text, stem in pieces
-            if (name := _name(text, stem)) not in _loaded and not (folder() / name).exists()
-        }
-        tell("".join(missing.values()).count("\n"), 0)
 
 
 def load(text: str, stem: str, make: Callable[[], walk.Intermediate] | None = None) -> Code:
@@ -227,8 +212,6 @@ def _turn(entry: Path, text: str) -> Iterator[None]:
             stack.close()
             time.sleep(0.02)
         yield
-    for tell in counted:
-        tell(0, text.count("\n"))
 
 
 def _sum(data: bytes) -> str:

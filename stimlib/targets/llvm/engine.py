@@ -26,7 +26,7 @@ from ...core.parameter import Param
 from ...core.program import Program, design_of, first_states, lower
 from ...system.cache_folder import lock
 from . import entry_points, lanes, rows
-from .cache import Code, expect, load
+from .cache import Code, load
 from .segments import Form, chained, kinds, noise_behind, plan, segment, written
 
 TILE = 64  # samples at most in one turn; the runtime and the kernels have it spelled out
@@ -51,7 +51,6 @@ def runtime() -> Code:
 @cache
 def _part(piece: tuple[str, str], *kernels: str) -> Code:
     """Return a compiled part of the runtime, after giving its kernels their names."""
-    expect([piece])
     code = load(*piece)
     for name in kernels:
         llvmlite.binding.add_symbol(f"stimlib_{name}", code.addresses[name])
@@ -97,12 +96,6 @@ class _Table:
                 self.listened.add((instance.args[0], block.output_index))
         works: list[int] = []
         order = _rows(program, _order(program, design), self.still)
-        expect(
-            self.chain(group)[0] if _operation(instance) else written(self.form(group))
-            for group in order
-            if (instance := program.instances[group[0]]).kind == "block"
-            and (len(group) > 1 or not _operation(instance))
-        )
         # before any segment, which is linked to the kernels
         runtime()
         # guards whose output nobody reads run last: they write where the caller wants
