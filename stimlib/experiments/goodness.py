@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
@@ -220,23 +218,12 @@ def highest_of_any(sets: Sets, low: float, high: float) -> Array:
     >>> highest_of_any(sets, 0.0, 0.0).round(3)  # of 0, 3/4 and 3/4
     array([-2.249])
     """
-    best = np.empty(len(sets.n))
+    best, fitted = np.empty(len(sets.n)), scipy.optimize.isotonic_regression
     for at, (yes, n) in enumerate(zip(sets.yes, sets.n, strict=True)):
         y, m = yes[n > 0], n[n > 0]
-        both = [_rising(*way) for way in ((y, m), (y[::-1], m[::-1]))]
-        each = [np.clip(p, low, 1 - high) for p in (both[0], both[1][::-1])]
+        ways = [fitted(y / m, weights=m, increasing=way).x for way in (True, False)]
+        each = [np.clip(p, low, 1 - high) for p in ways]
         best[at] = max(
             np.sum(scipy.special.xlogy(y, p) + scipy.special.xlogy(m - y, 1 - p)) for p in each
         )
     return best
-
-
-def _rising(yes: Array, n: Array) -> Array:
-    """Return the most likely proportions that never fall with the level."""
-    blocks: list[list[Any]] = []  # yes, trials, levels
-    for one in zip(yes.tolist(), n.tolist(), strict=True):
-        blocks.append([*one, 1])
-        while len(blocks) > 1 and blocks[-2][0] * blocks[-1][1] > blocks[-1][0] * blocks[-2][1]:
-            last = blocks.pop()
-            blocks[-1] = [v + w for v, w in zip(blocks[-1], last, strict=True)]
-    return np.repeat([y / m for y, m, _ in blocks], [k for *_, k in blocks])
