@@ -9,7 +9,6 @@ runs across a block, and the curves need only the gaps between columns.
 from __future__ import annotations
 
 import dataclasses as dc
-from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -25,6 +24,7 @@ from ..core.units import ONE
 from ..system.packages import package
 
 # inches and points
+ROUNDS = 20  # in which boxes move; more change little
 TITLE, SMALL = 8.0, 6.5
 LINE, MARGIN, GAP, SPACE, WIRE, PAD, STRIP = 0.13, 0.25, 0.42, 0.13, 0.16, 0.13, 0.2
 
@@ -168,18 +168,25 @@ class Layout:
     def pack(self, level: Level) -> None:
         """Choose the heights of boxes so that links are short and no boxes overlap.
 
-        Boxes move to the barycentre of their neighbours, kept apart by a skyline; the
-        best of several rounds is taken.
+        Boxes move to the barycentre of their neighbours and themselves, and are kept
+        apart by a skyline.
         """
         links = self._links(level)
         boxes = [*level.boxes, *level.wires.values()]
-        best, kept = np.inf, {b: 0.0 for b in boxes}
-        for y, cost in self._rounds(boxes, links):
-            if cost < best - 1e-9:
-                best, kept = cost, y
-        low = min(kept.values(), default=0.0)
+        near = {b: [b] for b in boxes}  # itself, or two that pull each other swing for ever
+        for a, b in links:
+            near[a].append(b)
+            near[b].append(a)
+        wish, y = dict.fromkeys(boxes, 0.0), dict.fromkeys(boxes, 0.0)
+        for _ in range(ROUNDS):
+            order = sorted(boxes, key=lambda b: (wish[b], b.number))
+            wanted = {b: wish[b] - b.height / 2 for b in boxes}
+            down, up = _skyline(order, wanted, 1.0), _skyline(order[::-1], wanted, -1.0)
+            y = {b: (down[b] + up[b]) / 2 for b in boxes}
+            wish = {b: sum(y[o] + o.height / 2 for o in near[b]) / len(near[b]) for b in boxes}
+        low = min(y.values(), default=0.0)
         for b in boxes:
-            b.y = kept[b] - low
+            b.y = y[b] - low
         level.height = max((b.y + b.height for b in boxes), default=0.15)
 
     def _links(self, level: Level) -> list[tuple[Box, Box]]:
@@ -202,36 +209,6 @@ class Layout:
         links = [(a, level.wires[a.number]) for a in far]
         links += [(level.wires[a.number] if column > a.last + 1 else a, b) for a, b, column in ends]
         return links
-
-    def _rounds(
-        self, boxes: list[Box], links: list[tuple[Box, Box]]
-    ) -> Iterator[tuple[dict[Box, float], float]]:
-        """Yield heights with their cost: link length, crossings and total height."""
-        near: dict[Box, list[Box]] = {b: [] for b in boxes}
-        for a, b in links:
-            near[a].append(b)
-            near[b].append(a)
-        rank = {b: float(b.number) for b in boxes}
-        wish: dict[Box, float] = {}
-        for turn in range(60):
-            order = sorted(
-                boxes, key=lambda b: (wish.get(b, 0.0), rank[b]) if wish else (rank[b], 0.0)
-            )
-            wanted = {b: wish[b] - b.height / 2 for b in boxes} if wish else {b: 0.0 for b in boxes}
-            down, up = _skyline(order, wanted, 1.0), _skyline(order[::-1], wanted, -1.0)
-            y = {b: (down[b] + up[b]) / 2 for b in boxes}
-            cost = sum(abs(y[a] + a.height / 2 - y[b] - b.height / 2) for a, b in links)
-            cost += 0.2 * _crossings(links, y)
-            cost += 0.3 * (
-                max((y[b] + b.height for b in boxes), default=0.0) - min(y.values(), default=0.0)
-            )
-            yield y, cost
-            middle = {b: y[b] + b.height / 2 for b in boxes}
-            side = turn % 3  # both, sources, users
-            wish = {}
-            for b in boxes:
-                n = [o for o in near[b] if side == 0 or (o.last < b.first) == (side == 1)] or [b]
-                wish[b] = sum(middle[o] for o in n) / len(n)
 
     # Places ---------------------------------------------------------------------------
     def place(self) -> None:
@@ -330,18 +307,6 @@ class Layout:
 def names_of(b: Block) -> tuple[str, ...]:
     """Return the names of a block's input signals."""
     return tuple(f"x{j}" for j in range(b.inputs)) if isinstance(b, Cycle) else signals(type(b))
-
-
-def _crossings(links: list[tuple[Box, Box]], y: dict[Box, float]) -> int:
-    """Return the number of connection pairs that cross within one gap."""
-    gaps: dict[int, list[tuple[float, float]]] = {}
-    for a, b in links:
-        gaps.setdefault(a.last, []).append((y[a] + a.height / 2, y[b] + b.height / 2))
-    count = 0
-    for ends in gaps.values():
-        at = np.array(ends)
-        count += int(np.sum((at[:, None, 0] < at[None, :, 0]) & (at[:, None, 1] > at[None, :, 1])))
-    return count
 
 
 def _skyline(order: list[Box], wanted: dict[Box, float], way: float) -> dict[Box, float]:
