@@ -33,7 +33,6 @@ from ..run.rendering import Rendering, fault_text
 from ..system import safe_files
 from ..system.limits import limits
 from ..system.progress import progress as bar
-from ..system.threads import beside
 from ..version import __version__
 from .commit import Put, check_place, check_size, publish
 from .formats import (
@@ -353,26 +352,7 @@ def _run(
     peak = np.zeros(len(outputs))
     digest = hashlib.sha256()
 
-    def hashed(y: Array) -> None:
-        digest.update(interleaved(y, "<f8").data)
-
-    def stored(y: Array) -> None:
-        nonlocal done
-        np.maximum(peak, np.abs(y).max(axis=1), out=peak)
-        samples, clipped = encode(y, scales, subtype, outputs, done, info["dither"])
-        done += y.shape[1]
-        if peak.max() > NEARLY:
-            good = np.isfinite(physical(samples, scales)).all(axis=1)
-            if not good.all():
-                raise SinkError(
-                    f"output {outputs[int(np.argmin(good))]} is too near the largest float to be"
-                    f" read back from {subtype}: use DOUBLE and a power of two up to 2.0**1023 as"
-                    " full_scale"
-                )
-        clips[:] += clipped
-        put(samples)
-
-    with bar("writing", info["frames"], progress) as advance, beside(hashed, stored) as give:
+    with bar("writing", info["frames"], progress) as advance:
         for y in blocks:
             if len(proc.log) != len(info["log"]):
                 raise BadValue(
@@ -382,7 +362,20 @@ def _run(
             if proc.fault is not None:
                 name, index = proc.fault
                 raise FaultError(fault_text(name, index - first, fs, f"{path} was not written"))
-            give(y.copy())
+            digest.update(interleaved(y, "<f8").data)
+            np.maximum(peak, np.abs(y).max(axis=1), out=peak)
+            samples, clipped = encode(y, scales, subtype, outputs, done, info["dither"])
+            if peak.max() > NEARLY:
+                good = np.isfinite(physical(samples, scales)).all(axis=1)
+                if not good.all():
+                    raise SinkError(
+                        f"output {outputs[int(np.argmin(good))]} is too near the largest float to"
+                        f" be read back from {subtype}: use DOUBLE and a power of two up to"
+                        " 2.0**1023 as full_scale"
+                    )
+            clips += clipped
+            put(samples)
+            done += y.shape[1]
             advance(y.shape[1])
     return clips, peak, digest.hexdigest()
 

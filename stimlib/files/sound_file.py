@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from ..errors import SinkError
 from ..system import safe_files
-from ..system.threads import beside
 from .formats import BITS
 
 # of the samples of a subtype
@@ -113,29 +112,28 @@ class Draft(AbstractContextManager["Draft"]):
             _undate(self.raw)
             os.fsync(self.raw.fileno())
             digest, got, frames, hashed = hashlib.sha256(), hashlib.sha256(), 0, 0
-            with beside(digest.update) as give:
 
-                def hash_to(end: float) -> None:
-                    nonlocal hashed
-                    while hashed < end and (
-                        part := safe_files.read_at(self.raw.fileno(), 1 << 18, hashed)
-                    ):
-                        give(part)
-                        hashed += len(part)
+            def hash_to(end: float) -> None:
+                nonlocal hashed
+                while hashed < end and (
+                    part := safe_files.read_at(self.raw.fileno(), 1 << 18, hashed)
+                ):
+                    digest.update(part)
+                    hashed += len(part)
 
-                # always before it is read: who changes the file after it was proven
-                # changes its hash
-                hash_to(1)
-                with suppress(soundfile().SoundFileError), reading(self.raw) as f:
-                    most = PIECE * 8 * f.channels + (1 << 16)  # bytes, of one reading
-                    while frames <= self.frames:
-                        hash_to(self.raw.tell() + most)
-                        samples = f.read(PIECE, dtype=self.type, always_2d=True)
-                        if not len(samples):
-                            break
-                        got.update(np.ascontiguousarray(samples).data)
-                        frames += len(samples)
-                hash_to(math.inf)
+            # always before it is read: who changes the file after it was proven changes
+            # its hash
+            hash_to(1)
+            with suppress(soundfile().SoundFileError), reading(self.raw) as f:
+                most = PIECE * 8 * f.channels + (1 << 16)  # bytes, of one reading
+                while frames <= self.frames:
+                    hash_to(self.raw.tell() + most)
+                    samples = f.read(PIECE, dtype=self.type, always_2d=True)
+                    if not len(samples):
+                        break
+                    got.update(np.ascontiguousarray(samples).data)
+                    frames += len(samples)
+            hash_to(math.inf)
             if (frames, got.digest()) != (self.frames, self._put.digest()):
                 raise self._changed()
         return digest.hexdigest()
