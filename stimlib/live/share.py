@@ -168,7 +168,7 @@ def share(
         limits.check("render_bytes", 8 * n * len(scene.outputs), "share: bytes of the recording")
         x = positions(sources_of(motion, tuple(scene.inputs), n), 0, n, fs)
         rows = dict(zip(scene.inputs, x, strict=True))
-        with bar("sharing", n * (1 + ORDERS), progress, left=False) as advance:
+        with bar("sharing", n * (1 + ORDERS), progress) as advance:
             y, at = np.empty((len(scene.outputs), n), "<f8"), 0
             for part in stream(scene, rows, fs, n / fs, params, seed):
                 y[:, at : (at := at + part.shape[1])] = part
