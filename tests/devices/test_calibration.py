@@ -42,8 +42,7 @@ def actuator(fs=FS, freq=180.0, q=5.0, gain=4.0):
     w = 2 * np.pi * freq / fs
     r = np.exp(-w / 2 / q)
     a = [1.0, -2 * r * np.cos(w), r * r]
-    at_peak = 1 / np.polyval(a[::-1], np.exp(-1j * w))
-    return [gain / abs(at_peak)], a
+    return [gain / abs(1 / np.polyval(a[::-1], np.exp(-1j * w)))], a
 
 
 def response(f, fs=FS):
@@ -59,8 +58,7 @@ def taken(rng, noise, takes=5, seconds=4.0):
     n = int(seconds * FS)
     t = np.arange(n) / FS
     sweep = np.sin(2 * np.pi * (50 * t + 400 / (2 * 3.5) * t * t)) * (t < 3.5)  # 50 to 450 Hz
-    y = lfilter(*actuator(), sweep)
-    return Sweep(sweep, y + noise * rng.normal(size=(takes, n)), FS)
+    return Sweep(sweep, lfilter(*actuator(), sweep) + noise * rng.normal(size=(takes, n)), FS)
 
 
 def test_the_uncertainty_holds_in_95_of_100_runs():

@@ -134,8 +134,7 @@ def test_parameters_and_a_motion_of_time_go_on(monkeypatch):
         third = new.crossfade(other, motion=motion)
         assert third.since == new.since + third.at
     x = np.concatenate(log.x, axis=1)[0]
-    t0 = new.at / FS
-    assert x[:800] == pytest.approx(0.01 + 0.1 * (t0 + np.arange(800) / FS), abs=1e-12)
+    assert x[:800] == pytest.approx(0.01 + 0.1 * (new.at / FS + np.arange(800) / FS), abs=1e-12)
     assert new.since == new.at and sink.report().produced == new.at + 160
 
 
@@ -216,8 +215,7 @@ def test_a_scene_that_fails_can_be_followed_by_another():
 def test_a_device_that_goes_takes_all_with_it_and_the_end_fades(stand):
     level = Scene({"y": constant(1.0)})
     logs = [Seen(), Seen()]
-    first = stand.make(level, log=logs[0])
-    sessions = followed(first, [level], log=logs[1])
+    sessions = followed(stand.make(level, log=logs[0]), [level], log=logs[1])
     faded(np.concatenate(logs[1].frames), logs[1].events)
     assert logs[1].end["produced"] == sessions[1].report().produced
     lost = stand.make(level)

@@ -134,16 +134,14 @@ def to_the_end(sink, way, feed):
 def shown_by(made, folder, **how):
     """What is recorded of the first trial of an experiment."""
     design = made.designed("P01")
-    task = design.next(design.init(1))
-    return present(made, task, "null", folder, realtime=False, **how)
+    return present(made, design.next(design.init(1)), "null", folder, realtime=False, **how)
 
 
 def trial(way, folder, silence):
     """A trial of an experiment: it is no answer, and says why."""
     receive, feed = linked(way)
     hand = lambda sink: to_the_end(sink, way, feed)  # noqa: E731
-    made = experiment(motion=source(receive, way, silence=silence), hand=hand)
-    shown = shown_by(made, folder)
+    shown = shown_by(experiment(motion=source(receive, way, silence=silence), hand=hand), folder)
     if way in COMES and silence == "hold" and shown.get("rows"):
         assert shown["rows"] == 1
         return

@@ -108,8 +108,7 @@ def test_the_blocks_take_it_as_it_is():
     motion = {"x1": minimum_jerk(depth=0.03)}
     y = stimlib.render(scene, motion, 8000, 0.6)
     assert stimlib.verify(scene, motion, y).passed
-    given = NB * gamma(motion["x1"](y.t)) * y["current1"]
-    assert np.abs(given - y["force1"]).max() < 0.01 * 60
+    assert np.abs(NB * gamma(motion["x1"](y.t)) * y["current1"] - y["force1"]).max() < 0.01 * 60
 
 
 @pytest.mark.parametrize(

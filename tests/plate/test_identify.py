@@ -47,8 +47,7 @@ def test_what_is_measured_is_found_within_what_is_said():
     np.testing.assert_allclose(scatter / told, 1.0, atol=0.4)
     assert np.ptp(r.freq_interval) == pytest.approx(2 * 1.97 * r.freq_sd, rel=0.01)
     # four half widths on each side, two numbers each; two of pole, ten of one point
-    lines = 2 * 4 * F0 / (2 * Q) * u.size / FS
-    assert r.dof == pytest.approx(2 * lines - 12, abs=2)
+    assert r.dof == pytest.approx(2 * (2 * 4 * F0 / (2 * Q) * u.size / FS) - 12, abs=2)
 
 
 def test_many_points_give_a_shape_and_a_better_frequency():
@@ -114,8 +113,7 @@ def test_a_file_is_read(tmp_path):
 def uneven(last):
     """A recording whose last step is a little longer than the others, of 1 ms."""
     u, y = sweep()
-    t = 1e-3 * np.cumsum(np.r_[np.ones(50), last])
-    return {"t": t, "volt": u[:51], "y": y[:51]}
+    return {"t": 1e-3 * np.cumsum(np.r_[np.ones(50), last]), "volt": u[:51], "y": y[:51]}
 
 
 @pytest.mark.parametrize(

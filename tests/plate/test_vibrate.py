@@ -233,8 +233,7 @@ def test_drives_that_make_no_sense_are_told(ask, error, match):
 
 def test_a_limit_holds_and_an_amplifier_knows_its_patches():
     scene = Scene({"v": pole_swap(V, 158.0, 10.0, 4.0, v_max=1.5)})
-    y = pulled(scene, {"v": np.where(np.arange(200) % 50 < 25, 1.0, -1.0)})
-    assert np.abs(y).max() == 1.5
+    assert np.abs(pulled(scene, {"v": np.where(np.arange(200) % 50 < 25, 1.0, -1.0)})).max() == 1.5
     assert GLASS.voltages == (-100.0, 400.0)
     assert pulled(
         Scene({"v": amplifier(V, 50.0, *GLASS.voltages)}), {"v": np.array([-9.0, 3.0, 9.0])}
