@@ -125,8 +125,7 @@ def test_a_file_that_another_has_for_long(tmp_path, monkeypatch):
 )
 def test_a_file_that_was_edited_is_refused(tmp_path, change, why):
     path = tmp_path / "orders.json"
-    given = [assign(path, f"P0{k}", ["A", "B", "C"], seed=1) for k in (1, 2, 3)]
-    assert len(set(given)) == 3
+    assert len({assign(path, f"P0{k}", ["A", "B", "C"], seed=1) for k in (1, 2, 3)}) == 3
     table = json.loads(path.read_text())
     change(table)
     path.write_text(json.dumps(table))

@@ -146,8 +146,7 @@ def test_effect_sizes_are_those_of_pingouin():
     """Of its rm_anova (0.7.0), printed with effsize "np2" and "ng2"."""
     rng = np.random.default_rng(1)
     y = rng.normal(size=(8, 3, 2)) + np.arange(3)[:, None] * 0.5 + rng.normal(size=(8, 1, 1))
-    found = repeated(y, ("a", "b"))
-    sizes = [(e.eta2, e.generalized_eta2) for e in found]
+    sizes = [(e.eta2, e.generalized_eta2) for e in repeated(y, ("a", "b"))]
     printed = [0.689457, 0.321108, 0.009509, 0.000318, 0.026852, 0.006388]
     assert np.ravel(sizes) == pytest.approx(printed, abs=5e-7)
     assert repeated(np.array([y, 2 * y]), ("a", "b"))[0].generalized_eta2.shape == (2,)

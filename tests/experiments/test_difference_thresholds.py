@@ -114,10 +114,9 @@ def test_several_people_and_conditions_are_a_table():
     assert (free.pse, free.jnd) == (fit.pse, fit.jnd) and free.pse != 200.0
     logs = difference_thresholds(columns, 200.0, log=True)["P01", "200 Hz"]
     assert logs.jnd == pytest.approx(one.jnd, rel=0.2)  # in Hz, too
-    away = {**columns, "level": [level - 200.0 for level in columns["level"]]}
-    assert difference_thresholds(away, 200.0, pse=0.0)["P01", "200 Hz"].jnd == pytest.approx(
-        one.jnd, rel=1e-9
-    )
+    assert difference_thresholds(
+        {**columns, "level": [level - 200.0 for level in columns["level"]]}, 200.0, pse=0.0
+    )["P01", "200 Hz"].jnd == pytest.approx(one.jnd, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -136,8 +135,7 @@ def test_a_standard_that_is_none(standard, error, says):
 
 # First guesses ------------------------------------------------------------------------
 def composed(unit, low=0.0, **task):
-    delta = stimlib.Param("delta", 0.0, unit)
-    scene = stimlib.Scene({"force": delta * stimlib.Input("x", "m")})
+    scene = stimlib.Scene({"force": stimlib.Param("delta", 0.0, unit) * stimlib.Input("x", "m")})
     pair = TwoInterval(
         "a", "softer", Stimulus("tone", {"delta": 0.0}), Stimulus("tone"), "delta", **task
     )

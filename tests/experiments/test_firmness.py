@@ -154,8 +154,7 @@ def test_no_ratio_is_above_1_if_people_go_by_firmness_and_their_own_cue_is_if_no
     pairs = ["0 and +20 %", "0.5 and +20 %", "1 and +20 %"]
 
     def ratios(felt):
-        trials = varying_hand(pairs, firm.pair_stimuli, felt, 0.12, trials=80)
-        found = explained(trials).ratio
+        found = explained(varying_hand(pairs, firm.pair_stimuli, felt, 0.12, trials=80)).ratio
         return {key: ratio for key, (ratio, _, n) in found.items() if n}
 
     by_firmness = ratios(lambda stimulus, cues: stimulus.params["firmness"])

@@ -127,10 +127,9 @@ def test_ugrip_finds_what_its_observers_feel():
 def test_one_finger_feels_a_vibrating_object_of_2340_as_a_silent_one_of_2000(softer, felt):
     """The paper's point of subjective equality; every 3 s of the rendering count."""
     one = Listener({"one finger": squeeze(fingers=1)}, SQUEEZES, 8000.0, 3.0, feels(softer), 0.1)
-    mean = np.mean(
+    assert np.mean(
         [one.figure_of(Stimulus("one finger", {"k": 2340.0, "A": 3.4}, seed)) for seed in range(4)]
-    )
-    assert mean == pytest.approx(felt, rel=0.01)
+    ) == pytest.approx(felt, rel=0.01)
     assert one.figure_of(Stimulus("one finger", {"k": 1500.0, "A": 0.0})) == pytest.approx(1500.0)
 
 
@@ -143,8 +142,7 @@ def test_people_who_combine_cues_have_the_shift_of_maximum_likelihood():
     found = comparisons(simulate(ugrip(), integrates(error, shift), 12, seed=3, progress=False))
     for pse, spread in zip((found[0], found[3]), SPREAD.values(), strict=True):
         weight = spread**2 / (spread**2 + error**2)
-        moved = np.log10(pse.mean_b / pse.mean_a)
-        assert moved == pytest.approx(weight * shift, abs=0.02), pse
+        assert np.log10(pse.mean_b / pse.mean_a) == pytest.approx(weight * shift, abs=0.02), pse
 
 
 def test_cues_are_weighed_by_their_reliability():
@@ -171,8 +169,7 @@ def test_bounciness_has_the_thesis_square_and_its_sessions():
     trials = trials_of(experiment, bouncy(ideal), "P02", 3)
     assert [t.training for t in trials] == 2 * (10 * [True] + 50 * [False])
     assert [n for n, t in enumerate(trials) if t.pause] == [60]
-    shown = Counter(t.stimuli[0].scene for t in trials if not t.training)
-    assert shown == {"0.25": 50, "0.3": 50}
+    assert Counter(t.stimuli[0].scene for t in trials if not t.training) == {"0.25": 50, "0.3": 50}
     assert {t.correct["bouncier"] for t in trials if t.stimuli[0].scene == "0.25"} == {"red"}
     assert experiment.familiar("P02", 3)["green"].scene == "0.3"
     scenes = experiment.scenes
@@ -181,8 +178,7 @@ def test_bounciness_has_the_thesis_square_and_its_sessions():
 
 
 def test_bounciness_finds_the_jnds_that_its_observer_has():
-    made = bounciness()
-    answers = simulate(made, bouncy(ideal), ["P01"], seed=3)
+    answers = simulate(bounciness(), bouncy(ideal), ["P01"], seed=3)
     found = jnds(answers)
     assert list(found.jnd) == list(REFERENCES.values())
     assert list(found.jnd.values()) == pytest.approx([0.03, 0.0351, 0.0714, 0.1077], rel=0.35)
@@ -381,8 +377,7 @@ def test_roughness_from_the_session_to_the_tables(tmp_path):
     assert "thesis, bumpiness and duty: is a parabola" in bumpy and "bumpiness = " in bumpy
     saved = sessions("roughness", tmp_path)
     assert rough.analysis(saved) in done.output
-    second = rough.ratings(columns(saved), "bumpiness")
-    assert rough.text(second, "bumpiness") == bumpy.strip()
+    assert rough.text(rough.ratings(columns(saved), "bumpiness"), "bumpiness") == bumpy.strip()
 
 
 def test_the_rendered_rms_is_the_formulas(formulas):
@@ -390,8 +385,7 @@ def test_the_rendered_rms_is_the_formulas(formulas):
     % lower.
     """
     for waveform, rms in (("square", 4 * 0.2**0.5 / 2), ("sawtooth", 4 * (0.2 / 12) ** 0.5)):
-        found = formulas.rms(f"{waveform}, 6 bumps, duty 0.2, 4 V")
-        assert found == pytest.approx(rms, rel=0.01)
+        assert formulas.rms(f"{waveform}, 6 bumps, duty 0.2, 4 V") == pytest.approx(rms, rel=0.01)
 
 
 # Nodules ------------------------------------------------------------------------------
@@ -560,10 +554,9 @@ def test_places_are_displayed_and_analysed_from_their_log(tmp_path):
         felt = {name for name, (peak,) in told["peak"].items() if peak > 0}
         shown[place.SURFACES[r.trial.condition][0]] = felt
         assert told["clips"] == {}, "nothing is out of the device's range"
-    many = {f"{k}{i}" for k in ("x", "y", "depth") for i in (1, 2, 3)}
     assert shown == {
         "single-point": {"x1", "y1", "depth1", "force"},
         "vibration": {"x1", "y1", "force", "vibration"},
-        "multi-point": many | {"force"},
+        "multi-point": {f"{k}{i}" for k in ("x", "y", "depth") for i in (1, 2, 3)} | {"force"},
     }
     assert "single-point" in quick.analysis([saved])

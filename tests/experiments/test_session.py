@@ -12,7 +12,6 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from unicodedata import normalize
 
 import numpy as np
 import pytest
@@ -177,8 +176,7 @@ def test_every_scene_is_its_own_rendering_in_every_interval(name, target):
     timing = Timing(interval=long, gap=0.004, before=0.0, ramp=0.01)
     made = experiment(scenes={"it": scene}, fs=fs, bounds={}, timing=timing)
     told = [drawn(scene, rng, 1)[0] for _ in range(2)]
-    shown = tuple(Stimulus("it", p, int(rng.integers(3))) for p in told)
-    trial = Trial("a", shown, ("softer",))
+    trial = Trial("a", tuple(Stimulus("it", p, int(rng.integers(3))) for p in told), ("softer",))
     at, (whole, params) = spans(made, trial), program(made, trial)
     n = at[-1][1] + 50
     hand = drawn(scene, rng, n)[1]
@@ -553,8 +551,7 @@ def test_killed_at_any_moment_nothing_is_lost_and_nothing_doubled(tmp_path, seed
     folder, rng, saved, killed = tmp_path / "pair" / "P01-s1", random.Random(seed), [], True
 
     def play(told):
-        resume = (folder / "session.json").exists()
-        with Session(made, tmp_path, "P01", resume=resume) as session:
+        with Session(made, tmp_path, "P01", resume=(folder / "session.json").exists()) as session:
             put = session.put
             session.put = lambda *answer: (put(*answer), told.write(b"."))[0]
             run(session, Simulated(session, observer), nothing)
@@ -881,32 +878,24 @@ def test_one_code_is_one_folder_on_every_file_system(tmp_path_factory, codes, se
             try:
                 folder = folder_of("pair", data, code, session, pilot)
             except BadValue as error:
-                known = {c for c, _ in made}
-                alike = {c.casefold() for c in known - {code}}
+                alike = {c.casefold() for c in {c for c, _ in made} - {code}}
                 assert code.casefold() in alike or "must be a code" in str(error)
                 continue
             folder.mkdir(parents=True, exist_ok=True)
             made[code, pilot] = folder.name.casefold()
     assert len(set(made.values())) == len(made)
     kept = {c for c, _ in made}
-    assert len({subject(c).casefold() for c in kept}) == len(kept)
-    taken = {"12", "007", "sub-01", "P_01", "Group12", "ANMU12", "7" * 64}
-    taken |= {"Sub1", "ann-1", "Anna12345", "Groups3"}  # short, or with a number of many digits
+    labels = {subject(c).casefold() for c in kept}
+    assert len(labels) == len(kept) and all(v.isascii() and v.isalnum() for v in labels)
+    taken = {"12", "007", "sub-01", "P_01", "Group12", "ANMU12", "7" * 64, "HC-03", "q-1"}
+    taken |= {
+        "5f3a9bc2d4e18a0012ab34cd",
+        "Sub1",
+        "ann-1",
+        "Anna12345",
+        "Groups3",
+    }  # short, or with a number of many digits
     assert not taken & set(codes) - kept
-
-
-def test_200_codes_of_all_kinds_have_200_folders_and_labels(tmp_path):
-    rng = random.Random(65)
-    forms = ("P{:02}", "{}", "{:03}", "sub-{:02}", "P_{:02}", "Group{}", "HC-{:03}", "q-{}", "qd{}")
-    codes = [form.format(n) for n in range(1, 21) for form in forms]
-    codes += [f"{rng.randrange(16**24):024x}" for _ in range(20)]
-    for code in (codes := list(dict.fromkeys(codes))):
-        folder_of("pair", tmp_path, code).mkdir(parents=True)
-    names = [p.name for p in (tmp_path / "pair").iterdir()]
-    for form in ("NFC", "NFD", "NFKC"):
-        shown = [[normalize(form, n).casefold() for n in x] for x in (names, map(subject, codes))]
-        assert [len(set(x)) for x in shown] == [len(codes)] * 2
-    assert len(codes) == 200 and all(map(str.isalnum, map(subject, codes)))
 
 
 def test_codes_that_have_sessions_and_are_refused_today_are_read(tmp_path):

@@ -88,8 +88,7 @@ def test_roc_of_the_images_of_hanley_and_mcneil():
     for one, other in ((found.area, less.area), (slope, less.slope), (found.d_a, less.d_a)):
         assert one.low < other.low < one.value == other.value < other.high < one.high
     wide = np.exp(1.959963985 * slope.error / slope.value)  # on the log scale
-    ends = slope.value / wide, slope.value * wide
-    assert (slope.low, slope.high) == pytest.approx(ends)
+    assert (slope.low, slope.high) == pytest.approx((slope.value / wide, slope.value * wide))
     # a category that nobody used changes nothing
     unused = (np.insert(row, 2, 0) for row in (SIGNAL, NOISE))
     assert roc(*unused).d_a.value == pytest.approx(found.d_a.value, rel=1e-7)

@@ -31,8 +31,7 @@ class Quick:
     condition = "quick"
 
     def trial(self, level, seed, n):
-        scores = {"less": 0.0, "more": 1.0}
-        return Trial("quick", (), ("which",), level, scores=scores)
+        return Trial("quick", (), ("which",), level, scores={"less": 0.0, "more": 1.0})
 
 
 PAIR = Quick()
@@ -41,8 +40,7 @@ WIDE = {"start": 0.0, "bounds": (-6.0, 6.0), "step_type": "lin"}
 
 
 def after(stairs, state, more):
-    trial = stairs.next(state)
-    says = next(c for c, score in trial.scores.items() if score == more)
+    says = next(c for c, score in stairs.next(state).scores.items() if score == more)
     return stairs.update(state, Answer({"which": says}))
 
 
@@ -61,7 +59,7 @@ def asked(stairs, outcomes):
 
 
 # PsychoPy -----------------------------------------------------------------------------
-ANSWERS = [c == "1" for c in "110111010111011101111100"]
+ANSWERS = "110111010111011101111100"
 PSYCHOPY = {  # what StairHandler of PsychoPy 2026.2.5 does with nUp=1, nDown=2
     "db": (
         (5.0, (8.0, 4.0, 2.0), (0.9, 20.0)),
@@ -86,22 +84,39 @@ PSYCHOPY = {  # what StairHandler of PsychoPy 2026.2.5 does with nUp=1, nDown=2
 }
 
 
-@pytest.mark.parametrize("kind", PSYCHOPY)
-def test_levels_and_reversals_are_those_of_psychopy(kind):
-    (start, steps, bounds), levels, reversals = PSYCHOPY[kind]
-    stairs = Staircase(PAIR, start, bounds, steps, None, down=2, step_type=kind)
-    table, state = asked(stairs, ANSWERS)
-    assert table["level"] == pytest.approx([float(v) for v in levels.split()], abs=1e-6)
-    assert state["reversals"] == pytest.approx([float(v) for v in reversals.split()], abs=1e-6)
+BY_HAND = {  # the reversals of some of them
+    "the whole rule from the first step on": (
+        (0.0, (-9.0, 9.0), (1.0,), 3),
+        {"down": 2, "initial_rule": False},
+        ("1111010110", "0 0 -1 -1 -2 -1 -1 0 0 -1", "-2 0 -1"),
+    ),
+    "steps through 0 and a schedule": (
+        (1.0, (-3.0, 3.0), (2.0, 1.0, 0.5), 4),
+        {},
+        ("1101101", "1 -1 -3 -2 -2.5 -3 -2.5", ""),  # it ends with reversal 4
+    ),
+    "a target": ((1.0, (-9.0, 9.0), (1.0,)), {"target": 0.75}, ("100", "1 0 3", "")),
+    "a target of log steps": (
+        (1.0, (0.01, 99.0), (0.1,)),
+        {"step_type": "log", "target": 0.75},
+        ("00", f"1 {10**0.3}", ""),
+    ),
+}
+BY_HAND |= {
+    kind: ((start, bounds, steps, None), {"down": 2, "step_type": kind}, (ANSWERS, *told))
+    for kind, ((start, steps, bounds), *told) in PSYCHOPY.items()
+}
 
 
-def test_without_the_initial_rule_each_step_takes_the_whole_rule():
-    stairs = Staircase(
-        *(PAIR, 0.0, (-9.0, 9.0), (1.0,), 3), down=2, step_type="lin", initial_rule=False
+@pytest.mark.parametrize("name", BY_HAND)
+def test_levels_and_reversals_are_those_of_psychopy_and_by_hand(name):
+    given, words, (answers, *told) = BY_HAND[name]
+    table, state = asked(
+        Staircase(PAIR, *given, **{"step_type": "lin"} | words), [c == "1" for c in answers]
     )
-    table, state = asked(stairs, [c == "1" for c in "1111010110"])
-    assert table["level"] == [0.0, 0.0, -1.0, -1.0, -2.0, -1.0, -1.0, 0.0, 0.0, -1.0]
-    assert state["reversals"] == [-2.0, 0.0, -1.0]
+    levels, reversals = ([float(v) for v in text.split()] for text in told)
+    assert table["level"] == pytest.approx(levels, abs=1e-6)
+    assert not reversals or state["reversals"] == pytest.approx(reversals, abs=1e-6)
 
 
 # Targets ------------------------------------------------------------------------------
@@ -154,20 +169,9 @@ def test_a_staircase_settles_at_its_target(rule):
     exactly (Kaernbach 1991). The mean of its reversals does so only with small steps.
     """
     words, target, at_reversals = TARGETS[rule]
-    stairs = Staircase(PAIR, **WIDE, steps=(0.25,), **words)
-    ones, turns = settled(stairs)
+    ones, turns = settled(Staircase(PAIR, **WIDE, steps=(0.25,), **words))
     assert ones == pytest.approx(target, abs=2e-5 if "target" in words else 0.002)
     assert turns == pytest.approx(at_reversals, abs=0.001)
-
-
-def test_steps_through_0_and_a_schedule():
-    stairs = Staircase(PAIR, 1.0, (-3.0, 3.0), (2.0, 1.0, 0.5), 4, step_type="lin")
-    levels = asked(stairs, [True, True, False, True, True, False, True])[0]["level"]
-    assert levels == [1.0, -1.0, -3.0, -2.0, -2.5, -3.0, -2.5]  # it ends with reversal 4
-    with_target = Staircase(PAIR, 1.0, (-9.0, 9.0), (1.0,), step_type="lin", target=0.75)
-    assert asked(with_target, [True, False, False])[0]["level"] == [1.0, 0.0, 3.0]
-    geometric = Staircase(PAIR, 1.0, (0.01, 99.0), (0.1,), step_type="log", target=0.75)
-    assert asked(geometric, 2 * [False])[0]["level"] == pytest.approx([1.0, 10**0.3])
 
 
 # The estimate -------------------------------------------------------------------------
@@ -178,7 +182,7 @@ def test_the_mean_of_the_last_reversals(kind, reversals, used):
     """In pairs, after the step became the last one: an odd one out is the first."""
     steps = (0.4, 0.2, 0.1) if kind == "log" else (2.0, 1.0, 0.5)
     stairs = Staircase(PAIR, 4.0, (0.5, 9.0), steps, reversals, down=2, step_type=kind, stuck=99)
-    table, state = asked(stairs, ANSWERS * 2)
+    table, state = asked(stairs, [c == "1" for c in ANSWERS * 2])
     turns = np.array(state["reversals"])
     assert len(turns) == reversals and json.loads(json.dumps(state)) == state
     z = {"db": 20 * np.log10(turns), "log": np.log10(turns), "lin": turns}[kind]

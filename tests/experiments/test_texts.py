@@ -162,10 +162,8 @@ def test_a_resumed_session_says_where_it_goes_on_and_repeats_nothing(tmp_path):
         with suppress(KeyboardInterrupt), Session(made, tmp_path, "P01", resume=resume) as session:
             run(session, face, lambda trial, folder: folder.mkdir() or {})
         assert [text for text in face.noted if isinstance(text, str)] == told
-    names = sorted(p.name for p in session.folder.glob("fam*"))
-    assert names == ["familiarisation-1.stimlog"]
-    other = dataclasses.replace(made, language="de")
-    german = Session(other, tmp_path, "P01", resume=True)
+    assert sorted(p.name for p in session.folder.glob("fam*")) == ["familiarisation-1.stimlog"]
+    german = Session(dataclasses.replace(made, language="de"), tmp_path, "P01", resume=True)
     refused(BadValue, "the language of the texts differs", german.__enter__)
     with Session(dataclasses.replace(made, show_total=False), tmp_path, "P01", resume=True):
         pass
