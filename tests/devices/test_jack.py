@@ -84,8 +84,7 @@ def freewheel(server, channels, seconds=1.0):
             s.freewheel(False)
         frames, times = capture.frames.copy(), capture.times.copy()
     assert (s.report().produced, s.report().lost) == (n, 0)
-    start = int(np.flatnonzero(frames.any(axis=1))[0])
-    if np.any(np.diff(times[before : start + n]) != 1):
+    if np.any(np.diff(times[before : int(np.flatnonzero(frames.any(axis=1))[0]) + n]) != 1):
         return False
     is_exact(frames, s, log, seconds)
     return True

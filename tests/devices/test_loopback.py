@@ -14,8 +14,7 @@ HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
 
 
 def cable(seed=1, slow=False):
-    rng = np.random.default_rng(seed)
-    played = rng.normal(size=(4000, 2)).astype(np.float32)
+    played = np.random.default_rng(seed).normal(size=(4000, 2)).astype(np.float32)
     if slow:  # as forces are: a delay wrong by some samples explains nearly as much
         played = np.stack(
             [np.sin(np.pi * np.arange(4000) / 4000), np.sin(np.pi * np.arange(4000) / 2000)]

@@ -262,8 +262,7 @@ def test_a_scripted_column_belongs_to_its_sample():
 def test_signals_as_positions():
     source = Signals({"x": Signal(0.05, 0.01), "z": Signal(2.0)})
     bench = Bench(Scene({"y": 1.0 * Input("x"), "w": 1 * Input("z")}), source, full_scale=1.0)
-    rng = np.random.default_rng(0)
-    ins = rng.uniform(-0.4, 0.4, (2, 1000)).astype(np.float32)
+    ins = np.random.default_rng(0).uniform(-0.4, 0.4, (2, 1000)).astype(np.float32)
     bench.pump.start(None)
     bench.pump.write("CONNECTED", 1)
     for k in range(0, 1000, 100):

@@ -72,8 +72,7 @@ def test_what_is_delivered_is_the_offline_render(stand, caplog):
     assert log.end == report.to_dict() | {"latency": log.end["latency"]}
     told = {"seed": 5, "params": {"level": 0.5}}
     whole = offline(SCENE, safety, {}, FS, 3200, log.events, **told)
-    there = kept(log.events, 3200)
-    assert np.array_equal(frames, whole[there]) and np.abs(whole).max() > 0.2
+    assert np.array_equal(frames, whole[kept(log.events, 3200)]) and np.abs(whole).max() > 0.2
     lead = 160 if stand.kind == "control loop" else 0  # whose gain rises along the samples
     plain = stimlib.render(SCENE, fs=FS, seconds=0.4, **told).y.T.astype(np.float32)
     changes = [at for at, kind, e in log.events if kind == "set" and e["name"] == "level"]
@@ -208,8 +207,7 @@ def test_what_no_device_takes_is_refused_before_it_opens(stand):
         ({"block": 1.5}, BadValue, "block"),
     ):
         refused(error, says, sink.open, **{"rate": FS} | told)
-    wrong = stand.make(STEADY, params={"sink_gain": 1.0})
-    refused(UnknownName, "there are level", wrong.open, FS)
+    refused(UnknownName, "there are level", stand.make(STEADY, params={"sink_gain": 1.0}).open, FS)
 
 
 def test_what_cannot_be_set_or_started(stand):
@@ -354,8 +352,7 @@ def test_an_impatient_signal_does_not_cut_the_fade_or_the_log(program, tmp_path,
     another half to close.
     """
     slow = "import time; sink._close_now, sink._close = sink._close, lambda: (time.sleep(0.5),"
-    more = f"{slow} sink._close_now())\nwith sink: sink.wait(60)"
-    child = program("null", [more], {}, fade=0.5)
+    child = program("null", [f"{slow} sink._close_now())\nwith sink: sink.wait(60)"], {}, fade=0.5)
     pid = child.stdout.readline().strip()
     for _ in range(4):
         with suppress(ProcessLookupError):

@@ -223,11 +223,12 @@ def osc():
 
 
 @contextmanager
-def serial():
-    with line() as (here, port), sender(f"serial:{port}:other=9, onset=7") as send:
+def serial(width="", ends=()):
+    """A byte for each, which returns to 0 where it has a width."""
+    with line() as (here, port), sender(f"serial:{port}:other=9, onset=7{width}") as send:
 
         def heard():
-            assert taken(here, 6) == bytes([7] * 6)
+            assert taken(here, 6 * len([7, *ends])) == bytes([7, *ends] * 6)
 
         yield send, heard
         refused(BadValue, "from 0 to 255", serial_markers, port, {"onset": 256})
@@ -299,14 +300,6 @@ def test_a_byte_waits_for_the_time_of_its_sample():
     assert lines[0][1] >= at and lines[2][1] < at + 5.0
 
 
-def test_a_serial_byte_returns_to_zero_in_a_session():
-    """At the other end of a pty, with markers that are 50 ms apart."""
-    with line() as (here, port), serial_markers(port, {"onset": 3}, width=0.005) as send:
-        report = marked(send, clocked=True).report()
-        assert taken(here, 12) == bytes([3, 0] * 6)
-    assert report.unsent_markers == 0
-
-
 @contextmanager
 def lsl(numeric=False):
     pylsl = pytest.importorskip("pylsl")
@@ -326,11 +319,14 @@ def lsl(numeric=False):
         yield send, heard
 
 
-@pytest.mark.parametrize("wire", [udp, osc, serial, lsl, lambda: lsl(True)])
+@pytest.mark.parametrize(
+    "wire", [udp, osc, serial, lambda: serial(":width=0.005", [0]), lsl, lambda: lsl(True)]
+)
 def test_markers_come_out_at_the_other_end(wire):
+    """Each of them, though a byte takes 5 ms and they come all at once."""
     got = []
     with wire() as (send, heard):
-        marked([send, got.append])
+        assert marked([send, got.append]).report().unsent_markers == 0
         came = heard(got) if heard.__code__.co_argcount else heard()
         assert came is None or came == [("onset", m.value, m.sample) for m in got]
     assert [m.sample for m in got] == ONSETS
@@ -488,38 +484,24 @@ def played_from(made, send=lambda k: None, seconds=0.5, stop=None):
     return s.report(), np.concatenate(log.x, axis=1)[0]
 
 
-def test_motion_comes_in_row_by_row():
-    """In text, with times, and with rows that are none; what was taken was taken in its
-    order, and each is a position that was sent.
-    """
-    began = time.monotonic()
-
-    def send(k):
-        row = f"{time.monotonic() - began},{k},{-k}\n" + ("garbage\n\xff" if k % 5 == 0 else "")
-        there.sendto(row.encode("latin-1"), ("127.0.0.1", receive.port))
-
-    with bound() as (there, _), udp_motion(0, timed=True, comma="separator") as receive:
-        assert receive(0.0) == ([], [], [])
-        report, x = played_from(stream(receive), send)
-    k = x / 1e-3
-    assert np.allclose(k, np.rint(k)) and (np.diff(k) >= 0).all() and k[-1] > 20
-    assert np.gcd.reduce(np.rint(k).astype(int)) == 1, "the scale is another"
-    assert report.rows > 25 and report.rejected.keys() == {"no numbers"}
-    assert 0 < report.jitter < 0.5
-    assert f"{sum(report.rejected.values())} rows rejected: " in str(report)
-
-
 @pytest.mark.parametrize("silence", ["fade", "hold", "stop"])
-def test_silence_fades_holds_or_stops(silence):
-    with bound() as (there, _), udp_motion(0) as receive:
+def test_rows_come_in_their_order_and_silence_fades_holds_or_stops(silence):
+    began = time.monotonic()
+    with bound() as (there, _), udp_motion(0, timed=True, comma="separator") as receive:
 
         def send(k):
-            there.sendto(f"{k}".encode(), ("127.0.0.1", receive.port))
+            row = f"{time.monotonic() - began},{k},{-k}\n" + "garbage\n" * (k % 5 == 0)
+            there.sendto(row.encode(), ("127.0.0.1", receive.port))
 
+        assert receive(0.0) == ([], [], [])
         ends = silence == "stop"
         with pytest.raises(SinkError, match="no motion .* 50 ms") if ends else nullcontext():
-            report, _ = played_from(stream(receive, silence=silence), send, stop=50)
+            report, x = played_from(stream(receive, silence=silence), send, stop=50)
             assert (report.stale > 0) == (silence == "fade")
+            k = np.rint(x / 1e-3).astype(int)
+            assert np.allclose(x, 1e-3 * k) and (np.diff(k) >= 0).all() and k[-1] > 20
+            assert np.gcd.reduce(k) == 1, "the scale is another"
+            assert report.rejected.keys() == {"no numbers"} and 0 < report.jitter < 0.5
 
 
 def from_rows(rows, times, **how):
