@@ -225,9 +225,8 @@ def test_the_current_makes_the_force(kind):
     knots, gamma = [0.0, 0.01, 0.025, 0.04], [0.5, 0.9, 1.0, 0.2]
     rows = {"x": [-1.0, *knots, 1.0], "force": [10.0, -20.0, 30.0, 40.0, 0.0, 60.0]}
     made = motor_current(FORCE, X, 12.5, (knots, gamma), kind)
-    current = played(made, rows)
     np.testing.assert_allclose(
-        12.5 * current * np.array([0.5, *gamma, 0.2]), rows["force"], rtol=1e-14
+        12.5 * played(made, rows) * np.array([0.5, *gamma, 0.2]), rows["force"], rtol=1e-14
     )
     between = 1 / played(
         motor_current(constant(12.5, "N"), X, 12.5, (knots, gamma), kind), WAY * 20

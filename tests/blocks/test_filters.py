@@ -144,8 +144,7 @@ def test_latency_is_the_group_delay_in_the_middle_of_what_passes():
         "rings": b.resonator(X, 158, 9.0),
         "leaks": b.integrate(X, 3000.0),
     }
-    tan = np.tan(np.pi * np.array([100, 300]) / FS)
-    middle = np.arctan(np.sqrt(tan.prod())) * FS / np.pi
+    middle = np.arctan(np.sqrt(np.tan(np.pi * np.array([100, 300]) / FS).prod())) * FS / np.pi
     proc, step = stimlib.compile(Scene(outputs), FS, "python"), 1e-3
     for name, f in (("low", 0.0), ("band", middle), ("rings", 158.0), ("leaks", 0.0)):
         two = proc.response(name, "x", np.array([f - step, f + step]))
@@ -245,8 +244,7 @@ LEVELS = {  # block, rows of its input, samples worked out by hand
 def test_a_level_is_that_worked_out_by_hand(name):
     block, x, wanted = LEVELS[name]
     for target in ("llvm", "python"):
-        y = played(block, x, target=target)
-        np.testing.assert_allclose(y, wanted, rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(played(block, x, target=target), wanted, rtol=1e-12, atol=1e-14)
 
 
 LATE = [  # samples
@@ -384,8 +382,7 @@ def reports(rate, fs, seconds, speed, jitter=0.0, seed=0):
     n = int(fs * seconds)
     at = np.arange(int(rate * seconds) + 2) / rate
     at[1:] += jitter / rate * np.random.default_rng(seed).uniform(-0.5, 0.5, at.size - 1)
-    seen = np.maximum(np.searchsorted(at, np.arange(n) / fs, side="right") - 1, 0)
-    return speed * at[seen]
+    return speed * at[np.maximum(np.searchsorted(at, np.arange(n) / fs, side="right") - 1, 0)]
 
 
 @pytest.mark.parametrize("place", [1 / 30, -0.0])
@@ -393,8 +390,7 @@ def reports(rate, fs, seconds, speed, jitter=0.0, seed=0):
 def test_a_position_held_is_reached_exactly(bandwidth, place):
     """And a zero keeps no sign of its own."""
     moved = 0.02 + 0.004 * np.random.default_rng(1).standard_normal(3000)
-    held = np.full(int(320 * FS / bandwidth), place)
-    y, v = tracked(np.r_[moved, held], bandwidth=bandwidth)
+    y, v = tracked(np.r_[moved, np.full(int(320 * FS / bandwidth), place)], bandwidth=bandwidth)
     assert y.any() and v.any()
     assert_same(np.array([y[-1], v[-1]]), np.array([place + 0.0, 0.0]))
 

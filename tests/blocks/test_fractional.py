@@ -231,8 +231,7 @@ def test_the_errors_that_every_page_prints():
     """Of both schemes, to two digits, against "l1" on a grid 64 times as fine."""
     text = (ROOT / "docs" / "reference" / "blocks" / "springpot_schemes.inc").read_text()
     printed = [float(v) for v in re.findall(r"([\d.]+) %", text)]
-    fine = np.arange(64 * 1600) / 64_000
-    y, found = 1 - np.cos(10 * np.pi * fine), []
+    y, found = 1 - np.cos(10 * np.pi * (np.arange(64 * 1600) / 64_000)), []
     for alpha in (0.25, 0.5, 0.75):
         wanted = springpot_convolution(y, 64_000.0, "l1", alpha)[0][::64]
         for scheme in ("l1", "gl"):
@@ -248,8 +247,7 @@ def test_the_errors_that_every_page_prints():
 def test_spring_and_dashpot_are_exact(scheme, live, chi):
     x = 0.3 + moved("smooth", 3000, 1000.0)
     for onset, before in (("steady", x[0]), ("step", 0.0)):
-        ends = {0.0: x - before, 1.0: np.diff(x, prepend=before) * 1000.0}
-        for alpha, wanted in ends.items():
+        for alpha, wanted in {0.0: x - before, 1.0: np.diff(x, prepend=before) * 1000.0}.items():
             block = springpot(Y, chi, A if live else alpha, scheme=scheme, onset=onset)
             proc = stimlib.compile(Scene({"f": block}), 1000)
             assert_same(forces(proc, x, alpha if live else None)[0], chi * wanted, onset)

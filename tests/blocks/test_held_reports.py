@@ -16,11 +16,9 @@ def error(block, cutoff, rate, late, seed=0):
     rng = np.random.default_rng(seed)
     t, taken = np.arange(4 * FS) / FS, np.arange(0.0, 4.0, 1 / rate)
     came = taken + late * rng.uniform(0.0, 1.0, len(taken)) / rate
-    newest = np.searchsorted(came, t, side="right") - 1
-    x = SPEED * taken[np.maximum(newest, 0)]
+    x = SPEED * taken[np.maximum(np.searchsorted(came, t, side="right") - 1, 0)]
     scene = stimlib.Scene({"v": block(stimlib.Input("x", "m"), cutoff)})
-    v = stimlib.compile(scene, FS).process(x[None])[0]
-    return np.abs(v[FS:] / SPEED - 1.0).max()
+    return np.abs(stimlib.compile(scene, FS).process(x[None])[0][FS:] / SPEED - 1.0).max()
 
 
 @pytest.mark.parametrize("block", [velocity, track_velocity])

@@ -96,8 +96,7 @@ def test_nan_closes_it():
 def test_the_default_is_twice_the_answer_to_one_encoder_step(fs, cutoff):
     """off = 2 q max|h| with h the answer of velocity to one step; on = 2 off."""
     answer = played(velocity(X, cutoff), np.arange(int(fs / cutoff) * 4) > 0, fs=fs)
-    gated = loading(velocity(X, cutoff), resolution=2e-5)
-    p, _ = gated.design(fs)
+    p, _ = loading(velocity(X, cutoff), resolution=2e-5).design(fs)
     assert p.off == pytest.approx(4e-5 * np.abs(answer).max(), rel=1e-3) and p.on == 2 * p.off
 
 

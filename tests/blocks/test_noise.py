@@ -101,8 +101,7 @@ def test_noise_drawn_ahead_is_that_of_the_interpreter(cuts, tol_db):
     proc = drawn(5, tol_db)
     white = [s for s in proc._engine.segments if s.startswith("White")]
     assert len(white) == 2 and len(set(white)) == 1, "both blocks run in one segment"
-    y = run(proc, np.empty((0, 640)), cuts)
-    assert_same(y, drawn(5, tol_db, "python").process(640))
+    assert_same(run(proc, np.empty((0, 640)), cuts), drawn(5, tol_db, "python").process(640))
 
 
 @pytest.mark.parametrize("n", [192, 256])

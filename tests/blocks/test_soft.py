@@ -99,8 +99,7 @@ def speeds(S):
 
 
 def test_eq_1_to_the_letter():
-    S = [0, 0, 0.2, 0.2, 0.6, 0.6, 0.2, 0, 1, 0.5, 0, 0]
-    near(speeds(S), SPEEDS)
+    near(speeds([0, 0, 0.2, 0.2, 0.6, 0.6, 0.2, 0, 1, 0.5, 0, 0]), SPEEDS)
     near(speeds([0.2, 0.6, 0.2])[-1], 25 / 49)  # not reversible
     near(speeds([0.5, 0.5 + 1e-15, 0.5]), 1, 0)  # what a spline rounds is no step
     way = [np.r_[np.linspace(0, 0.6, n + 1), np.linspace(0.6, 0, n + 1)[1:]] for n in (1, 2, 3, 6)]
@@ -173,8 +172,7 @@ def test_eq_3_to_the_letter():
     f, held = np.repeat(FORCES, lengths), np.repeat(TIMES, lengths)
     a = b.delay_avatar(X, ZERO, NEWTONS, "frames")
     outputs = {"x": a.x, "wait": a.wait, "lag": a.lag, "drive": b.vibration(a.wait)}
-    rows = played(outputs, {"f": f, "x": np.arange(860) * 1e-4})
-    y = dict(zip(outputs, rows, strict=True))
+    y = dict(zip(outputs, played(outputs, {"f": f, "x": np.arange(860) * 1e-4}), strict=True))
     near(1000 * y["wait"][TIMES], [0, 0, 0, 50, 100, 0, 0, 300, 0, 50, 0, 0])
     assert np.count_nonzero(y["wait"]) == 4
     # the avatar stands where the pen was as the frame began

@@ -255,8 +255,7 @@ def test_creep_under_a_held_force(alpha):
     fs = 1000
     chis, t = {"y": 100.0, "live": Param("chi", 100.0)}, np.arange(1, 10 * fs + 1) / fs
     made = {name: compliance(F, chi, alpha, "l1") for name, chi in chis.items()}
-    rise = np.diff(t ** (1 + alpha), prepend=0.0)
-    wanted = rise * fs / (100 * gamma(2 + alpha))
+    wanted = np.diff(t ** (1 + alpha), prepend=0.0) * fs / (100 * gamma(2 + alpha))
     np.testing.assert_allclose(played(made, np.ones(t.size)), [wanted] * 2, rtol=1e-10)
     assert str(made["y"].dim) == "m"
 

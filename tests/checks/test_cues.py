@@ -35,8 +35,7 @@ def test_springpot_of_any_length(alpha, periods, phase, n, offset, push):
     fs, chi = 1000.0, 120.0
     w = 2 * np.pi * periods * fs / n
     y, _ = movement(w, n, fs, phase, offset)
-    f = springpot(w, n, fs, chi, alpha, phase) + push
-    c = cues(y, f, fs)
+    c = cues(y, springpot(w, n, fs, chi, alpha, phase) + push, fs)
     size = chi * w**alpha
     assert c.frequency == pytest.approx(w / (2 * np.pi), rel=1e-9)
     assert c.k_S == pytest.approx(size * np.cos(alpha * np.pi / 2), abs=1e-7 * size)
@@ -146,8 +145,7 @@ def test_peaks():
     """
     fs = 1000.0
     t = np.arange(3000) / fs
-    depth = np.choose(np.minimum(t.astype(int), 2), [0.01, 0.02, 0.03])
-    y = depth * np.sin(np.pi * t) ** 2
+    y = np.choose(np.minimum(t.astype(int), 2), [0.01, 0.02, 0.03]) * np.sin(np.pi * t) ** 2
     y[2990:2994] += 1e-5
     c = cues(y, 500 * y, fs)
     assert (c.y_max, c.y_mean) == pytest.approx((0.03, 0.02), rel=1e-5)
@@ -160,8 +158,7 @@ def test_peaks():
 
 def test_the_initial_stiffness_is_that_of_the_first_force_peak():
     fs, n = 1000.0, 4000
-    w = 2 * np.pi
-    y, v = movement(w, n, fs, -np.pi / 2, A)
+    y, v = movement(2 * np.pi, n, fs, -np.pi / 2, A)
     f = (100 * y + 10 * v) * np.linspace(1.0, 0.5, n)  # it softens
     first = int(np.argmax(f[:1000]))
     assert cues(y, f, fs).k_I == pytest.approx(f[first] / y[first])
@@ -177,8 +174,7 @@ def test_a_single_press():
     assert c.W == pytest.approx(0.5 * 300 * 0.01**2, rel=1e-4)
     nans = {name for name, value in c._asdict().items() if math.isnan(value)}
     none = {"v_max", "v_mean"}  # a velocity that only falls has no peak
-    of_a_frequency = {"frequency", "k_S", "k_L", "loss_factor", "eta_as_printed", "b_L", "phi"}
-    assert nans == of_a_frequency | none
+    assert nans == {"frequency", "k_S", "k_L", "loss_factor", "eta_as_printed", "b_L", "phi"} | none
     c = cues(y, 5 * v, 1000.0, v=v, single=True)
     assert c.k_peak == pytest.approx(5 * 2 * np.pi, rel=1e-3)
     c = cues(y - 0.008, 300 * y, 1000.0, v=v, single=True)  # largest, not farthest from 0

@@ -197,8 +197,7 @@ class TestSqueeze:
         e = fresh(squeezed)
         if steps:
             e.changes = [Change(100, "k", 2345.0, steps / 8000)]
-            again = stimlib.compile(e.scene, e.fs, seed=e.seed)
-            e.y = samples(again, e.x, e.x.shape[1], e.changes)
+            e.y = samples(stimlib.compile(e.scene, e.fs, seed=e.seed), e.x, e.x.shape[1], e.changes)
         assert passed(scenes.scene_law(fresh(e)), e, "force1: mean part")
         honest, tol = laws.squeeze_finger, 1e-14 + steps * 2.0**-52
 
@@ -232,8 +231,7 @@ class TestSqueeze:
             squeezed,
             sidecar={"subtype": "PCM_24", "channels": [{"full_scale": top}, {"full_scale": 64.0}]},
         )
-        found = scenes.scene_law(e)
-        assert any("force1: slope" in c.name for c in found) != told
+        assert any("force1: slope" in c.name for c in scenes.scene_law(e)) != told
         assert any("force1: the position hardly changes" in text for text in e.skipped) == told
 
 

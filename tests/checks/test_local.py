@@ -137,12 +137,11 @@ def test_each_block_of_the_table_is_held_and_each_change_is_seen(entry, monkeypa
         more = max(SEEN.get(type(block).__name__, 3e-9), 100 * getattr(block, "tol", 0.0))
         for k, row in enumerate(np.atleast_2d(y) if not found.why else []):
             size = np.abs(row).max()
-            zero = np.where(row == 0, 1e-2 * size, row)
             for name, other in {
                 "size": (1 + more) * row,
                 "sign": -row,
                 "late": np.roll(row, 1),
-                "zero": zero,
+                "zero": np.where(row == 0, 1e-2 * size, row),
             }.items():
                 whole = y.copy()
                 np.atleast_2d(whole)[k] = other

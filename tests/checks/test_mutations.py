@@ -23,8 +23,7 @@ def test_the_verifier_catches(name):
 
 def test_what_is_faulty_is_not_the_scene():
     """Without its fault, each scene passes; made anew: laws are kept with blocks."""
-    scenes = {fault.scene and fault.scene.hash: fault for fault in FAULTS.values()}
-    for fault in scenes.values():
+    for fault in {fault.scene and fault.scene.hash: fault for fault in FAULTS.values()}.values():
         scene = fault.scene and stimlib.Scene.from_dict(fault.scene.to_dict())
         assert not failed(scene, fault.motion, 0.3)
 

@@ -119,8 +119,7 @@ def test_no_text_of_others_is_read_as_markup(bumped, monkeypatch, session):
 
 
 def test_every_check_is_on_the_page_and_the_laws_of_blocks_are_the_model(bumped, text_of):
-    groups = [c.group for c in bumped.checks]
-    assert {"b", "d", "e", "f"} <= {*groups} <= {*GROUPS}
+    assert {"b", "d", "e", "f"} <= {*[c.group for c in bumped.checks]} <= {*GROUPS}
     checks = [Check(g, f"{g} named: so", 0.0, 0.0, f"{g} told") for g in GROUPS]
     _, _, compared, numbers, certainty, rest = text_of(bumped.evidence, checks).split("<h2>")[:6]
     assert compared.count('<td class="ok">ok</td>') == 7
@@ -303,11 +302,9 @@ def test_the_band_of_a_law_is_what_a_difference_can_do(bumped):
     nearly; none passes it.
     """
     size, apart, rng = 1600, 1e-3, np.random.default_rng(1)
-    alternating = apart * (-1.0) ** np.arange(size)
-    square = apart * np.sign(np.sin(2 * np.pi * 40 / size * (np.arange(size) + 0.5)))
     for difference, least in (
-        (alternating, 1 - 1e-9),
-        (square, 0.8),
+        (apart * (-1.0) ** np.arange(size), 1 - 1e-9),
+        (apart * np.sign(np.sin(2 * np.pi * 40 / size * (np.arange(size) + 0.5))), 0.8),
         (apart * rng.choice([-1, 1], size), 0.0),
     ):
         e = dc.replace(
@@ -342,8 +339,7 @@ def test_pictures_are_of_the_first_outputs_and_say_so(bumped, monkeypatch):
 def test_the_page_has_a_line_for_each_class_those_that_nothing_holds_first(text_of):
     x = Input("x", "m")
     total = sum((k * b.velocity(x, 100.0 + k) for k in range(60)), 0.0 * b.velocity(x))
-    scene = Scene({"y": total, "z": Doubled(x)})
-    r = rendered(scene, {"x": np.linspace(0, 0.01, 500)}, 1000)
+    r = rendered(Scene({"y": total, "z": Doubled(x)}), {"x": np.linspace(0, 0.01, 500)}, 1000)
     part = text_of(r.evidence, r.checks).partition("Each block and its law")[2].partition("<h2>")[0]
     assert part.index("Doubled") < part.index("Velocity") and "no law of its output" in part
     short = part.partition("<details")[0]  # one line for all blocks of a class

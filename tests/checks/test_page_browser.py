@@ -40,8 +40,7 @@ def many(noises: int) -> Scene:
 
 
 def written(folder, scene, motion, seconds=1.0):
-    rendered = stimlib.render(scene, motion, fs=8000, seconds=seconds)
-    report = stimlib.verify(scene, motion, rendered)
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, fs=8000, seconds=seconds))
     report.to_html(folder / "a.html", "stimlib verify a.wav --report a.html")
     return report, f"file://{folder / 'a.html'}"
 

@@ -111,8 +111,7 @@ def test_an_output_that_is_off_by_little_more_than_its_tolerance_is_refused(
 ):
     scene = SHIPPED[name](**words)
     motion = {n: (motion or hands(name))[n] for n in scene.inputs}
-    e = gather(scene, motion, stimlib.render(scene, motion, FS, 0.3))
-    a = asked(e, scene.parts[0])
+    a = asked(gather(scene, motion, stimlib.render(scene, motion, FS, 0.3)), scene.parts[0])
     assert all(c.passed for c in scenes.SCENES[name](a))
     larger = dataclasses.replace(a, y=a.y | {output: (1 + part) * a.y[output]})
     bad = [c.name for c in scenes.SCENES[name](larger) if not c.passed]
@@ -378,8 +377,7 @@ def test_a_law_of_ones_own_is_held_and_kept(tmp_path, monkeypatch):
         not verified(lone(1.0001), motion).passed
         and not verified(lone(given=0.0101), motion).passed
     )
-    rendering = stimlib.render(again(lone()), motion, FS, 0.1)
-    assert rendering.save(tmp_path / "a.wav", full_scale=10.0)
+    assert stimlib.render(again(lone()), motion, FS, 0.1).save(tmp_path / "a.wav", full_scale=10.0)
     report = stimlib.verify(tmp_path / "a.wav")
     assert report.passed and f"force: {__name__}.slope" in {c.name for c in report.checks}
     text = json.loads((tmp_path / "a.wav.json").read_text())["definitions"][__name__]["text"]
@@ -662,8 +660,7 @@ def test_a_wrong_interval_is_refused(ramp):
 
 def test_each_interval_has_all_laws_of_its_scene_and_its_own_seed():
     scene, _ = pair(Scene.combine(edge=SCENES["wall"], knob=SCENES["detents"]), {})
-    told = [(p.law, p.name, p.span.start, p.span.seed) for p in scene.parts]
-    assert told == [
+    assert [(p.law, p.name, p.span.start, p.span.seed) for p in scene.parts] == [
         (law, f"interval_{i}", start, seed)
         for i, start, seed in ((1, 0.032, None), (2, 0.282, 5))
         for law in ("wall", "detents")

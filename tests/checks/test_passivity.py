@@ -218,8 +218,7 @@ def test_a_scene_that_is_active_on_purpose_is_judged_by_its_own_bound(monkeypatc
             assert (
                 f"states to give {1e3 * power:.3g} mW on purpose, and gave {beyond:.3g} mJ" in told
             )
-        bound = Passivity(0.01)
-        proc = stimlib.compile(protect(scene, Safety(5.0, passivity=bound)), 1000)
+        proc = stimlib.compile(protect(scene, Safety(5.0, passivity=Passivity(0.01))), 1000)
         proc.set("sink_gain", 1.0, ramp=0.0)
         y = proc.process(place[None])[0]
         assert -np.cumsum(y[:-1] * np.diff(place)).min() <= (0.01 + (power or 0.0)) * (1 + 1e-9)

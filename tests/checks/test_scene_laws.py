@@ -76,8 +76,7 @@ def test_viscoelastic_with_options_is_proved(live, words):
     if live:
         e = r.evidence
         e.changes = [Change(200, "alpha", 0.9, 0.3)]
-        again = stimlib.compile(scene, 1000, seed=e.seed)
-        e.y = samples(again, e.x, e.x.shape[1], e.changes)
+        e.y = samples(stimlib.compile(scene, 1000, seed=e.seed), e.x, e.x.shape[1], e.changes)
         checks = scenes.scene_law(dataclasses.replace(e, skipped=[], wanted={}, taps=[]))
         assert checks and all(c.passed for c in checks), checks
 
@@ -85,8 +84,7 @@ def test_viscoelastic_with_options_is_proved(live, words):
 @pytest.mark.parametrize("words", [{"live": True}, {"live": False, "smoothing": 50.0}])
 def test_viscoelastic_is_what_its_options_say(words):
     """All orders are as strong at w, and a live one is the fixed one of that order."""
-    t = np.arange(3000) / 1000
-    y = 0.01 * np.sin(2 * np.pi * t)
+    y = 0.01 * np.sin(2 * np.pi * (np.arange(3000) / 1000))
     live = stimlib.render(
         viscoelastic(0.0, **words), {"y": y}, 1000, params={"alpha": 0.7} if words["live"] else {}
     )

@@ -277,8 +277,7 @@ def test_an_interpreter_that_says_otherwise_in_one_bit_is_seen(monkeypatch):
 def test_of_many_channels_the_interpreter_makes_some_again_and_each_kind_of_block(seed):
     """From a state of their own, with the parameters and inputs that they have."""
     x, y, k = Input("x"), Input("y"), Param("k", 1.0)
-    ends = {f"a{n}": blocks.delay(float(n) * x, 3) for n in range(20)}
-    scene = Scene(ends | {"b": abs(k * y)})
+    scene = Scene({f"a{n}": blocks.delay(float(n) * x, 3) for n in range(20)} | {"b": abs(k * y)})
     made = stimlib.render(scene, {"x": np.sin, "y": np.cos}, 8000, 0.1, {"k": 2.0}, seed)
     report = stimlib.verify(scene, {"x": np.sin, "y": np.cos}, made)
     drawn = verification._drawn(report.evidence)

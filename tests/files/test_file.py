@@ -130,8 +130,7 @@ def test_dither_makes_the_error_a_steady_noise_and_is_made_again(tmp_path):
         file.write(path, stimlib.compile(scene, 8000), {"y": x}, 8.0, dither=dither, **how)
         lost = (file.read(path)[0][0] - x) / step
         assert np.var(lost) == pytest.approx(error, rel=0.03)
-        means = lost.reshape(-1, 4000).mean(axis=1)
-        assert (np.abs(means).max() > apart) == (dither is None)
+        assert (np.abs(lost.reshape(-1, 4000).mean(axis=1)).max() > apart) == (dither is None)
     sidecar = path.with_name("a.wav.json")
     for seed in (7, 8):
         sidecar.write_text(sidecar.read_text().replace('"dither": 7', f'"dither": {seed}'))
@@ -455,8 +454,7 @@ def test_disk_full(mounted, name, seconds):
     table = lut(Input("x", "m"), knots, np.sin(knots), unit="N")
     proc = stimlib.compile(Scene({"force": table, "twice": 2 * table}), 8000)
     folder, says = mounted("size=512k"), os.strerror(errno.ENOSPC)
-    words = folder / name, proc, MOTION, seconds
-    unwritten(folder, SinkError, says, *words, full_scale=1.0)
+    unwritten(folder, SinkError, says, *(folder / name, proc, MOTION, seconds), full_scale=1.0)
 
 
 # -- refused before anything is written
@@ -582,8 +580,7 @@ def taken(tmp_path_factory):
 def test_what_cannot_be_written_leaves_the_folder_as_it_was(taken, change, error, says):
     given = {"path": "a.wav", "motion": MOTION, "seconds": 0.1, "block": 100} | change
     given |= {"path": taken / given["path"], "proc": change.get("proc", forces)()}
-    told = unwritten(taken, error, says, **given)
-    assert "\n" not in str(told)
+    assert "\n" not in str(unwritten(taken, error, says, **given))
     assert given["proc"].index == 0 or given["motion"] is not MOTION
 
 

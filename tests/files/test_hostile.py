@@ -201,7 +201,7 @@ def test_reports_pictures_and_tables_follow_no_link(tmp_path, name):
 @pytest.mark.parametrize("name", ["a\0b", "\ud800", "x" * 300, "y/" * 3000])
 def test_names_that_no_file_can_have(tmp_path, name):
     path, set_of = tmp_path / (name + ".wav"), {"workers": 1, "progress": False}
-    calls = [
+    for call in [
         (write, path),
         (file.read, path),
         (read_log, path),
@@ -209,8 +209,7 @@ def test_names_that_no_file_can_have(tmp_path, name):
         (partial(render_set, **set_of), path, {"s": SCENE}, HAND, 0.01),
         (partial(render_set, **set_of), tmp_path, {name: SCENE}, HAND, 0.01),
         (draw, SCENE, path.with_suffix(".svg")),
-    ]
-    for call in calls:
+    ]:
         error = refused(StimlibError, None, *call)
         assert len(str(error)) < 30_000 and "\0" not in str(error) and "\ud800" not in str(error)
 

@@ -344,8 +344,7 @@ def test_what_was_tampered_with_is_found(session, what):
         refused(SinkError, says, read_log, folder)
         return
     log = read_log(folder)
-    failed = {c.name for c in verify_log(log).checks if not c.passed}
-    assert failed == says
+    assert {c.name for c in verify_log(log).checks if not c.passed} == says
     found = replay(log)
     assert told in str(found) and found.matches == (name == REPORT or "more" in what)
 

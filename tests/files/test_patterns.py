@@ -70,8 +70,7 @@ def step(name, at, value):
 
 
 def tap(at, height, sharpness=0.0):
-    given = {"HapticIntensity": height, "HapticSharpness": sharpness, "_at": at}
-    return happens(TAP, **given)
+    return happens(TAP, **{"HapticIntensity": height, "HapticSharpness": sharpness, "_at": at})
 
 
 MIDDLE = [(0, 182.5), (1, 182.5)]  # Hz of half the sharpness
@@ -238,8 +237,7 @@ def test_a_file_is_read_as_its_closed_form(name, tmp_path):
 def test_the_device_gives_units_frequencies_and_the_power_both_ways(tmp_path):
     device = PatternDevice(2.0, "m/s^2", 100.0, 200.0, power=2.0)
     continuous = happens(HapticIntensity=0.5, HapticSharpness=0.5, _for=0.5)
-    path = ahap(tmp_path, continuous, tap(0.8, 0.5))
-    made = read_pattern(path, device)
+    made = read_pattern(ahap(tmp_path, continuous, tap(0.8, 0.5)), device)
     y = stimlib.render(made.scene, fs=FS, seconds=0.5)
     assert np.abs(y.y[0] - 2.0 * 0.25 * np.sin(2 * np.pi * 150 * y.t)).max() < 1e-6
     assert stimlib.compile(made.scene, FS).units["vibration"] == "m/s**2"
@@ -355,8 +353,7 @@ def test_a_tone_comes_back_with_its_level_and_frequency(tmp_path, suffix, most):
     # rms of a triangle of sines: 3 / sqrt(3) / sqrt(2)
     assert before == pytest.approx(20 * np.log10(3 / 6**0.5), abs=0.05)
     assert after == pytest.approx(before, abs=0.1)
-    voices = read_pattern(tmp_path / f"a{suffix}").patterns[0].voices
-    hertz = np.array(voices[0].frequency)[:, 1]
+    hertz = np.array(read_pattern(tmp_path / f"a{suffix}").patterns[0].voices[0].frequency)[:, 1]
     assert np.abs(hertz - 150).max() < 1.0 or suffix != ".haptic"
 
 
@@ -428,8 +425,7 @@ def test_rings_of_a_scene_become_transients(name, tmp_path):
 
 
 def test_the_loss_is_that_of_known_signals(tmp_path):
-    t = np.arange(8000) / FS
-    y = np.sin(2 * np.pi * 250 * t)
+    y = np.sin(2 * np.pi * 250 * (np.arange(8000) / FS))
     error, envelope, bands = loss(y, 0.9 * y, FS)
     assert error == pytest.approx(-20, abs=1e-6) and envelope == pytest.approx(-20, abs=1e-6)
     levels = {f: (a, b) for f, a, b in bands}
@@ -568,8 +564,7 @@ def hjif_of(n, effects=1):
 
 
 def ahap_of(n):
-    curve = curved(INTENSITY, *((k / n, 0.5) for k in range(n)))
-    return {"Pattern": [curve, happens(_for=1.0)]}
+    return {"Pattern": [curved(INTENSITY, *((k / n, 0.5) for k in range(n))), happens(_for=1.0)]}
 
 
 @pytest.mark.parametrize(
@@ -584,14 +579,12 @@ def test_curves_of_too_many_points_are_refused_before_they_are_made(call, tree, 
     """The points of the file are in memory, and sixteen times as many of those curves
     alone that are within the limits.
     """
-    words = call, tree(), PatternDevice(power=2.0)
-    _, most = most_memory(refused, SceneFileError, says, *words)
+    _, most = most_memory(refused, SceneFileError, says, *(call, tree(), PatternDevice(power=2.0)))
     assert most < 600 * points
 
 
 def test_counts_and_sizes_are_bounded(tmp_path, monkeypatch):
-    tap = happens("HapticTransient")
-    path = ahap(tmp_path, *[tap] * 20)
+    path = ahap(tmp_path, *[happens("HapticTransient")] * 20)
     monkeypatch.setattr(stimlib.limits, "scene_blocks", 10)
     refused(SceneFileError, r"\$\.Pattern: items: 20 is more than limits", read_pattern, path)
     many = changed("fill1.hjif", put(*BAND, "curve_type", "Unknown"), tmp_path)
@@ -615,8 +608,7 @@ UNSAID = [  # outputs, a device, the error and what it says
 @pytest.mark.parametrize(("outputs", "device", "error", "says"), UNSAID)
 def test_what_a_format_cannot_say_is_refused(outputs, device, error, says, tmp_path):
     made = stimlib.render(stimlib.Scene(outputs), fs=FS, seconds=0.3, on_fault="ignore")
-    words = tmp_path / "a.ahap", made, PatternDevice(**device)
-    refused(error, says, write_pattern, *words)
+    refused(error, says, write_pattern, *(tmp_path / "a.ahap", made, PatternDevice(**device)))
     refused(BadValue, "suffix is not known", write_pattern, tmp_path / "a.ahp", made)
     refused(BadValue, "suffix is not known", read_pattern, tmp_path / "a.txt")
     refused(BadValue, "binary form of .hjif is neither .*-o a.hjif", read_pattern, "a.hmpg")
@@ -664,8 +656,7 @@ def voice_of(y):
 
 def sines(*parts):
     """Sines one after the other: seconds, amplitude, Hz each, in one phase."""
-    rows = [np.tile(p[1:], (round(p[0] * FINE), 1)) for p in parts]
-    a, f = np.concatenate(rows).T
+    a, f = np.concatenate([np.tile(p[1:], (round(p[0] * FINE), 1)) for p in parts]).T
     return a * np.sin(2 * np.pi * np.cumsum(f) / FINE)
 
 
@@ -700,8 +691,7 @@ def test_a_frequency_keeps_a_tenth_of_a_hertz_at_the_peak():
     t = np.arange(2 * FINE) / FINE
     f = 150 + 2.0 * np.sin(2 * np.pi * 2.0 * t)
     _, frequency = voice_of(np.sin(2 * np.pi * np.cumsum(f) / FINE))
-    inside = (t > 0.1) & (t < 1.9)
-    error = np.abs(np.interp(t, *frequency.T) - f)[inside].max()
+    error = np.abs(np.interp(t, *frequency.T) - f)[(t > 0.1) & (t < 1.9)].max()
     assert 0.05 < error < 0.2 and len(frequency) < 150
 
 
@@ -712,8 +702,7 @@ def test_a_voice_begins_at_a_hundredth_of_the_peak():
 
 
 def test_a_tap_is_a_thousandth_of_the_samples_or_it_is_none():
-    t = np.arange(FINE) / FINE
-    since = np.maximum(0.0, t - 0.25)
+    since = np.maximum(0.0, (np.arange(FINE) / FINE) - 0.25)
     for height, taps in ((0.0007, 0), (0.0015, 1), (-0.5, 1)):
         y = height * np.exp(-since / DEVICE.decay) * np.sin(2 * np.pi * 170.0 * since)
         y[-1] = 1.0  # the largest sample

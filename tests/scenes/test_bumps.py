@@ -61,8 +61,7 @@ def test_ridges_and_grooves_of_the_rendered_signal(nb, duty):
     ).process(x[None])[0]
     edges = np.flatnonzero(np.diff((y > 0.5).astype(int)))
     widths = 1e3 * np.diff(x[edges])
-    first_is_ridge = y[edges[0] + 1] > 0.5
-    ridge, groove = (widths[a::2] for a in ((0, 1) if first_is_ridge else (1, 0)))
+    ridge, groove = (widths[a::2] for a in ((0, 1) if (y[edges[0] + 1] > 0.5) else (1, 0)))
     for seen, printed in ((ridge, TABLE_4_1[nb, duty][0]), (groove, TABLE_4_1[nb, duty][1])):
         assert (
             np.abs(seen - printed).max() <= 0.005 + 2 * 1e3 * speed / FS if seen.size else nb == 2
@@ -318,8 +317,7 @@ def test_lines_of_a_rendered_scene(waveform, rectify):
         phase=0.6 - 2 * np.pi * 157.7 / FS,
         rectify=rectify,
     )
-    y = stimlib.compile(scene, FS).process(x[None])[0, 1:]
-    seen = 2 * np.fft.rfft(y) / n
+    seen = 2 * np.fft.rfft(stimlib.compile(scene, FS).process(x[None])[0, 1:]) / n
     seen[0] /= 2
     said = line_spectrum(waveform, 0.4, 1.0, 18.3, 157.7, 1000.0, rectify, FS, 0.003 * 183, 0.6)
     at = np.rint(said.f * n / FS).astype(int)

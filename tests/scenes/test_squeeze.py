@@ -139,14 +139,12 @@ def test_the_vibration_has_the_level_of_the_paper_at_any_rate(fs):
 def test_a_held_position_is_silent_whatever_the_last_bit_does(fs, rate):
     t = np.arange(int(fs)) / fs
     toggle = 0.01 + 1e-6 * (np.floor(2 * rate * t) % 2)
-    noise = 0.01 + 1e-6 * np.random.default_rng(rate).integers(0, 2, t.size)
-    x = np.stack([toggle, noise])
+    x = np.stack([toggle, 0.01 + 1e-6 * np.random.default_rng(rate).integers(0, 2, t.size)])
     assert_same(stimlib.compile(squeeze(), fs).process(x), 2000 * x)
 
 
 def test_a_slow_squeeze_sounds_and_a_release_does_not():
-    t = np.arange(8000) / 8000
-    x = np.round(0.005 * t * 1e6) / 1e6
+    x = np.round(0.005 * (np.arange(8000) / 8000) * 1e6) / 1e6
     proc = stimlib.compile(squeeze(), 8000)
     y = proc.process(np.stack([x, 0.02 - x])) - 2000 * np.stack([x, 0.02 - x])
     assert np.mean(y[0, 400:] != 0) > 0.99
@@ -184,8 +182,7 @@ def test_each_finger_and_each_run_has_its_own_noise():
         proc.reset(seed)
         runs += list(proc.process(x) - 2000 * x)
     runs.append((stimlib.compile(squeeze(seed=1), 8000).process(x) - 2000 * x)[0])
-    correlation = np.corrcoef(np.array(runs)[:, 800:])
-    assert np.abs(correlation - np.eye(5)).max() < 0.05
+    assert np.abs(np.corrcoef(np.array(runs)[:, 800:]) - np.eye(5)).max() < 0.05
 
 
 def test_a_rate_that_is_too_high_for_the_differentiator_says_so():

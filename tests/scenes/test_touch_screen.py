@@ -61,8 +61,7 @@ def test_a_drive_that_the_patches_cannot_take_warns_and_says_what_is_lost(more):
     turns = GLASS.carrier() * (2 if "full" in more.values() else 1) * np.arange(8000) / 8000
     line, line_asked = np.abs(np.array([v, linear]) @ np.exp(-2j * np.pi * turns))
     assert 100 * np.mean((v == -100) | (v == 400)) == pytest.approx(held, abs=2)
-    kept = line / line_asked / (1e3 * more["amplitude"])
-    assert 100 * (1 - kept) == pytest.approx(lost, abs=2)
+    assert 100 * (1 - (line / line_asked / (1e3 * more["amplitude"]))) == pytest.approx(lost, abs=2)
 
 
 def test_as_printed_is_a_half_wave_without_a_swap():
