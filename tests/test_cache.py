@@ -158,10 +158,9 @@ def test_the_log_tells_hits_misses_and_times(wanted, tmp_path):
 def test_an_entry_is_named_by_all_that_is_compiled_into_it(monkeypatch):
     usual = salt.__wrapped__()
     modules = {(Path(caches.__file__).parent / f"{name}.py").resolve() for name in caches.PARTS}
-    used = {
+    assert {
         Path(m.__file__) for m in (walk, values, known, kernels, vectors, lanes, instructions, rows)
-    } | {Path(inspect.getfile(c)) for c in walk.Writer.__mro__[:-1]}
-    assert used <= modules
+    } | {Path(inspect.getfile(c)) for c in walk.Writer.__mro__[:-1]} <= modules
     for path in (*modules, Path(maths.__file__)):
         assert path.read_text() in usual
     for cls in rows.OPERATIONS:
@@ -178,8 +177,7 @@ def instructions_of(block, ours):
     program = program_of(Scene({"y": block}))
     design = design_of(program, 8000, 20.0)
     (k,) = (i for i, q in enumerate(program.instances) if type(q.block) is type(block))
-    text = made(engine._Table(program, design).form((k,))).llvm
-    module = machine.optimised(text, ours)
+    module = machine.optimised(made(engine._Table(program, design).form((k,))).llvm, ours)
     with machine.choices() if ours else nullcontext():
         return machine._target_machine().emit_assembly(module)
 

@@ -203,6 +203,7 @@ def test_a_defect_ends_with_its_traceback_and_status_3(here, words):
 HAND = "--motion minimum_jerk(depth=0.01)"
 GRIPPED = "--motion recording('grip.csv',{'x':'force_N*5e-4'},max_speed=2)"
 SQUEEZE = f"render squeeze --out a.wav {HAND}"
+SWEEP = f"sweep squeeze {HAND} --seconds 0.05 --workers 0"
 PLAY = f"play squeeze {HAND} --quiet --full-scale 50"
 PEN_TO = "render pen.py:scene --out a.wav --full-scale 100 --motion pen.csv --map x=pos_mm*1e-3"
 LIFT = "--out a.wav --motion lift.csv --map"
@@ -262,7 +263,6 @@ ALL = f"{LISTED}, ready"
         ("show own.py:table", "table is a dict, no Scene"),
         ("sweep own.py:soft --axis k=1,2 --measure own.py:tops", "there is no 'tops' in it"),
         ("sweep own.py:soft --axis k=1,2 --measure own.py:tops", f"{LISTED}, top"),
-        ("sweep own.py:soft --axis k=10:100", "FROM:TO:HOW_MANY"),
         ("show syntax.py:f", "syntax.py:1: SyntaxError"),
         ("show absent.py:f", "absent.py:1: ModuleNotFoundError"),
         ("show zero.py:f", "zero.py:1: ZeroDivisionError"),
@@ -299,6 +299,14 @@ ALL = f"{LISTED}, ready"
         (f"{PEN_TO} --map press=force_N --max-speed x=a", "'a' is not a number"),
         (f"{PEN_TO} --map press=force_N --max-speed 0.05", "x moves at 0.1 m/s"),
         ("render own.py:soft --out a.wav --motion tablet.csv --map x=x_mm*1e-3", 'such as time="'),
+        # sweeping
+        (SWEEP, "name the rows"),
+        (f"{SWEEP} --axis k", "NAME=FROM:TO:HOW_MANY"),
+        (f"{SWEEP} --axis k=1:2:0.5", "0.5, is how many"),
+        (f"{SWEEP} --axis k=10:100", "FROM:TO:HOW_MANY, such as k=10:100:5"),
+        (f"{SWEEP} --axis q=1,2", "no q in the scene"),
+        (f"{SWEEP} --axis k=1,soft", "'1' must be a number"),
+        (f"{SWEEP} --axis k=1,2 --measure loud", "no 'loud'"),
         # playing
         ("play squeeze --full-scale 50 --quiet", "no motion for x1, x2"),
         (f"{PLAY} --channels 1", "fewer than the 2 outputs"),
@@ -763,8 +771,7 @@ def test_own_blocks_are_known_by_import(clicks, monkeypatch, words):
 def test_what_defined_an_own_block_is_kept_and_compared(clicks, tmp_path, monkeypatch, words):
     monkeypatch.chdir(clicks)
     for name in ("click.stimlog/session.json", "click.wav.json"):
-        kept = json.loads(Path(name).read_text())
-        assert kept["definitions"]["click_block"]["text"] == CLICK
+        assert json.loads(Path(name).read_text())["definitions"]["click_block"]["text"] == CLICK
     for edit in ("# another day\n", "GAIN = 2.0\n"):
         (tmp_path / "click_block.py").write_text(CLICK + edit)
         done = ran(f"{words} --import {tmp_path}/click_block.py", int("GAIN" in edit))
@@ -804,8 +811,7 @@ def test_a_definition_has_its_hash(clicks, tmp_path):
         assert "definitions" in replayed(2, {"click_block": ours | now}).stderr
     assert "definitions" in replayed(2, {}).stderr
     both = {"text": "x = 1", "sha256": hashlib.sha256(b"x = 1").hexdigest()}
-    said = replayed(0, {"click_block": ours | both}).stdout
-    assert "is not the one that was recorded" in said
+    assert "is not the one that was recorded" in replayed(0, {"click_block": ours | both}).stdout
 
 
 def test_a_file_that_two_options_name_is_run_once(here):

@@ -23,9 +23,8 @@ def test_every_design_ends_in_time_with_a_processor_or_a_reason():
     """All blocks, each number at its ends, from 1e-3 to 1e9 Hz: a sample of them here,
     a larger one in make stress.
     """
-    command = [sys.executable, os.path.join(HERE, "extremes.py"), "13" if STRESS else "1201", "0"]
     run = subprocess.run(
-        command,
+        [sys.executable, os.path.join(HERE, "extremes.py"), "13" if STRESS else "1201", "0"],
         capture_output=True,
         text=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},

@@ -99,8 +99,7 @@ def test_words_that_people_search_for_are_on_a_page():
 def test_reference_pages_show_their_pages_of_the_gallery():
     """All of a family of blocks, and the one of a scene."""
     for page in (p for p in PAGES if p.parent.name in ("blocks", "scenes") and p.stem != "index"):
-        room = ROOT / "examples" / "gallery" / page.parent.name
-        own = [f.stem for f in room.glob("plot_*.py")]
+        own = [f.stem for f in (ROOT / "examples" / "gallery" / page.parent.name).glob("plot_*.py")]
         if page.parent.name == "blocks":
             own = [n for n in own if n.split("_")[1] == page.stem]
         else:
@@ -281,10 +280,9 @@ def test_the_command_line_page_is_complete():
     for name, command in known.items():
         section = page.partition(f"stimlib {name}")[2].partition("\n---")[2].partition("\n---")[0]
         assert section, f"stimlib {name} is not in cli.rst"
-        told = set(re.findall(r"^``(--[a-z0-9-]+)``", section, re.MULTILINE))
-        assert told == {o for p in command.params for o in p.opts if o.startswith("--")}, (
-            f"options of stimlib {name}"
-        )
+        assert set(re.findall(r"^``(--[a-z0-9-]+)``", section, re.MULTILINE)) == {
+            o for p in command.params for o in p.opts if o.startswith("--")
+        }, f"options of stimlib {name}"
 
 
 def test_guide_prints_what_the_examples_print():

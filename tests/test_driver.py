@@ -30,8 +30,7 @@ def expected():
     k = np.ones(100)
     k[7:] = np.minimum(1 + np.arange(1, 94) / 5, 2.0)
     k[99] = 0.0
-    b = np.where(np.arange(100) < 7, 1.0, 5.0)
-    return np.vstack([k * X[0], b + X[0]])
+    return np.vstack([k * X[0], np.where(np.arange(100) < 7, 1.0, 5.0) + X[0]])
 
 
 @pytest.mark.parametrize("block", [1, 7, 8, 8192, iter([3, 90, 1, 1, 2, 3, 50, 90, 90]).__next__])

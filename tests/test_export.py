@@ -91,8 +91,7 @@ def test_every_scene_has_the_same_bits(name, precision, chain, tmp_path):
     if chain == "cortex-m4f" and precision == "float64":
         pytest.skip("the fma of newlib, without a unit for doubles, is not fused: float32 only")
     programs = installed(chain)
-    made = shipped(name, tmp_path, precision=precision)
-    assert same(tmp_path, name, made.samples, *programs)
+    assert same(tmp_path, name, shipped(name, tmp_path, precision=precision).samples, *programs)
 
 
 @pytest.mark.stress
@@ -169,8 +168,7 @@ def test_the_passivity_controller_is_exported(tmp_path):
     scene = Scene({"force": wall(Input("x", "m"), 1000.0)})
     passive = Passivity(1e-3, 2.0, delay=0.0025, encoder=1e-6, still=0.05)
     way = {"x": 0.01 * np.sin(np.arange(600) / 20)}
-    safety = Safety(6.0, passivity=passive)
-    made = export_c(scene, 1000, tmp_path, way, seconds=0.6, safety=safety)
+    made = export_c(scene, 1000, tmp_path, way, seconds=0.6, safety=Safety(6.0, passivity=passive))
     assert same(tmp_path, "stimulus", made.samples, GCC)
     assert "of force" in re.findall(
         r"b\d+_n passivity (of \w+)", (tmp_path / "stimulus.h").read_text()
@@ -198,8 +196,7 @@ def test_the_safety_stage_is_exported_with_its_counts(tmp_path):
     counts = {stage: sum(of.values()) for stage, of in Watch(proc).counts().items()}
     counts["outside"] = Watch(proc).outside()["force"]["samples"]
     assert counts.keys() == STAGES and abs(want[1][1, 298]) > 1.0 and want[1][1, -1] < 1.0
-    header = (tmp_path / "stimulus.h").read_text()
-    fields = re.findall(r"(b\d+_n) (\w+) of", header)
+    fields = re.findall(r"(b\d+_n) (\w+) of", (tmp_path / "stimulus.h").read_text())
     prints = "".join(f'printf("{stage} %d\\n", (int)m.{f});' for f, stage in fields)
     prints += 'for (k = 0; k < 1200; k++) printf("%a\\n", y[k / 600][k % 600]);'
     test = tmp_path / "stimulus_test.c"
@@ -365,8 +362,7 @@ def test_two_stimuli_of_different_tiles_in_one_program(tmp_path):
 
 
 def test_no_text_ends_a_comment():
-    said = comment("a */ b /* c ??/\n/ d *\\\n/ e")
-    assert said == "a * / b / * c ? ? /\n * / d *\n * / e"
+    assert comment("a */ b /* c ??/\n/ d *\\\n/ e") == "a * / b / * c ? ? /\n * / d *\n * / e"
 
 
 def test_the_command_exports_and_says_how_to_compile(tmp_path):

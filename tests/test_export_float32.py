@@ -45,8 +45,7 @@ class Waves(Block):
 def test_sums_and_products_are_those_of_numpy_in_float32(tmp_path):
     """Numbers and inputs are rounded once, and each operation rounds to float32."""
     x, way = Input("x", "m"), 0.03 * np.sin(np.arange(300) / 7.3)
-    k = Param("k", 123.4, "N/m")
-    scene = Scene({"force": k * x - stimlib.constant(0.1, "N")})
+    scene = Scene({"force": Param("k", 123.4, "N/m") * x - stimlib.constant(0.1, "N")})
     made = export_c(scene, 1000, tmp_path, {"x": way}, seconds=0.3, **NARROW)
     assert same(tmp_path, "stimulus", 300, [*GCC, "-O3"])
     text = (tmp_path / "stimulus_test.c").read_text().partition("wanted[]")[2]

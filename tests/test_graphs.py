@@ -214,11 +214,10 @@ def scenes(draw, tiles=True):
     if draw(st.booleans()):
         z = z - builder.other(*(builder.choose(builder.signals) for _ in range(3)))
     if draw(st.sampled_from([False, False, True])):
-        inner = b.enabled(
-            PinkNoise(builder.fresh_noise(3), 0.3, 20.0, 0.5), by=builder.fresh_noise(2)
-        )
         z = z + b.enabled(
-            inner * Param("a", builder.autonomous[0].value) - 0.25,
+            b.enabled(PinkNoise(builder.fresh_noise(3), 0.3, 20.0, 0.5), by=builder.fresh_noise(2))
+            * Param("a", builder.autonomous[0].value)
+            - 0.25,
             by=builder.choose(builder.signals),
         )
     outputs = {"y": y + 0.25 * z, "z": z} if draw(st.booleans()) else {"y": y - 0.0625 * z}
@@ -455,8 +454,7 @@ def test_enabled_samples_in_a_row_are_the_stream_that_was_never_gated(gated, see
 @pytest.mark.parametrize("target", ["llvm", "python"])
 def test_a_nan_condition_is_closed(target):
     proc = stimlib.compile(Scene({"y": b.enabled(b.white_noise(1), by=Input("x"))}), 1000, target)
-    x = np.array([[1.0, np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-320]])
-    y = proc.process(x)[0]
+    y = proc.process(np.array([[1.0, np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-320]]))[0]
     assert list(y != 0) == [True, False, True, False, False, False, True]
     assert proc.fault is None
 
@@ -502,8 +500,7 @@ def test_two_gates_own_two_copies():
     noise = b.white_noise(1, shared=True)
     first, second = b.enabled(noise, by=Input("x1")), b.enabled(noise, by=Input("x2"))
     proc = stimlib.compile(Scene({"y": first, "z": second}), 1000)
-    x = np.array([[1.0, 0.0, 1.0, 1.0], [0.0, 1.0, 1.0, 0.0]])
-    y = proc.process(x)
+    y = proc.process(np.array([[1.0, 0.0, 1.0, 1.0], [0.0, 1.0, 1.0, 0.0]]))
     np.testing.assert_array_equal(y[0, [0, 2]], y[1, [1, 2]])
 
 

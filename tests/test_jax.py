@@ -181,8 +181,7 @@ def test_generated_graphs(scene, seed):
 
 # Every scene --------------------------------------------------------------------------
 def strokes(n, fs, rate=0.7, depth=0.02):
-    t = np.arange(n) / fs
-    return np.round(1e6 * depth * (1 - np.cos(2 * np.pi * rate * t))) * 1e-6
+    return np.round(1e6 * depth * (1 - np.cos(2 * np.pi * rate * np.arange(n) / fs))) * 1e-6
 
 
 @dataclass
@@ -193,10 +192,9 @@ class Case:
     def motion(self, seconds=1.0):
         n = int(seconds * self.fs)
         touch = np.where(np.sin(2 * np.pi * 1.3 * np.arange(n) / self.fs) > -0.4, 1.0, 0.0)
-        names = stimlib.compile(self.scene, self.fs, "python").inputs
         return {
             name: touch if name == "contact" else strokes(n, self.fs, 0.7 + 0.2 * i)
-            for i, name in enumerate(names)
+            for i, name in enumerate(stimlib.compile(self.scene, self.fs, "python").inputs)
         }
 
 
@@ -337,8 +335,7 @@ def test_seeds_of_noise_are_the_same():
 
 
 def test_decisions_can_be_given():
-    scene = scenes.squeeze(fingers=1)
-    f = stimlib.compile(scene, 8000, "jax")
+    f = stimlib.compile(scenes.squeeze(fingers=1), 8000, "jax")
     x = {"x1": strokes(4000, 8000)}
     assert len(f.gates) == 2  # the loading gate, and whether the noise is enabled
     assert set(f.decisions(None, x)) == {"force1", *f.gates}

@@ -335,8 +335,7 @@ def test_blocks_abreast_have_the_same_bits(f, count, forms):
 
     assert lanes.go_abreast(f, Gains, "fu", Memory, "fff", 1) == (f is straight)
     some = (Some(Input("ab"[i % 2]), 0.5 - i / 64) for i in range(count))
-    scene = Scene({f"y{i}": one for i, one in enumerate(some)})
-    ours, wanted = pair(scene, 1000)
+    ours, wanted = pair(Scene({f"y{i}": one for i, one in enumerate(some)}), 1000)
     x = motion(100)
     assert_same(run(ours, x, cut_at(100, 13)), wanted.process(x))
     assert_same(ours.state, wanted.state)
@@ -378,8 +377,7 @@ def test_operations_in_a_row_have_the_same_bits(seed):
         fed.append(make(*some[: len(signals(make))]))
     held = Param("h", 2.0) * 3.0 + Param("k", -0.5) - 1.0
     gated = enabled(held + held * white_noise(1) - abs(held), by=fed[-2] > 0.25)
-    scene = Scene({"y": fed[-1], "z": fed[len(fed) // 2], "gated": gated})
-    ours, wanted = pair(scene, 1000)
+    ours, wanted = pair(Scene({"y": fed[-1], "z": fed[len(fed) // 2], "gated": gated}), 1000)
     x = np.vstack([motion(150)] * 2)[:2] * [[1.0], [-0.5]]
     x[:, 100:104] = [[0.0, -0.0, 5e-324, 1e308], [-0.0, 0.0, 1.0, 1e308]]
     for p in (ours, wanted):

@@ -180,8 +180,7 @@ def test_law_6_what_is_no_number_is_a_fault(entry):
         x[row, at] = np.nan
         bad = np.flatnonzero(~np.isfinite(raw(entry.scene(), fs, x, entry.inputs)[0]))
         late = entry.name in ("delay_1", "ring", "ring_live") and row == 0
-        heard = bad[:1].tolist() == [at + late]
-        assert heard or name in DEAF.get(entry.name, ()), (
+        assert (bad[:1].tolist() == [at + late]) or name in DEAF.get(entry.name, ()), (
             f"a NaN in {name} at sample {at} is not in the output of {entry.name} there: choose so"
             " that it stays (where(y > x, y, x) ends a NaN in y and keeps one in x); if this input"
             " only chooses, add it to DEAF in tests/contract.py"
@@ -205,8 +204,7 @@ def test_law_5a_impulse_response_is_the_response(entry, fs):
         assert np.abs(h[-n // 8 :]).max() <= 1e-14 * np.abs(h).max() or not h[-1], (
             "not settled: take a longer run"
         )
-        f = np.fft.rfftfreq(n, 1 / fs)
-        got, said = np.fft.rfft(h), proc.response("y", name, f)
+        got, said = np.fft.rfft(h), proc.response("y", name, np.fft.rfftfreq(n, 1 / fs))
         assert np.abs(got - said).max() <= 1e-12 * np.abs(said).max()
 
 
@@ -238,8 +236,7 @@ def test_law_6_outputs_stay_finite(entry, bad):
     for row in range(len(x)):
         broken = x.copy()
         broken[row, at] = bad
-        before = raw(entry.scene(), fs, broken, entry.inputs)
-        wanted = [guarded(r, fs) for r in before]
+        wanted = [guarded(r, fs) for r in raw(entry.scene(), fs, broken, entry.inputs)]
         faults = [(i, name) for (_, i), name in zip(wanted, "yz", strict=True) if i is not None]
         assert faults or not entry.lti or entry.cls == "Guard", "a sum that loses what is no number"
         for proc in pair(entry.scene(), fs):
@@ -360,7 +357,7 @@ def test_law_8_what_else_is_heard_changes_nothing(entry, fs):
     # what runs inside enabled cannot also run outside: that is an error of its own
     children = () if isinstance(block, Enabled) else block.children
     noise = b.pink_noise(1.0, seed=2**63, stream=9)
-    more = {
+    for what, outputs in {
         "output": {
             "before": Input("other") * 2.0,
             "y": block,
@@ -371,8 +368,7 @@ def test_law_8_what_else_is_heard_changes_nothing(entry, fs):
         "gate behind it": {"y": block, "gated": b.enabled(noise, by=abs(b.nonzero(block)) > 0.5)},
         "monitor": {**{f"monitor{i}": c for i, c in enumerate(children)}, "y": block},
         "twice": {"y": block, "again": block},
-    }
-    for what, outputs in more.items():
+    }.items():
         proc = stimlib.compile(Scene(outputs), fs)
         got = proc.process(rows(proc, x, list(entry.inputs)))
         assert_same(got[list(outputs).index("y")], y, f"with another {what}")

@@ -294,8 +294,7 @@ def test_latency():
 
 def test_a_tap_has_its_own_unit_and_a_loop_of_nothing_any():
     y, far = loop(lambda y: (0.5 * y + x, (y + x) * constant(1.0, "m")))
-    nothing = loop(lambda y: 0.0, unit="m")
-    assert [str(block.dim) for block in (y, far, nothing)] == ["1", "m", "m"]
+    assert [str(block.dim) for block in (y, far, loop(lambda y: 0.0, unit="m"))] == ["1", "m", "m"]
 
 
 def test_a_contact_that_is_never_there_is_not_one_that_always_is():

@@ -155,10 +155,9 @@ def test_every_name_of_maths_is_tested_here():
         "chebyshev",
         "moderate_exp",
     }
-    written = {
+    assert {
         n for n, v in vars(maths).items() if callable(v) and not n.startswith("_") and n != "F"
-    }
-    assert written == tested
+    } == tested
     assert {getattr(maths, n) for n in tested - {"tree"}} <= {*known.TWINS}, "compiled ones"
 
 
@@ -532,8 +531,7 @@ def test_chebyshev(n, terms, m):
     rng = np.random.default_rng(n)
     c, t = rng.standard_normal((terms, m)), rng.uniform(-1, 1, n)
     y = alike("chebyshev", c.ravel(), t, np.empty(n * m))[-1]
-    wanted = np.polynomial.chebyshev.chebval(t, c).T
-    np.testing.assert_allclose(y.reshape(n, m), wanted, atol=1e-13)
+    np.testing.assert_allclose(y.reshape(n, m), np.polynomial.chebyshev.chebval(t, c).T, atol=1e-13)
 
 
 def test_a_moderate_exp_is_exp():
@@ -631,8 +629,7 @@ def test_no_seam_where_counters_carry(middle):
 
 
 def test_keys_tell_runs_seeds_streams_and_uses_apart():
-    keys = {int(noise.noise_key(*k)) for k in np.ndindex(4, 4, 4, 2)}
-    assert len(keys) == 4 * 4 * 4 * 2
+    assert len({int(noise.noise_key(*k)) for k in np.ndindex(4, 4, 4, 2)}) == 4 * 4 * 4 * 2
     assert noise.noise_key(2**64 - 1, 2**64 - 1, 2**32 - 1, 1) != noise.noise_key(0, 0, 0, 1)
 
 

@@ -145,8 +145,7 @@ def test_cholesky_of_stationary_covariance(fs, f_low, tol):
     lower, scale = cholesky(p), np.sqrt(np.diag(p))
     size = np.outer(scale, scale)
     np.testing.assert_allclose(lower @ lower.T / size, p / size, atol=1e-15)
-    ratios = (e[:, None] - e) * p
-    products = np.cumprod(np.hstack([np.ones((len(e), 1)), ratios[:, :-1]]), axis=1)
+    products = np.cumprod(np.hstack([np.ones((len(e), 1)), ((e[:, None] - e) * p)[:, :-1]]), axis=1)
     exact = np.tril(p / scale * products)
     np.testing.assert_allclose(lower / scale[:, None], exact / scale[:, None], atol=2e-13)
     assert np.all(np.diag(lower) > 0.1 * scale)

@@ -135,8 +135,7 @@ def test_each_row_has_a_check_that_turns_red_if_its_value_is_2_percent_off(bench
     """
     data, red = bench.read(), set(bench.RED.read_text("utf-8").splitlines())
     assert red <= {test for row in data.rows for test in row.tests}, "run --falsify again"
-    left = [r.name for r in data.rows if not (r.figures or red & set(r.tests) or r.read)]
-    assert left == []
+    assert [r.name for r in data.rows if not (r.figures or red & set(r.tests) or r.read)] == []
     read = [r for r in data.rows if r.read]
     assert not [r.name for r in read if r.figures or r.tests or r.source != bench.ERRATA]
 
@@ -176,8 +175,7 @@ def test_no_figure_holds_for_a_value_that_is_2_percent_off(bench):
     ],
 )
 def test_a_falsified_test_fails_where_it_holds_a_number(test, red):
-    tree = ast.fix_missing_locations(off.Falsify().visit(ast.parse(test)))
-    code = compile(tree, "test", "exec")
+    code = compile(ast.fix_missing_locations(off.Falsify().visit(ast.parse(test))), "test", "exec")
     names = {"f": lambda: 1.0, "pytest": pytest, "np": np, "__off__": off.off}
     if red:
         with pytest.raises(AssertionError):

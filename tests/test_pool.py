@@ -330,8 +330,7 @@ def test_whatever_a_job_raises_is_its_error_and_its_process_goes_on(
 
 
 def test_a_result_that_cannot_travel_is_an_error_of_its_job(workers):
-    error = outcome(workers, eval, "lambda: 0")
-    assert isinstance(error, (AttributeError, pickle.PicklingError))
+    assert isinstance(outcome(workers, eval, "lambda: 0"), (AttributeError, pickle.PicklingError))
     assert str(outcome(workers, Unreadable)) == "no"
     assert outcome(workers, pow, 2, 3) == 8
 

@@ -115,10 +115,9 @@ def test_the_address_gives_the_same_bits():
     proc.reset()
     entry, context = proc.address
     out = np.empty((3, 300))
-    f = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)(
-        entry
+    ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64)(entry)(
+        context, u.ctypes.data, out.ctypes.data, 300
     )
-    f(context, u.ctypes.data, out.ctypes.data, 300)
     assert_same(out, wanted)
     assert proc.index == 300
     with pytest.raises(SceneError, match="llvm"):
@@ -249,14 +248,13 @@ def test_settings_that_make_no_sense(target, args, error, words):
 # latency, response --------------------------------------------------------------------
 def test_latency_adds_along_paths():
     noise = blocks.white_noise(1)
-    proc = make(
+    assert make(
         {
             "y": blocks.delay(x, 3) + blocks.delay(blocks.delay(x, 4), 5),
             "w": blocks.fir(noise, [1, 2, 1]),
             "k": z * 2.0,
         }
-    )
-    assert proc.latency == {("y", "x"): (3, 9), ("w", "white(1, 0)"): (1, 1), ("k", "z"): (0, 0)}
+    ).latency == {("y", "x"): (3, 9), ("w", "white(1, 0)"): (1, 1), ("k", "z"): (0, 0)}
 
 
 @pytest.mark.parametrize("fs", [8000.0, 48000.0])
@@ -295,8 +293,7 @@ def test_response_through_arithmetic():
 def test_response_of_what_is_not_reached_is_zero_and_asks_only_what_is_on_the_way(
     outputs, name, gain
 ):
-    response = make(outputs).response("y", name, np.array([1.0]))
-    np.testing.assert_array_equal(response, gain)
+    np.testing.assert_array_equal(make(outputs).response("y", name, np.array([1.0])), gain)
 
 
 @pytest.mark.parametrize(

@@ -491,8 +491,7 @@ tried.
 
 def sensible(name: str, known: dict) -> dict[str, object]:
     """Arguments with which a call is sensible."""
-    short = name.split(".")[-1]
-    given = dict(known.get(name, known.get(short, {})))
+    given = dict(known.get(name, known.get(name.split(".")[-1], {})))
     for p in inspect.signature(PUBLIC[name]).parameters.values():
         # scenes with inputs need one
         needed = p.default is p.empty or (p.name == "motion" and name.startswith("stimlib.sweep"))

@@ -286,8 +286,7 @@ def test_what_a_scene_left_for_its_next_render_is_not_heard():
 
 
 def test_first_guesses_of_a_call_are_told_what_to_write():
-    scene = stimlib.Scene({"y": 2.0 * stimlib.Input("x")})
-    call = partial(stimlib.render, scene, fs=8, seconds=1)
+    call = partial(stimlib.render, stimlib.Scene({"y": 2.0 * stimlib.Input("x")}), fs=8, seconds=1)
     refused(BadValue, r"stands still give lambda t: np.full_like\(t, 0.25\)", call, {"x": 0.25})
     refused(TypeError, r"'a'; a parameter of the scene .* params=\{'a': ..\}", call, a=2.0)
     y = call({"x": lambda t: t})

@@ -68,8 +68,7 @@ def table_of(heading: str) -> str:
 
 
 def test_every_room_has_its_sentence_in_the_order_of_imports():
-    table = table_of("Rooms")
-    assert re.findall(r"^``(\w+)`` +\w", table, re.M) == ORDER[:-1], (
+    assert re.findall(r"^``(\w+)`` +\w", table_of("Rooms"), re.M) == ORDER[:-1], (
         "docs/explanation/architecture.rst, Rooms: a line for each of ROOMS, in their order"
     )
 
@@ -100,8 +99,7 @@ def test_no_module_names_another_one_in_a_text():
     """What lower rooms call of upper ones is stated in the package; see above.py."""
     named = {"stimlib." + m.removesuffix(".__init__") for m in MODULES}
     for module in MODULES.keys() - {"__init__"}:
-        texts = {n.value for n in nodes(module) if isinstance(n, ast.Constant)}
-        assert not texts & named, module
+        assert not {n.value for n in nodes(module) if isinstance(n, ast.Constant)} & named, module
 
 
 def without_detours(modules: Iterable[Hashable], imported: Callable[..., Iterable]) -> None:

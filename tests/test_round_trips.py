@@ -26,8 +26,7 @@ def check(name, draws):
     rows = fits.measured(CASES[name], draws)
     for row in rows:
         if row["in interval %"] != "":
-            held = round(row["in interval %"] * draws / 100)
-            assert SURE < binom.cdf(held, draws, 0.95), row
+            assert SURE < binom.cdf(round(row["in interval %"] * draws / 100), draws, 0.95), row
         assert abs(row["bias %"]) < 4.5 * row["its error %"] + BIAS * row["spread %"], row
         assert not row["played"] > LATE, row
     return rows

@@ -47,8 +47,7 @@ def test_numbers_and_shared_parts_come_back(tmp_path):
     noise = blocks.white_noise(2**64 - 1)
     table = blocks.lut(x, [0.0, 1.0, 2.0], lambda k: k**2)  # sampled when built
     filtered = blocks.fir(x, [*taps, 5e-324, -0.0, 1.7976931348623157e308])
-    scene = Scene({"f": filtered, "y": noise + x, "z": noise * x, "t": table})
-    scene.save(tmp_path / "s.json")
+    Scene({"f": filtered, "y": noise + x, "z": noise * x, "t": table}).save(tmp_path / "s.json")
     again = load(tmp_path / "s.json").outputs
     assert_same(again["f"].taps, filtered.taps)
     assert again["y"].a is again["z"].a and again["y"].a.seed == 2**64 - 1
@@ -280,8 +279,7 @@ def test_pipes_devices_and_odd_paths(tmp_path):
     for path in (tmp_path / "pipe.json", "/dev/zero", tmp_path):
         refused(SceneFileError, "not a regular file|Is a directory", load, path)
     for path in ("a\0b.json", "\ud800.json", "x" * 5000 + ".json", str(tmp_path / ("y" * 300))):
-        error = refused(SceneFileError, "cannot read", load, path)
-        assert str(error).isprintable()
+        assert str(refused(SceneFileError, "cannot read", load, path)).isprintable()
         refused(SceneFileError, "cannot write", Scene({"y": x}).save, path)
 
 
@@ -299,8 +297,7 @@ def test_json_as_deep_as_it_goes(tmp_path, depth):
 @pytest.mark.parametrize("key", ["b", "k" * 100])
 def test_a_key_that_is_there_twice_is_refused(tmp_path, key):
     """JSON says nothing of it, and Python would take the last without a word."""
-    text = json.dumps({key: 1, "c": 2, "a": 3})[:-1] + f', "{key}": 4}}'
-    (tmp_path / "s.json").write_text(text)
+    (tmp_path / "s.json").write_text(json.dumps({key: 1, "c": 2, "a": 3})[:-1] + f', "{key}": 4}}')
     refused(SceneFileError, f"s.json.*'{key[:40]}.*there twice", load, tmp_path / "s.json")
 
 
@@ -397,6 +394,5 @@ def test_names_without_any_effect_are_renamed_and_kept_apart():
     proc = stimlib.compile(scene, 1000, "python")
     assert (proc.inputs, list(proc.params)) == (("x",), [])
     other = scene.renamed({"p": "p_2", "q": "q_2"}, {"h": "h_2"}, {"y": "u", "z": "v"})
-    both = Scene(made(3.0, "N").outputs | other.outputs)
-    assert list(both.outputs) == ["y", "z", "u", "v"]
+    assert list(Scene(made(3.0, "N").outputs | other.outputs).outputs) == ["y", "z", "u", "v"]
     assert list(Scene.combine(a=scene, b=made(3.0, "N")).inputs) == ["a_x", "a_h", "b_x", "b_h"]

@@ -28,17 +28,16 @@ def files(tmp_path_factory):
         sink.wait()
     Calibration([1, 2], [1, 2j], [0, 0], "N", parts={"sensor": "7"}).save(at / "c.json")
     simulate(at)
-    found = {
-        "sidecar": [at / "a.wav.json"],
-        "log": [at / "a.stimlog" / "session.json"],
-        "event": (at / "a.stimlog" / "events.jsonl").read_text().splitlines(),
-        "session": [next(at.rglob("trials.jsonl")).with_name("session.json")],
-        "trial": next(at.rglob("trials.jsonl")).read_text().splitlines(),
-        "calibration": [at / "c.json"],
-    }
     return {
         kind: [json.loads(x if isinstance(x, str) else x.read_bytes()) for x in those]
-        for kind, those in found.items()
+        for kind, those in {
+            "sidecar": [at / "a.wav.json"],
+            "log": [at / "a.stimlog" / "session.json"],
+            "event": (at / "a.stimlog" / "events.jsonl").read_text().splitlines(),
+            "session": [next(at.rglob("trials.jsonl")).with_name("session.json")],
+            "trial": next(at.rglob("trials.jsonl")).read_text().splitlines(),
+            "calibration": [at / "c.json"],
+        }.items()
     }
 
 
@@ -73,8 +72,7 @@ def test_a_schema_refuses_nothing_that_stimlib_takes_and_most_that_it_refuses(ki
     for which, tests in tables(kind).items():
         data = next((d for d in files[kind] if which is None or d["kind"] == which), None)
         for name, test in tests.items() if data else ():
-            less = {k: v for k, v in data.items() if k != name}
-            assert not check.is_valid(less), name
+            assert not check.is_valid({k: v for k, v in data.items() if k != name}), name
             for wrong in WRONG:
                 changed = copy.deepcopy(data) | {name: wrong}
                 assert check.is_valid(changed) or not test(wrong), (name, wrong)

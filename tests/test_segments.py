@@ -226,8 +226,7 @@ def test_verify_holds_the_noise_of_every_segment(monkeypatch):
 
     monkeypatch.setattr("stimlib.core.program.first_states", forgetful)
     report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000))
-    failed = {c.name for c in report.checks if not c.passed}
-    assert failed >= {
+    assert {c.name for c in report.checks if not c.passed} >= {
         "white(9, 0) in segment(0.525, 0.5, seed=5): generator",
         "y_1: noise as displayed",
     }

@@ -17,12 +17,11 @@ BURST = b.burst(b.at([0.02, 0.2]), 0.05, 0.01)
 def kinds(block):
     """The classes of a scene's program that have to do with rest."""
     made = Scene({"y": block}).program.instances
-    names = [type(one.block).__name__ for one in made]
     return sorted(
         f"{name}({type(one.block.contact).__name__})"
         if name in ("RestingWhite", "Carrier")
         else name
-        for name, one in zip(names, made, strict=True)
+        for name, one in zip([type(one.block).__name__ for one in made], made, strict=True)
         if name in ("RestingWhite", "Carrier", "White", "Mul", "RestingMul")
     )
 
@@ -123,8 +122,7 @@ def test_no_bit_tells_who_rested(blocks, seed, size):
     cuts = range(0, 300, size)
 
     def samples(outputs):
-        scene = Scene(outputs)
-        fast, slow = pair(scene, FS, seed)
+        fast, slow = pair(Scene(outputs), FS, seed)
         y = run(fast, rows(fast, motion, ["x"]), cuts)
         assert_same(run(slow, rows(slow, motion, ["x"]), (128,)), y, "llvm and python")
         return y[0]

@@ -51,8 +51,7 @@ def test_the_limit_does_as_many_operations_as_it_counts(monkeypatch):
 
 
 def test_the_short_table_has_what_each_figure_has_and_is_drawn(tmp_path):
-    rows = [r["what"] for s in SPEEDS for r in short.rows_of(s)]
-    assert rows == [
+    assert [r["what"] for s in SPEEDS for r in short.rows_of(s)] == [
         "white noise",
         "white noise: numpy PCG64",
         "white noise: ratio: numpy PCG64 / stimlib",

@@ -446,10 +446,9 @@ def test_every_block_we_ship_keeps_what_it_asks_of_others():
         design = design_of(program, entry.rates[0])
         assert len(design) == len(program.instances)
         for q, (p, s) in zip(program.instances, design, strict=True):
-            of_loop = isinstance(q.block, Cycle)
             blocks = (
                 zip(q.block.members, q.block.parts(p, s), strict=True)
-                if of_loop
+                if isinstance(q.block, Cycle)
                 else [(q.block, (p, s))]
             )
             for block, numbers in blocks if q.kind == "block" else ():

@@ -130,10 +130,9 @@ def test_two_sweeps_at_once_have_their_own_factories(cluster):
             "workers": 2,
         }
         with distributed.Client(cluster.scheduler.address, set_as_default=False) as client:
-            table = sweep(
+            return sweep(
                 make, {"a": np.arange(1.0, 31.0)}, executor=client.get_executor(), **words
-            )
-            return table["peak_y"].to_numpy()
+            )["peak_y"].to_numpy()
 
     with ThreadPoolExecutor() as threads:
         one, five = threads.map(figures, (1.0, 5.0))

@@ -122,8 +122,7 @@ class Names(set):
 
 
 def scene_of_own(gain):
-    kind = type("Own", (Scene,), {"level": lambda self: gain})
-    return kind({"y": 1.0 * Input("x")})
+    return type("Own", (Scene,), {"level": lambda self: gain})({"y": 1.0 * Input("x")})
 
 
 def private_module(gain):
@@ -473,11 +472,9 @@ def test_small_parts_are_merged_and_the_folder_reads_as_one_table(tmp_path, monk
         sweep(SPRING, {"k": [float(k)]}, **words)
     assert len(list(tmp_path.glob("part-*"))) == 3
     # another column is another kind of part, which is not merged with these
-    motions = {"b": np.full(400, 2.0)}
-    sweep(SPRING, {"k": [1.0], "motion": ["b"]}, **words | {"motion": motions})
+    sweep(SPRING, {"k": [1.0], "motion": ["b"]}, **words | {"motion": {"b": np.full(400, 2.0)}})
     assert sorted(pandas.read_parquet(tmp_path)["k"]) == [0.0, 1.0, 1.0, 2.0, 3.0, 4.0, 5.0]
-    again = sweep(SPRING, {"k": np.arange(7.0)}, **words)
-    assert again["peak_force"].to_pylist() == list(range(7))
+    assert sweep(SPRING, {"k": np.arange(7.0)}, **words)["peak_force"].to_pylist() == list(range(7))
 
 
 def test_a_merge_done_again_keeps_its_part_and_both_a_failure_and_its_success(

@@ -109,8 +109,7 @@ def test_a_worker_notes_which_row_it_is_at_before_its_scene_is_made(monkeypatch)
     table, plan, motions = prepared({"k": [1.0, 2.0]})
     noted = []
     monkeypatch.setattr("stimlib.sweep.worker.pool.note", lambda *told: noted.append(told))
-    made = Runner(plan, motions).run(table.to_pylist())
-    contents = made["content"].to_pylist()
+    contents = Runner(plan, motions).run(table.to_pylist())["content"].to_pylist()
     # the second row has the scene of the first
     assert noted == [(0, NO_SCENE), (0, contents[0]), (1, contents[1])] and contents[0] != NO_SCENE
 
@@ -142,8 +141,7 @@ def test_jobs_grow_where_rows_are_quicker_than_was_thought():
             return rows, deaths, (data, 0.15 * rows.num_rows)
 
     rows, plan, motions = prepared({"k": np.arange(1.0, 41.0)})
-    timed = Timed(plan, motions, workers=0)
-    timed.drive(rows, lambda made: None, 0.3, lambda done: None)
+    Timed(plan, motions, workers=0).drive(rows, lambda made: None, 0.3, lambda done: None)
     assert sizes[:2] == [3, 4] and sum(sizes) == 40
 
 
@@ -314,8 +312,7 @@ def test_a_forecast_counts_what_is_there_and_an_error_of_the_rest_is_theirs(tmp_
     failing = measure("N")(lambda run: 1 / (run.params["k"] < 3.0))
     kept = RUN | {"out": tmp_path / "failing", "measures": [failing]}
     sweep(SPRING, {"k": [1.0]}, **kept)
-    table = sweep(SPRING, {"k": [1.0, 3.0]}, **kept)
-    assert table["error"].is_null().to_pylist() == [True, False]
+    assert sweep(SPRING, {"k": [1.0, 3.0]}, **kept)["error"].is_null().to_pylist() == [True, False]
 
 
 @pytest.mark.parametrize(

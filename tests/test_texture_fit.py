@@ -20,8 +20,7 @@ X = lfilter([0.5], A, RNG.standard_normal(60000))
 
 
 def test_burg_finds_what_was_put_in_however_it_is_cut():
-    cut = [X[k : k + 30] for k in range(0, 60000, 40)]
-    for stretches in ([X], cut):
+    for stretches in ([X], [X[k : k + 30] for k in range(0, 60000, 40)]):
         a, power = burg(stretches, 3)
         np.testing.assert_allclose(a, A, atol=0.02)
         assert abs(power / 0.25 - 1) < 0.03
@@ -103,9 +102,8 @@ def test_what_has_too_little_is_left_out_and_said(stroked):
 
 def test_what_is_no_noise_is_left_out():
     t = np.arange(4000) / 1000
-    silent = np.where(t < 2, 0.0, np.random.default_rng(1).standard_normal(4000))
     fit = fit_texture(
-        silent,
+        np.where(t < 2, 0.0, np.random.default_rng(1).standard_normal(4000)),
         np.where(t < 2, 0.05, 0.1),
         np.ones(4000),
         1000,

@@ -39,8 +39,7 @@ def test_differences_are_counted_in_steps_of_a_fifth_and_of_three_tenths(a, b):
 
 
 def test_what_differs_by_less_than_a_fifth_is_not_told_apart():
-    words = {1.19: "not told apart", 1.25: "unsure", 1.31: "told apart"}
-    for ratio, word in words.items():
+    for ratio, word in {1.19: "not told apart", 1.25: "unsure", 1.31: "told apart"}.items():
         assert str(difference_steps(2.0, 2.0 * ratio)).endswith(f": {word}")
     assert difference_steps(1.0, 1.0) == (0.0, 0.0)
     refused(BadValue, "second = 0 must be a number above 0", difference_steps, 1.0, 0)
@@ -86,8 +85,7 @@ def test_energies_of_two_tones_sum_in_the_pacinian_channel():
     """
     a, b = (tone(f, detection_threshold(f)) for f in (130.0, 250.0))
     assert sensation_level(a, FS, "m").pacinian == pytest.approx(0.0, abs=0.1)
-    both = sensation_level(a + b, FS, "m").pacinian
-    assert both == pytest.approx(10 * np.log10(2), abs=0.15)
+    assert sensation_level(a + b, FS, "m").pacinian == pytest.approx(10 * np.log10(2), abs=0.15)
     less = sensation_level(a + 10 ** (-6 / 20) * b, FS, "m").pacinian
     assert less == pytest.approx(10 * np.log10(1 + 10**-0.6), abs=0.15)
 
@@ -112,8 +110,7 @@ def test_a_second_source_in_acceleration_is_above_the_thresholds(freq, limit, ma
     13091-1 with a probe of 6 mm: 0.7 m/s^2 rms at 125 Hz and 0.3 at 31.5 Hz end the
     normal range, so the mean of healthy persons is below.
     """
-    probe = np.pi * 0.003**2
-    rms = detection_threshold(freq, probe) * (2 * np.pi * freq) ** 2 / np.sqrt(2)
+    rms = detection_threshold(freq, np.pi * 0.003**2) * (2 * np.pi * freq) ** 2 / np.sqrt(2)
     assert db(limit / rms) == pytest.approx(margin, abs=0.02)
 
 
@@ -212,12 +209,10 @@ def test_the_report_says_what_is_felt_and_what_rounding_costs(tmp_path):
     scene, motion = squeeze(), {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
     y = stimlib.render(scene, motion, FS, 1.0)
     y.save(tmp_path / "a.wav", full_scale=50.0, subtype="PCM_16")
-    numbers = stimlib.verify(tmp_path / "a.wav").evidence.numbers
-    one, two = (n for n in numbers if ": Pacinian" in n)
+    one, two = (n for n in stimlib.verify(tmp_path / "a.wav").evidence.numbers if ": Pacinian" in n)
     assert (one[:7], two[:7]) == ("force1:", "force2:")
     assert "mass 0.1, area 0.00029" in one
-    cost = float(one.partition("PCM_16 changes it by ")[2].split()[0])
-    assert cost == pytest.approx(-38, abs=1)
+    assert float(one.partition("PCM_16 changes it by ")[2].split()[0]) == pytest.approx(-38, abs=1)
 
 
 def test_of_a_combined_scene_each_output_has_its_device():

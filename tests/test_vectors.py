@@ -34,8 +34,7 @@ def scene():
 def said():
     """Features in use, and a hash of the samples, at several blocks."""
     proc = stimlib.compile(scene(), 2000.0, seed=3)
-    rng = np.random.default_rng(0)
-    x = np.cumsum(rng.standard_normal((2, 500)) * [[1e-3], [0.02]], axis=1)
+    x = np.cumsum(np.random.default_rng(0).standard_normal((2, 500)) * [[1e-3], [0.02]], axis=1)
     parts = [
         proc.process(np.ascontiguousarray(x[:, a:z]))
         for a, z in ((0, 1), (1, 8), (8, 200), (200, 233), (233, 500))

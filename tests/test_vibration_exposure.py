@@ -37,8 +37,7 @@ def test_the_rms_of_tones_and_of_several_axes():
     y = sum(a * np.sin(2 * np.pi * f * t + f) for f, a in tones.items())
     wanted = np.sqrt(sum((weighting(f) * a) ** 2 / 2 for f, a in tones.items()))
     assert weighted_rms(y + 5.0, fs) == pytest.approx(wanted, rel=1e-12)
-    both = weighted_rms([y, 2 * y], fs)
-    assert both == pytest.approx([wanted, 2 * wanted], rel=1e-12)
+    assert weighted_rms([y, 2 * y], fs) == pytest.approx([wanted, 2 * wanted], rel=1e-12)
     for n in (7, 8):  # a tone at half the rate is one bin, and has its whole power
         y = np.cos(np.pi * np.arange(n)) if n == 8 else np.cos(2 * np.pi * 3 / 7 * np.arange(n))
         f = 4.0 if n == 8 else 24 / 7
