@@ -101,6 +101,23 @@ def pair(scene, fs, seed=0):
     return stimlib.compile(scene, fs, "llvm", seed), stimlib.compile(scene, fs, "python", seed)
 
 
+def twins(scene, fs, x, *sizes):
+    """The compiled processor, and its samples: those of the interpreter, with the
+    state before and after, in one part and in parts of these sizes. Rows x are drawn
+    where it is their length.
+    """
+    fast, slow = pair(scene, fs)
+    if isinstance(x, int):
+        x = np.random.default_rng(1).standard_normal((len(fast.inputs), x))
+    assert_same(fast.state, slow.state, "state before sample 0")
+    y = slow.process(x)
+    for size in (x.shape[1], *sizes):
+        fast.reset()
+        assert_same(run(fast, x, cut_at(x.shape[1], size)), y, f"parts of {size}")
+        assert_same(fast.state, slow.state, "state")
+    return fast, x, y
+
+
 def played(block, *x, fs=1000.0, target="llvm"):
     """Samples of a block, or of several by name, over rows for its inputs or a
     dictionary of them; of a source, so many.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from contract import TABLE
 from hypothesis import Phase, given, settings, strategies as st
-from laws import STRESS, Set, assert_same, guarded, mostly, pair, raw, rows, run
+from laws import STRESS, Set, assert_same, guarded, mostly, pair, raw, rows, run, twins
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
@@ -489,10 +489,7 @@ def test_what_is_in_a_closed_gate_rests():
         "bump": b.bump(place, "sawtooth", 0.5),
     }
     scene = Scene({name: b.enabled(v, by=Input("x")) for name, v in inside.items()})
-    on = np.repeat([1.0, 0.0, 1.0, 0.0], [70, 130, 70, 64])
-    fast, slow = pair(scene, 1000)
-    assert_same(fast.process(on[None]), slow.process(on[None]))
-    assert_same(fast.state, slow.state)
+    twins(scene, 1000, np.repeat([1.0, 0.0, 1.0, 0.0], [70, 130, 70, 64])[None])
 
 
 def test_two_gates_own_two_copies():

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from laws import STRESS, assert_same, cut_at, pair, run
+from laws import STRESS, assert_same, cut_at, pair, run, twins
 from refusals import refused
 
 import stimlib
@@ -335,10 +335,7 @@ def test_blocks_abreast_have_the_same_bits(f, count, forms):
 
     assert lanes.go_abreast(f, Gains, "fu", Memory, "fff", 1) == (f is straight)
     some = (Some(Input("ab"[i % 2]), 0.5 - i / 64) for i in range(count))
-    ours, wanted = pair(Scene({f"y{i}": one for i, one in enumerate(some)}), 1000)
-    x = motion(100)
-    assert_same(run(ours, x, cut_at(100, 13)), wanted.process(x))
-    assert_same(ours.state, wanted.state)
+    ours, *_ = twins(Scene({f"y{i}": one for i, one in enumerate(some)}), 1000, motion(100), 13)
     if f is decaying:
         forms = 1 + count % 2
     assert len(set(filter(None, ours._engine.segments))) == forms + 1  # with the guard
@@ -360,10 +357,7 @@ def test_blocks_of_which_one_hears_another_are_not_abreast():
     fed = [Some(white_noise(1)), Some(Input("a")), Some(Input("b"))]
     for i in range(8):
         fed.append(Some(fed[-1 - i % 3] if i % 2 else 0.5 * fed[-2] - fed[-1]))
-    ours, wanted = pair(Scene({f"y{i}": one for i, one in enumerate(fed)}), 1000)
-    x = motion(100)
-    assert_same(run(ours, x, cut_at(100, 13)), wanted.process(x))
-    assert_same(ours.state, wanted.state)
+    twins(Scene({f"y{i}": one for i, one in enumerate(fed)}), 1000, motion(100), 13)
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -399,13 +393,7 @@ def test_a_row_of_operations_shares_a_segment_unless_it_is_very_long(count, own)
 def test_filters_abreast_have_the_same_bits(order, count, forms):
     """Sections of one filter are in lanes, or those of many: with fewer sections."""
     scene = Scene({f"y{i}": lowpass(Input("ab"[i % 2]), 50.0 + i, order) for i in range(count)})
-    ours, wanted = pair(scene, 1000)
-    x = motion(300)
-    expected = wanted.process(x)
-    for size in (13, 64):
-        ours.reset()
-        assert_same(run(ours, x, cut_at(300, size)), expected)
-        assert_same(ours.state, wanted.state)
+    ours, *_ = twins(scene, 1000, motion(300), 13, 64)
     assert len(set(filter(None, ours._engine.segments))) == forms + 1  # with the guard
 
 
@@ -443,10 +431,7 @@ def test_tiles_of_an_author_abreast_have_the_same_bits(written):
     """Only those with as many stages, which their states alone may say."""
     some = written(ABREAST.format("series(stage, p, s, a, y)")).Some
     scene = Scene({f"y{i}": some(Input("ab"[i % 2]), i % 3 + 1) for i in range(6)})
-    ours, wanted = pair(scene, 1000)
-    x = motion(100)
-    assert_same(run(ours, x, cut_at(100, 13)), wanted.process(x))
-    assert_same(ours.state, wanted.state)
+    twins(scene, 1000, motion(100), 13)
 
 
 def test_a_tile_that_cannot_go_abreast_is_named(written):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from contract import TABLE
-from laws import assert_same, mostly, pair
+from laws import mostly, twins
 from refusals import refused
 
 import stimlib
@@ -167,11 +167,7 @@ PAIRS = {
 @pytest.mark.parametrize("block", PAIRS.values(), ids=PAIRS)
 def test_two_recursions_side_by_side_are_what_each_is_alone(block):
     """What may run in one loop, and what seems so."""
-    fast, slow = pair(Scene({"y": block}), 1000)
-    u = np.random.default_rng(7).standard_normal((len(fast.inputs), 90))
-    assert_same(fast.state, slow.state)
-    assert_same(fast.process(u), slow.process(u))
-    assert_same(fast.state, slow.state)
+    twins(Scene({"y": block}), 1000, 90)
 
 
 # Copies of what is gated --------------------------------------------------------------
