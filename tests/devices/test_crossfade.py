@@ -3,6 +3,7 @@
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from itertools import count
 
 import numpy as np
 import pytest
@@ -326,16 +327,20 @@ def test_signals_go_on_in_blocks_of_any_size(block):
     assert played > steady.start and np.abs(heard - wave[:played])[steady].max() < 1e-6
 
 
-def test_a_stream_goes_on_from_its_last_row():
-    """However rarely rows come: the new session begins at the position before."""
-    rows = iter(range(10**9))
+def rows_every(seconds):
+    """A stream of one position."""
+    rows = count()
 
     def receive(timeout):
-        time.sleep(0.04)
+        time.sleep(seconds)
         return [[0.5]], [float(next(rows))]
 
-    motion = Stream(receive=receive, columns={"x": 0})
-    sink = Taken(Scene({"y": Input("x")}), 1.0, motion=motion, realtime=False)
+    return Stream(receive=receive, columns={"x": 0})
+
+
+def test_a_stream_goes_on_from_its_last_row():
+    """However rarely rows come: the new session begins at the position before."""
+    sink = Taken(Scene({"y": Input("x")}), 1.0, motion=rows_every(0.04), realtime=False)
     sink.pace = 1
     with begun(sink, None, block=64):
         until(lambda: sink.pump.index > 4000)
@@ -352,14 +357,7 @@ def test_a_stream_goes_on_from_its_last_row():
 def test_what_cannot_start_leaves_the_session_before_as_it_was(tmp_path):
     (tmp_path / "there").mkdir()
     (tmp_path / "there" / "file").write_text("")
-    rows = iter(range(10**9))
-
-    def receive(timeout):
-        time.sleep(0.01)
-        return [[0.5]], [float(next(rows))]
-
-    motion = Stream(receive=receive, columns={"x": 0})
-    sink = NullSink(Scene({"y": Input("x")}), 1.0, motion=motion, realtime=False)
+    sink = NullSink(Scene({"y": Input("x")}), 1.0, motion=rows_every(0.01), realtime=False)
     with begun(sink, None, block=64):
         until(lambda: sink.pump.index > 800)
         for wrong in ({"log": tmp_path / "there"}, {"seconds": -1.0}):
