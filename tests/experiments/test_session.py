@@ -677,15 +677,19 @@ def test_a_log_of_another_experiment_or_version_is_refused(tmp_path, monkeypatch
 
 
 def test_an_answer_is_on_the_disk_and_its_log_has_room(tmp_path, monkeypatch):
-    made = experiment(timing=Timing(interval=2.0, gap=1.0, before=0.0, ramp=0.0))
+    made = experiment(
+        scenes={"spring": stimlib.Scene({"force": SPRING.outputs["force"] * stimlib.Input("y")})},
+        motion={"x": still, "y": still},
+        timing=Timing(interval=2.0, gap=1.0, before=0.0, ramp=0.0),
+    )
     synced, fsync = [], os.fsync
     monkeypatch.setattr(os, "fsync", lambda fd: (synced.append(os.fstat(fd).st_size), fsync(fd)))
     with Session(made, tmp_path, "P01") as session:
         session.put(observer(session.due(), np.random.default_rng(1)), [nothing(None, None)])
         assert (session.folder / "trials.jsonl").stat().st_size in synced
         four = Trial("a", 4 * pair().stimuli[:1], ("softer",))
-        # 4 intervals and 3 gaps: motion, and what was delivered
-        assert session._log_bytes(four) - LOG >= 11 * 1000 * (8 + 4)
+        # 4 intervals and 3 gaps: two inputs, and what was delivered
+        assert session._log_bytes(four) - LOG >= 11 * 1000 * (2 * 8 + 4)
 
 
 @pytest.mark.parametrize(

@@ -175,26 +175,32 @@ def test_a_staircase_settles_at_its_target(rule):
 
 
 # The estimate -------------------------------------------------------------------------
+DRIFTING = 4 * "11110" + 8 * "0011" + 6 * "11110"
+
+
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(("reversals", "used"), [(9, 6), (10, 8)])
+@pytest.mark.parametrize(("reversals", "used"), [(9, 6), (10, 8), (30, 28)])
 @pytest.mark.parametrize("kind", ["db", "log", "lin"])
 def test_the_mean_of_the_last_reversals(kind, reversals, used):
-    """In pairs, after the step became the last one: an odd one out is the first."""
+    """In pairs, after the step became the last one: an odd one out is the first. Thirty
+    are those of somebody who drifts, whose pairs are not independent.
+    """
     steps = (0.4, 0.2, 0.1) if kind == "log" else (2.0, 1.0, 0.5)
     stairs = Staircase(PAIR, 4.0, (0.5, 9.0), steps, reversals, down=2, step_type=kind, stuck=99)
-    table, state = asked(stairs, [c == "1" for c in ANSWERS * 2])
+    table, state = asked(stairs, [c == "1" for c in (ANSWERS * 2 if reversals < 30 else DRIFTING)])
     turns = np.array(state["reversals"])
     assert len(turns) == reversals and json.loads(json.dumps(state)) == state
     z = {"db": 20 * np.log10(turns), "log": np.log10(turns), "lin": turns}[kind]
     back = {"db": lambda v: 10 ** (v / 20), "log": lambda v: 10**v, "lin": lambda v: v}[kind]
     found, two = stairs.estimate(table), stairs.estimate(table, 2)
-    assert found["reversals"] == used and stairs.estimate(table, 20)["reversals"] == 2 * (
+    assert found["reversals"] == used and stairs.estimate(table, 40)["reversals"] == 2 * (
         reversals // 2
     )
     assert found["level"] == pytest.approx(back(z[-used:].mean()), rel=1e-12)
     pairs = z[-used:].reshape(-1, 2).mean(1)
     off = pairs - pairs.mean()
     rho = max(0.0, (off[1:] * off[:-1]).sum() / (off**2).sum())
+    assert (rho > 0.7) == (reversals == 30)
     error = pairs.std(ddof=1) / math.sqrt(used / 2) * math.sqrt((1 + rho) / (1 - rho))
     assert found["error"] == pytest.approx(error, rel=1e-9)
     assert two["level"] == pytest.approx(back(z[-2:].mean()), rel=1e-12)
