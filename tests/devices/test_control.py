@@ -47,9 +47,11 @@ def test_it_writes_what_the_scene_is_of_what_it_reads(tmp_path):
     if not lost:
         at = int(np.flatnonzero(written == np.float32(y[200] / 10) * np.float64(10))[0])
         np.testing.assert_allclose(written[at - 72 : at + 100], y[128:300], rtol=1e-6)
-    assert written[0] == written[-1] == 0.0 and written.max() == 10.0
+    assert written[0] == written[-1] == 0.0 and written.max() <= 10.0
     assert np.abs(np.diff(written)).max() < 0.2 * passed(made)
-    assert made.report().clips["clip"]["force"] > 50
+    # the hand is read in each period that came, and is at the limit in the last 600 of them
+    assert made.report().clips["clip"]["force"] > 50 - lost
+    assert lost > 50 or written.max() == 10.0
 
 
 @pytest.mark.parametrize("block", [1, 4])
@@ -62,7 +64,8 @@ def test_a_block_is_a_period_with_a_row_for_each_output(block):
     rows = np.hstack([y.reshape(2, -1) for y in made.written])
     assert np.abs(rows[0]).max() == 3.0 and rows[1].min() == -0.5
     steady = rows[0] == 3.0
-    assert steady.sum() > 50 and (rows[1][steady] == -0.5).all()
+    lost = sum(frames for _, frames in made.misses)
+    assert steady.sum() > 50 - lost and (rows[1][steady] == -0.5).all()
 
 
 def test_deadlines_are_absolute_and_what_is_missed_is_told():
