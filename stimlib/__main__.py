@@ -26,9 +26,9 @@ def main() -> None:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         gc.set_threshold(100_000)  # what a start makes stays; searching it takes 6 %
         try:
-            from .cli import app  # most of the time of a start
+            from .cli import app_of  # most of the time of a start
 
-            app()
+            app_of(sys.argv[1:])()
         finally:
             sys.stdout.flush()  # or it is done where nobody can say that it failed
     except KeyboardInterrupt:

@@ -49,6 +49,9 @@ from stimlib.design import responses as law
 from stimlib.design.responses import Law
 from stimlib.design.texture import made_up
 
+for name in b.__all__:
+    getattr(b, name)  # registers all classes
+
 # The gain of a differentiator at its pass edge is the scale of errors in its stop band.
 EDGE = 2 * np.pi * 1000.0
 STOP_BAND = Law(

@@ -16,7 +16,13 @@ import numpy as np
 from ..core.graph import Block, Const, in_unit
 from ..core.maths import TINY, each, floor, flush, fma, sqrt, where
 from ..core.units import unit
-from ..design.texture import TAPS, TextureModel, upsampler
+from ..design.texture import (
+    TAPS,
+    TextureModel,
+    load_texture as load_texture,
+    save_texture as save_texture,
+    upsampler,
+)
 from ..errors import BadValue, public
 from .impedance import with_unit
 from .movement import sinpi

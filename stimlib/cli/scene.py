@@ -8,7 +8,7 @@ import inspect
 import os
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # --help and --version need no numpy
     from ..core.scene import Scene
 
 
-def shipped() -> dict[str, Callable[..., Scene]]:
+def shipped() -> Mapping[str, Callable[..., Scene]]:
     """Return the shipped scenes by name."""
     from ..scenes import SHIPPED
 

@@ -361,7 +361,9 @@ class Scene:
                 f"{where}: file version {version!r:.40}, this stimlib reads {VERSION}: update"
                 " stimlib"
             )
-        above("blocks")  # registers ours
+        blocks = above("blocks")
+        for name in blocks.__all__:
+            getattr(blocks, name)  # registers ours
 
         entries, outputs = data.get("blocks"), data.get("outputs")
         if not isinstance(entries, list) or not isinstance(outputs, dict):

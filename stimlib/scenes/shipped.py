@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from importlib import import_module
 from typing import Any, NamedTuple, TypeVar, cast
 
 from ..core.parts import parts_of
@@ -12,9 +13,44 @@ from ..core.scene import Scene
 from ..errors import BadValue, public
 
 F = TypeVar("F", bound=Callable[..., Scene])
-# by name; the default of every argument is the paper's, where there is one
-SHIPPED: dict[str, Callable[..., Scene]] = {}
-ROWS: dict[str, shipped] = {}
+T = TypeVar("T")
+
+
+class Table(MutableMapping[str, T]):
+    """A table of the shipped scenes, by their names in order.
+
+    The module of a scene is imported when its row is looked up, all when rows are
+    listed.
+    """
+
+    def __init__(self) -> None:
+        self._rows: dict[str, T] = {}
+
+    def __getitem__(self, name: str) -> T:
+        scenes = import_module(__package__)
+        if name in scenes.__all__:
+            getattr(scenes, name)
+        return self._rows[name]
+
+    def __setitem__(self, name: str, row: T) -> None:
+        self._rows[name] = row
+
+    def __delitem__(self, name: str) -> None:
+        del self._rows[name]
+
+    def __iter__(self) -> Iterator[str]:
+        scenes = import_module(__package__)
+        for name in scenes.__all__:
+            getattr(scenes, name)
+        return iter(sorted(self._rows))
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
+
+
+# the default of every argument is the paper's, where there is one
+SHIPPED: Table[Callable[..., Scene]] = Table()
+ROWS: Table[shipped] = Table()
 
 
 class shipped(NamedTuple):

@@ -1,21 +1,5 @@
 """Soft objects on a screen: stiffness maps, and pictures of the deformed surface."""
 
-from ..blocks.soft import Levels
-from .maps import BLOCK, SIDES, THIRTEEN, array, block, buried, image, nodules, sides
-from .surface import film, picture, surface
+import lazy_loader
 
-__all__ = [
-    "BLOCK",
-    "SIDES",
-    "THIRTEEN",
-    "Levels",
-    "array",
-    "block",
-    "buried",
-    "film",
-    "image",
-    "nodules",
-    "picture",
-    "sides",
-    "surface",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..blocks.soft import Levels, table_of
+from ..blocks.soft import Levels as Levels, table_of
 from ..core.graph import design_value
 from ..errors import BadValue, one_of, public
 from ..system import safe_files

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, blocks
 from stimlib.checks.mutation import CHANGES, Mutant, Mutations, _applied, _numbers, _outcome, mutate
-from stimlib.cli.app import app
+from stimlib.cli import app
 from stimlib.core.graph import reach, signals
 from stimlib.motion.generators import sinusoid
 

@@ -28,7 +28,7 @@ from stimlib.blocks import (
     white_noise,
 )
 from stimlib.checks import evidence
-from stimlib.cli.app import app
+from stimlib.cli import app
 from stimlib.run.safety import Passivity, Safety, protect
 
 X = Input("x", "m")

@@ -22,7 +22,7 @@ from refusals import refused
 from typer.testing import CliRunner
 
 from stimlib import BadValue, SinkError
-from stimlib.cli.app import app
+from stimlib.cli import app
 from stimlib.errors import RecordingError
 from stimlib.experiments import (
     ConstantStimuli,

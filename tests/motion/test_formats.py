@@ -18,7 +18,7 @@ from refusals import refused
 from typer.testing import CliRunner
 
 import stimlib
-from stimlib.cli.app import app
+from stimlib.cli import app
 from stimlib.errors import BadValue, MissingPackage, RecordingError
 from stimlib.motion.recorded import parse_source, recording
 from stimlib.motion.table import read_table

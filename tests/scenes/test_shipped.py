@@ -50,8 +50,8 @@ def test_a_page_says_what_the_parts_of_a_scene_are():
 def test_every_module_of_scenes_is_imported():
     folder = ROOT / "stimlib" / "scenes"
     shipped = {path.stem for path in folder.glob("*.py") if "@shipped(" in path.read_text()}
-    left = shipped - set(vars(stimlib.scenes))
-    assert not left, f"stimlib/scenes/__init__.py: add `from .{left} import NAME as NAME`"
+    left = shipped - set(stimlib.scenes.__all__)
+    assert not left, f"stimlib/scenes/__init__.pyi: add `from .{left} import NAME as NAME`"
 
 
 def test_every_scene_has_a_law_and_every_law_a_scene():
