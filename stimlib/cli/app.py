@@ -26,8 +26,16 @@ from ..version import __version__
 _UsageError: Any = typer.BadParameter.__base__
 
 
+_PLAIN = {
+    int: re.compile(r"-?[0-9]{1,18}").fullmatch,
+    float: re.compile(r"-?([0-9]+\.?[0-9]*|\.[0-9]+)(e[+-]?[0-9]{1,2})?").fullmatch,
+    Path: re.compile(r".+").fullmatch,
+}
+"""Texts of each kind that need no typer, unless the kind has a range."""
+
+
 class _AsItIs:
-    """Takes a text, a choice, a default value, or nothing as it is.
+    """Takes a text, a choice, a default value or nothing as it is; reads numbers.
 
     For all else it asks typer, whose import of pydantic takes 0.1 s.
     """
@@ -43,6 +51,9 @@ class _AsItIs:
             return value
         if kind == list[str] and isinstance(value, list | tuple):
             return list(value)
+        ranged = param.type_descriptor.is_ranged
+        if kind in _PLAIN and isinstance(value, str) and not ranged and _PLAIN[kind](value):
+            return kind(value)
         return self.typers().coerce(value, param=param, ctx=ctx)
 
 

@@ -146,8 +146,7 @@ def motions_of(
 
     With ``all_=False``, some inputs may be left without a motion.
     """
-    from ..motion.recorded import recording, served_by
-    from ..motion.text import parse_map, parse_where
+    from ..motion.text import parse_map, parse_where, served_by
 
     inputs, columns = list(scene.inputs), parse_map(map_)
     if motion and not inputs:
@@ -162,6 +161,8 @@ def motions_of(
         used = {column: columns[column] for name in names if (column := served[name])}
         if not used:
             raise _unmapped(file, names)
+        from ..motion.recorded import recording
+
         return recording(
             file,
             used,
@@ -200,13 +201,18 @@ def _read(
 
     Each recording is read once, by ``read``, for all inputs that it serves.
     """
-    from ..motion.recorded import Recording, parse_source
+    from ..motion.text import parse_motion
 
     motions: dict[str, Any] = {}
     recordings: list[Recording] = []
     touched = [name for name in inputs if name == "contact"]
     for text in dict.fromkeys(texts.values()):
         names = [name for name in inputs if texts.get(name) == text]
+        if not _is_file(text) and "recording" not in text:
+            motions |= dict.fromkeys(names, parse_motion(text))
+            continue
+        from ..motion.recorded import Recording, parse_source
+
         found: Any = read(text, names) if _is_file(text) else parse_source(text)
         if not isinstance(found, Recording):
             motions |= dict.fromkeys(names, found)
@@ -223,8 +229,7 @@ def streamed(rows: Any, scene: Any, motions: Any, limits: Mapping[str, Any], sil
     ``--map`` says of each input which number of a row it is, and its factor.
     """
     from ..devices.sources import Stream
-    from ..motion.recorded import served_by
-    from ..motion.text import parse_map
+    from ..motion.text import parse_map, served_by
 
     inputs, given_ = list(scene.inputs), parse_map(motions.keywords["map_"])
     if not inputs:
@@ -274,7 +279,7 @@ def _is_file(text: str) -> bool:
 
 def _assigned(motion: Sequence[str], inputs: Sequence[str]) -> tuple[dict[str, str], str]:
     """Return the --motion of each named input, and the --motion of all others."""
-    from ..motion.recorded import served_by
+    from ..motion.text import served_by
 
     own: dict[str, str] = {}
     of_all = ""

@@ -11,13 +11,13 @@ What the source does not tell, the kinds of values, is seen by running one sampl
 """
 
 from __future__ import annotations
+import __future__
 
 import ast
 import dis
 import inspect
 import re
 import textwrap
-import tokenize
 import traceback
 import types
 from collections.abc import Callable, Iterator, Sequence
@@ -89,28 +89,50 @@ def source(f: Callable) -> str:
 def _source(f: Callable, code: types.CodeType) -> tuple[str, int]:
     """Return the source text of a function, and the number of file lines before it."""
     try:
-        text = textwrap.dedent(inspect.getsource(f))
+        lines, begin = inspect.findsource(f)
     except (OSError, TypeError) as e:
         raise SceneError(
             f"{f.__qualname__}: its source text is not available ({e}); define the block in a file"
             " or a notebook cell, not in a string given to exec or python -c"
         ) from None
-    except tokenize.TokenError:
-        text = ""
-    lines = text.splitlines()
+    # there are lines of ends where there are columns: unless Python was told otherwise
+    ends = [end or 0 for _, end, column, _ in code.co_positions() if column is not None]
+    # to read tokens until the function ends takes longer than all else here
+    block = lines[begin : max(ends)] if ends else inspect.getblock(lines[begin:])
+    whole = "".join(block)
+    lines = textwrap.dedent(whole).splitlines()
     # after the decorators
     first = next((k for k, line in enumerate(lines) if line.startswith("def ")), None)
     if first is None and code.co_name == "<lambda>":
         raise SceneError(f"{f.__qualname__}: write it with def, its text starts with {lines[0]!r}")
     text = "\n".join(lines[first:]) + "\n"
     # closures are refused elsewhere
-    if first is None or not (code.co_freevars or _is_text_of(text, code)):
+    same = code.co_freevars or _was_compiled(whole, begin, f) or _is_text_of(text, code)
+    if first is None or not same:
         raise SceneError(
             f"{f.__qualname__}: the text in {code.co_filename} is no longer what was imported, so a"
             " compiler would run another step than the interpreter; start Python again, or reload"
             " the module"
         )
     return text, code.co_firstlineno - 1 + first
+
+
+def _was_compiled(text: str, line: int, f: Callable) -> bool:
+    """Return whether a text at its place in a file compiles to the very code.
+
+    `_is_text_of` also finds the same instructions elsewhere, and takes longer.
+    """
+    code, names = f.__code__, f.__globals__
+    # Python compiles a call differently if it sees the import of the called name
+    modules = [n for n in code.co_names if isinstance(names.get(n), types.ModuleType)]
+    above = f"import {','.join(modules)}" * bool(modules) + "\n" * (line - 1)
+    above += "if 1:\n" if text[:1].isspace() else "\n"
+    flags = code.co_flags & __future__.annotations.compiler_flag
+    try:
+        made = compile(above + text, code.co_filename, "exec", flags, dont_inherit=True)
+    except (SyntaxError, ValueError):
+        return False
+    return code in made.co_consts
 
 
 def _is_text_of(text: str, code: types.CodeType) -> bool:

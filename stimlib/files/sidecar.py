@@ -7,7 +7,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import metadata
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -167,7 +167,7 @@ def versions() -> dict[str, str]:
     sf = soundfile()
     return {
         "numpy": np.__version__,
-        "llvmlite": metadata.version("llvmlite"),
+        "llvmlite": import_module("llvmlite").__version__,
         "soundfile": sf.__version__,
         "libsndfile": sf.__libsndfile_version__,
     }

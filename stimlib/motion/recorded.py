@@ -14,7 +14,6 @@ or a jump.
 import ast
 import inspect
 import os
-import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -43,7 +42,7 @@ from .reports import (
 from .rows import Array
 from .source import HAND
 from .table import Columns, TableFile, read_table
-from .text import MAX_SPEC, parse_motion
+from .text import MAX_SPEC, parse_motion, served_by
 
 LIFTED = {"m": "hold", "1": "hold", "N": "zero", "Pa": "zero"}
 """What an input is off contact, by its unit: a position or an angle stays where it
@@ -560,23 +559,6 @@ def parse_source(text: str, pinned: bool = False) -> Motion | Recording:
     if part not in known:
         raise BadValue(f"{text[:80]!r}: nothing is recorded for {part!r}")
     return known[part]
-
-
-def served_by(name: str, recorded: Collection[str], inputs: Collection[str]) -> str | None:
-    """Return the recorded column that drives an input.
-
-    It is the input's own column, or the column without the input's number if the scene
-    has no input of that name.
-
-    Examples
-    --------
-    >>> served_by("x1", ["x", "press"], ["x1", "x2"])
-    'x'
-    """
-    stem = re.sub(r"[0-9]+\Z", "", name)
-    if name in recorded:
-        return name
-    return stem if stem in recorded and stem not in inputs else None
 
 
 # -- arguments

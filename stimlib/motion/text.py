@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import ast
 import inspect
-from collections.abc import Iterable
+import re
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from typing import Any
 
@@ -166,3 +167,21 @@ def pairs(items: Iterable[str], what: str, form: str) -> dict[str, str]:
             raise BadValue(f"{what}: {name} is given twice, {found[name]!r} and {value!r}")
         found[name] = value
     return found
+
+
+def served_by(name: str, recorded: Collection[str], inputs: Collection[str]) -> str | None:
+    """Return the recorded column that drives an input.
+
+    It is the input's own column, or the column without the input's number if the scene
+    has no input of that name.
+
+    Examples
+    --------
+    >>> from stimlib.motion.text import served_by
+    >>> served_by("x1", ["x", "press"], ["x1", "x2"])
+    'x'
+    """
+    stem = re.sub(r"[0-9]+\Z", "", name)
+    if name in recorded:
+        return name
+    return stem if stem in recorded and stem not in inputs else None

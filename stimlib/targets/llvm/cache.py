@@ -70,7 +70,7 @@ def _salt() -> str:
     host = llvmlite.binding.get_host_cpu_name(), machine.FEATURES, machine.CHOICES
     texts += [Path(maths.__file__).read_text()]
     versions = llvmlite.__version__, sys.version_info[:2]
-    return "".join([*texts, *operations, repr((host, versions))])
+    return _sum("".join([*texts, *operations, repr((host, versions))]).encode())
 
 
 def _sums(text: str) -> str:
