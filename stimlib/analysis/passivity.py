@@ -6,11 +6,14 @@ It follows from the passivity bound for sampled-data systems.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from ..core.graph import Input, named
+from ..core.program import Program
 from ..core.response import backward, response
+from ..core.scene import Scene
 from ..core.units import unit
 from ..errors import Above0, BadValue, From0, SceneError, public
 from ..run.processor import Processor
@@ -124,19 +127,29 @@ def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], flo
     >>> damping_of(stimlib.compile(scene, fs=1000, target="python"))
     {('force', 'x'): 2.0}
     """
+    return damping_in(proc.scene, proc.program, proc.design, proc.fs, proc.params, delay)
+
+
+def damping_in(
+    scene: Scene,
+    program: Program,
+    design: list[tuple[Any, Any]],
+    fs: float,
+    params: dict[str, float],
+    delay: float = 0.0,
+) -> dict[tuple[str, str], float]:
+    """Return `damping_of` for a scene and its design, without a processor."""
     found = {}
-    for output, y in proc.scene.outputs.items():
+    for output, y in scene.outputs.items():
         for name, x in named([y], Input).items():
             if y.dim * x.dim != unit("J"):
                 continue
 
             def of(f: np.ndarray, output: str = output, name: str = name) -> np.ndarray:
-                return response(
-                    proc.program, proc.design, proc.fs, proc.params, output, name, f, steepest=True
-                )
+                return response(program, design, fs, params, output, name, f, steepest=True)
 
             try:
-                found[output, name] = needed_damping(of, proc.fs, delay)
+                found[output, name] = needed_damping(of, fs, delay)
             except (SceneError, BadValue):
                 continue  # not linear, or without end at some frequency
     return {pair: b for pair, b in found.items() if b > 0}

@@ -51,8 +51,12 @@ class _AsItIs:
             return value
         if kind == list[str] and isinstance(value, list | tuple):
             return list(value)
-        ranged = param.type_descriptor.is_ranged
-        if kind in _PLAIN and isinstance(value, str) and not ranged and _PLAIN[kind](value):
+        if (
+            kind in _PLAIN
+            and isinstance(value, str)
+            and not param.type_descriptor.is_ranged
+            and _PLAIN[kind](value)
+        ):
             return kind(value)
         return self.typers().coerce(value, param=param, ctx=ctx)
 

@@ -41,9 +41,10 @@ def show(
     [bold]stimlib show squeeze --plan[/]
     """
     run_files(import_)
-    from ..analysis.passivity import damping_of
+    from ..analysis.passivity import damping_in
+    from ..core.program import prepare, rate
     from ..core.units import unit as core_unit
-    from ..run.processor import compile
+    from ..run.plan import plan_of
 
     made = scene_of(scene)
     if draw is not None:
@@ -52,8 +53,9 @@ def show(
         draw_graph(made, draw)
     if save is not None:
         made.save(save)
-    proc = compile(made, fs, target="python")
-    plan, needed = proc.plan, damping_of(proc)
+    program, design, _ = prepare(made, rate(fs))  # nothing runs, so no processor is needed
+    values = {name: param.value for name, param in made.params.items()}
+    plan, needed = plan_of(program, fs), damping_in(made, program, design, fs, values)
     if json_:
         found = [{"output": y, "input": x, "needed_damping": b} for (y, x), b in needed.items()]
         facts = {

@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import Any, NamedTuple
 
 from ..errors import BadValue, SinkError, public
+from .drivers import jack_client, nidaqmx, sounddevice
 
 
 @dataclass(frozen=True)
@@ -124,9 +125,7 @@ Found = list[tuple[bool, str, str, float | None]]
 
 
 def _on_jack(server: str | None) -> Found:
-    from . import jack as sink
-
-    jack = sink._jack()
+    jack = jack_client()
     try:
         client = jack.Client("stimlib_devices", no_start_server=True, servername=server)
     except jack.JackError:
@@ -154,9 +153,7 @@ def _on_jack(server: str | None) -> Found:
 
 
 def _on_portaudio(server: str | None) -> Found:
-    from . import portaudio as sink
-
-    sd = sink._sounddevice()
+    sd = sounddevice()
     apis, found = sd.query_hostapis(), []
     for d in sd.query_devices():
         if d["max_output_channels"]:
@@ -172,9 +169,7 @@ def _on_portaudio(server: str | None) -> Found:
 
 
 def _on_nidaq(server: str | None) -> Found:
-    from .nidaq import _nidaqmx
-
-    system = import_module(f"{_nidaqmx().__name__}.system")
+    system = import_module(f"{nidaqmx().__name__}.system")
     try:
         found: Found = [
             (True, f"{d.name} ({d.product_type})", f"--sink nidaq --device {d.name}/ao0", None)

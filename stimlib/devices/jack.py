@@ -11,45 +11,14 @@ from __future__ import annotations
 import ctypes
 import os
 import threading
-from collections import deque
 from collections.abc import Sequence
-from functools import cache
 from types import ModuleType
 from typing import Any
 
 from ..errors import BadValue, SinkError
-from .process import keep_loaded
+from .drivers import JACK, SAID, jack_client
 from .sink import Sink
 from .sources import Signals
-
-INSTALL = (
-    "pip install 'stimlib[jack]' and, on Debian or Ubuntu, apt-get install jackd2 libjack-jackd2-0"
-)
-
-
-_said: deque[str] = deque(maxlen=20)  # what libjack would print
-
-
-@cache
-def _keep_from_printing(jack: ModuleType) -> None:
-    """Take what libjack says, once.
-
-    JACK-Client frees the function before when it takes another, and a thread of libjack
-    that was about to call it ends the process.
-    """
-    keep_loaded(jack._libname)
-    jack.set_error_function(_said.append)
-
-
-def _jack() -> ModuleType:
-    try:
-        import jack
-    except ImportError as e:
-        raise SinkError(f"the package JACK-Client is missing ({e}): {INSTALL}") from None
-    except OSError as e:
-        raise SinkError(f"the JACK library is missing ({e}): {INSTALL}") from None
-    _keep_from_printing(jack)
-    return jack
 
 
 class JackSink(Sink):
@@ -106,15 +75,15 @@ class JackSink(Sink):
         self._wheels = False
 
     def _open(self) -> None:
-        jack = _jack()
-        _said.clear()
+        jack = jack_client()
+        SAID.clear()
         try:
             try:
                 self._client = client = jack.Client(
                     self.name, use_exact_name=True, no_start_server=True, servername=self.server
                 )
             except jack.JackOpenError as e:
-                raise self._no_client(e, [*_said]) from None
+                raise self._no_client(e, [*SAID]) from None
             self._fits(client)
             outs = [client.outports.register(n) for n in self._port_names()]
             ins = []
@@ -131,7 +100,7 @@ class JackSink(Sink):
                 if source is not None:
                     client.connect(source, port)
         except jack.JackError as e:
-            printed = [*_said]
+            printed = [*SAID]
             raise SinkError(f"jack: {e}" + (f" ({printed[-1]})" if printed else "")) from None
 
     def _no_client(self, e: Any, printed: list[str]) -> SinkError:
@@ -155,7 +124,7 @@ class JackSink(Sink):
 
         jackd itself reports only that something went wrong.
         """
-        jack = _jack()
+        jack = jack_client()
         try:
             client = jack.Client(
                 f"{self.name[:40]}_{os.getpid()}", no_start_server=True, servername=self.server
@@ -240,7 +209,7 @@ class JackSink(Sink):
                 raise TypeError("it is refused")
         except (AttributeError, TypeError, ffi.error) as e:
             raise SinkError(
-                f"jack: this version of JACK-Client takes no compiled callback ({e}): {INSTALL}"
+                f"jack: this version of JACK-Client takes no compiled callback ({e}): {JACK}"
             ) from None
 
     def freewheel(self, on: bool) -> None:
@@ -276,7 +245,7 @@ class JackSink(Sink):
     def _latency(self) -> float:
         try:
             # JACK-Client has no name for it
-            ask = ctypes.CDLL(_jack()._libname).jack_port_get_latency_range
+            ask = ctypes.CDLL(jack_client()._libname).jack_port_get_latency_range
         except (AttributeError, OSError):
             return 0.0
         most = 0

@@ -21,8 +21,9 @@ from ..errors import BadValue, SinkError, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered
 from ..run.safety import Safety
+from .drivers import JACK, jack_client
 from .engine import native
-from .jack import INSTALL, JackSink, _jack
+from .jack import JackSink
 
 ROUND_TRIP = 1.0
 """Longest delay of a cable, in s, that the search covers."""
@@ -113,7 +114,7 @@ class Capture(AbstractContextManager["Capture"]):
         size: int,
         name: str = "stimlib_capture",
     ):
-        jack = _jack()
+        jack = jack_client()
         try:
             self.client = client = jack.Client(
                 name, use_exact_name=isinstance(ports, int), no_start_server=True, servername=server
@@ -163,7 +164,7 @@ class Capture(AbstractContextManager["Capture"]):
         except AttributeError as e:
             client.close()
             raise SinkError(
-                f"this version of JACK-Client takes no compiled callback ({e}): {INSTALL}"
+                f"this version of JACK-Client takes no compiled callback ({e}): {JACK}"
             ) from None
 
     def _late(self, microseconds: float) -> None:

@@ -7,23 +7,15 @@ package's documentation.
 from __future__ import annotations
 
 from importlib import import_module
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from ..errors import BadValue, SinkError
+from .drivers import nidaqmx
 from .sink import Sink
 
-INSTALL = "install NI-DAQmx, the vendor's driver, and pip install nidaqmx"
 AHEAD = 4  # blocks in the device's buffer
-
-
-def _nidaqmx() -> ModuleType:
-    try:
-        return import_module("nidaqmx")
-    except ImportError as e:
-        raise SinkError(f"the package nidaqmx is missing ({e}): {INSTALL}") from None
 
 
 class NidaqSink(Sink):
@@ -65,7 +57,7 @@ class NidaqSink(Sink):
         self.name, self.volts = name, volts
 
     def _open(self) -> None:
-        ni = _nidaqmx()
+        ni = nidaqmx()
         constants, writers = (
             import_module(f"nidaqmx.{part}") for part in ("constants", "stream_writers")
         )

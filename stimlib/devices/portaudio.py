@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadValue, SinkError
-from .process import abandoned, close_all, keep_loaded
+from .drivers import PORTAUDIO, fade_first, sounddevice
+from .process import abandoned
 from .sink import Sink
 from .sources import Signals
 
-INSTALL = "pip install 'stimlib[portaudio]' and, on Debian or Ubuntu, apt-get install libportaudio2"
 SETTLES_IN = 3.0
 """Seconds that a device may need to reach regular intervals: PulseAudio first takes up
 to two seconds of samples at once, then none.
@@ -46,28 +46,6 @@ def _alone(seconds: float = -1) -> Iterator[None]:
         yield
     finally:
         _library.release()
-
-
-def _sounddevice() -> ModuleType:
-    try:
-        import sounddevice
-    except ImportError as e:
-        raise SinkError(f"the package sounddevice is missing ({e}): {INSTALL}") from None
-    except OSError as e:
-        raise SinkError(f"the PortAudio library is missing ({e}): {INSTALL}") from None
-    except Exception as e:  # it is started with the import; its own error cannot be named then
-        raise SinkError(
-            f"PortAudio does not start ({e}): see whether other programs play"
-        ) from None
-    keep_loaded(sounddevice._libname)
-    _fade_first()
-    return sounddevice
-
-
-def _fade_first() -> None:
-    """Close all sinks at exit before sounddevice shuts PortAudio down."""
-    atexit.unregister(close_all)
-    atexit.register(close_all)
 
 
 class PortAudioSink(Sink):
@@ -139,7 +117,7 @@ class PortAudioSink(Sink):
                 )
 
     def _open(self) -> None:
-        sd = _sounddevice()
+        sd = sounddevice()
         with _alone(5.0):
             self._take(sd)
 
@@ -172,7 +150,7 @@ class PortAudioSink(Sink):
         except (AttributeError, TypeError) as e:
             raise SinkError(
                 f"portaudio: this version of sounddevice takes no compiled callback ({e}):"
-                f" {INSTALL}"
+                f" {PORTAUDIO}"
             ) from None
         except (sd.PortAudioError, ValueError) as e:
             raise SinkError(f"portaudio: {self._called(sd)} cannot be opened: {e}") from None
@@ -218,7 +196,7 @@ class PortAudioSink(Sink):
         return f"device {info['name']!r} ({sd.query_hostapis(info['hostapi'])['name']})"
 
     def _start(self) -> None:
-        sd = _sounddevice()
+        sd = sounddevice()
         try:
             with _alone(5.0):
                 self._stream.start()
@@ -260,7 +238,7 @@ class PortAudioSink(Sink):
         stream = self._stream
         if stream is None:
             return
-        end = getattr(_sounddevice(), "_exit_handler", None)
+        end = getattr(sounddevice(), "_exit_handler", None)
         if end:
             # ending PortAudio waits for a device that never answers, and so would the
             # program
@@ -274,7 +252,7 @@ class PortAudioSink(Sink):
         self._stream = None
         if end:
             atexit.register(end)
-        _fade_first()
+        fade_first()
 
     def _latency(self) -> float:
         stream = self._stream

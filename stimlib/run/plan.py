@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from typing import NamedTuple
 
+from ..core.program import Program
 from ..errors import shown
 
 
@@ -44,3 +46,13 @@ class Plan(NamedTuple):
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(shown(self))}</pre>"
+
+
+def plan_of(program: Program, fs: float, segments: Sequence[str] = ()) -> Plan:
+    """Return the plan of a program; segments are the names of its compiled code."""
+    names, segments = program.clocks, segments or [""] * len(program.instances)
+    rows = [
+        PlanRow(i, q.kind, repr(q.block), names[q.clock], q.args, q.autonomous, segments[i])
+        for i, q in enumerate(program.instances)
+    ]
+    return Plan(rows, program.removed, fs)

@@ -30,7 +30,7 @@ from ..system.cache_folder import lock
 from ..system.packages import package
 from .arguments import columns, explain, key
 from .many import Copies
-from .plan import Plan, PlanRow
+from .plan import Plan, plan_of
 
 if TYPE_CHECKING:
     from ..core.scene import Scene
@@ -496,13 +496,7 @@ class Processor:
     @property
     def plan(self) -> Plan:
         """The blocks in running order, their clocks, and the blocks removed."""
-        names = self.program.clocks
-        segments = getattr(self._engine, "segments", [""] * len(self.program.instances))
-        rows = [
-            PlanRow(i, q.kind, repr(q.block), names[q.clock], q.args, q.autonomous, segments[i])
-            for i, q in enumerate(self.program.instances)
-        ]
-        return Plan(rows, self.program.removed, self.fs)
+        return plan_of(self.program, self.fs, getattr(self._engine, "segments", ()))
 
     @property
     def latency(self) -> dict[tuple[str, str], tuple[float, float]]:

@@ -27,9 +27,7 @@ class Table(MutableMapping[str, T]):
         self._rows: dict[str, T] = {}
 
     def __getitem__(self, name: str) -> T:
-        scenes = import_module(__package__)
-        if name in scenes.__all__:
-            getattr(scenes, name)
+        getattr(import_module(__package__), name, None)
         return self._rows[name]
 
     def __setitem__(self, name: str, row: T) -> None:
@@ -39,9 +37,8 @@ class Table(MutableMapping[str, T]):
         del self._rows[name]
 
     def __iter__(self) -> Iterator[str]:
-        scenes = import_module(__package__)
-        for name in scenes.__all__:
-            getattr(scenes, name)
+        for name in import_module(__package__).__all__:
+            self.get(name)
         return iter(sorted(self._rows))
 
     def __len__(self) -> int:
