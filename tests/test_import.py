@@ -94,10 +94,11 @@ LOADS = {
     "list": "",
     "show squeeze": "",
     "devices": "jack sounddevice",
+    "render squeeze --motion minimum_jerk() --seconds 0.05 --out b.wav": "llvmlite soundfile",
     "replay log": "llvmlite",
-    "play tone --sink null --seconds 0.05": "llvmlite",
+    "play tone --sink null --seconds 0.05": "llvmlite stimlib.devices.sink",
     "verify --log log": "llvmlite scipy",
-    "verify a.wav": "llvmlite scipy soundfile",
+    "verify a.wav": "llvmlite scipy soundfile stimlib.motion.recorded",
     **dict.fromkeys(sorted(SHIPPED) if STRESS else ["bumps", "squeeze"], "llvmlite"),
     # least squares of its noise; a spline of its map; units of its table; its modes
     "grating": "llvmlite scipy scipy.linalg scipy.optimize scipy.special",
@@ -107,6 +108,7 @@ LOADS = {
 }
 LOOKED_FOR = (
     *HEAVY,
+    *"pydantic stimlib.devices.sink stimlib.plate.fit stimlib.motion.recorded".split(),
     *"pandas optax uvicorn serial pylsl scipy.special scipy.linalg scipy.interpolate".split(),
     *"scipy.optimize scipy.signal scipy.stats".split(),
 )
