@@ -49,7 +49,7 @@ def test_it_writes_what_the_scene_is_of_what_it_reads(tmp_path):
         np.testing.assert_allclose(written[at - 72 : at + 100], y[128:300], rtol=1e-6)
     assert written[0] == written[-1] == 0.0 and written.max() <= 10.0
     assert np.abs(np.diff(written)).max() < 0.2 * passed(made)
-    # each period that came read the hand, which is at the limit in all but the first 400
+    # each period that came read the hand, which is at the limit after the first 400
     assert made.report().clips["clip"]["force"] > 50 - lost
     assert lost > 50 or written.max() == 10.0
 
