@@ -304,7 +304,7 @@ ALL = f"{LISTED}, ready"
         (f"{SWEEP} --axis k", "NAME=FROM:TO:HOW_MANY"),
         (f"{SWEEP} --axis k=1:2:0.5", "0.5, is how many"),
         (f"{SWEEP} --axis k=10:100", "FROM:TO:HOW_MANY, such as k=10:100:5"),
-        (f"{SWEEP} --axis q=1,2", "no q in the scene"),
+        (f"{SWEEP} --axis q=1,2", "no column q"),
         (f"{SWEEP} --axis k=1,soft", "'1' must be a number"),
         (f"{SWEEP} --axis k=1,2 --measure loud", "no 'loud'"),
         # playing

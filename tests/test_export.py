@@ -373,7 +373,7 @@ def test_the_command_exports_and_says_how_to_compile(tmp_path):
     assert json.loads(ran([*words, "--out", tmp_path, *limits]).stdout)["samples"] == 800
     assert same(tmp_path, "wall", 800)
     assert "_n slew of force" in (tmp_path / "wall.h").read_text()
-    ran([*words, "--out", tmp_path, "--peak", "5"], 2, "(--full-scale) is missing")
+    ran([*words, "--out", tmp_path, "--peak", "5"], 2, "--full-scale is missing")
     said = ran([*words, "--out", tmp_path, "--float32"]).stdout
     assert "error of float32 in force: rms" in said and same(tmp_path, "wall", 800)
 
