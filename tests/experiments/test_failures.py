@@ -109,10 +109,12 @@ def test_a_device_that_goes_in_the_middle_of_a_trial_leaves_it_to_be_repeated(tm
                 return present(made, trial, "jack", folder, server=server.name, realtime=False)
 
             with (
-                pytest.raises(SinkError, match="the server has ended"),
+                pytest.raises(SinkError, match=r"server has ended|Error connecting") as info,
                 Session(made, data, "P01") as session,
             ):
                 run(session, Simulated(session, observer), show)
+        if "connecting" in str(info.value):
+            return False  # it was killed before the client was connected
         left = read(session.folder)
         assert len(left.records) == 2 and status(left)["unanswered"] == 1
         partly = read_log(session.folder / "trial-0003-1.stimlog")
