@@ -482,8 +482,8 @@ class Feeder(threading.Thread):
         motion raises or does not return finite numbers.
     """
 
-    # how often it has looked for room; while a function does not return they stay the
-    # same
+    # how often it has looked for room or made rows; while a function does not return
+    # they stay the same
     turns = 0
 
     def __init__(self, pump: Any, source: Scripted, failed: Callable[..., None]):
@@ -507,6 +507,7 @@ class Feeder(threading.Thread):
             x = np.repeat(self._last, stop - at, axis=1) if self._stands else self.columns(at, stop)
             self._last = x[:, -1:]
             pump.put_motion(x)
+            self.turns += 1  # here, too: who takes it at once leaves room for ever
 
     def columns(self, at: int, stop: int) -> np.ndarray:
         """Return the motion of samples at .. stop - 1, shape (n_inputs, stop - at)."""

@@ -242,6 +242,21 @@ def test_a_function_that_does_not_return_is_told_where_it_can_be(
         assert where != "motion" or (np.abs(np.diff(y)).max() < 0.01 and abs(y[-1]) < 0.01)
 
 
+def test_a_function_as_slow_as_the_device_is_no_function_that_does_not_return(monkeypatch):
+    """The device takes each of its rows at once, so that it never has to wait."""
+    monkeypatch.setattr("stimlib.devices.sink.WAITS", 1.0)
+
+    def slow(t):
+        time.sleep(0.005)
+        return 0.01 * np.sin(t)
+
+    with NullSink(SCENE, 1.0, motion={"x": slow}, clocked=False) as sink:
+        sink.open(rate=8000)
+        sink.start(seconds=300 * 1024 / 8000)
+        sink.wait()
+    assert sink.report().delivered >= 300 * 1024
+
+
 def test_a_page_may_be_stopped_from_its_own_functions_while_it_is_closed(tmp_path):
     """Both at once: neither waits for the other."""
     closing = threading.Event()
