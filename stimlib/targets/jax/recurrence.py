@@ -4,7 +4,8 @@
 input, one sample later.  State whose update is affine, s' = M s + v with M and v known
 beforehand, is solved in blocks (``affine``): the time axis becomes two, each about the
 square root as long.  Only what is left is a loop over samples.  So a step needs nothing
-but its definition.
+but its definition.  A feedback loop comes as one such step: ``core/loop_code`` has made
+its blocks one.
 """
 
 from __future__ import annotations
