@@ -270,7 +270,7 @@ SCENES = [
 ]
 LOUDER = Fault("force1: spectrum", "level", "dB", *number(PinkNoise, "r", decibel), FINGERS, HANDS)
 # with a pen nothing of it is a parameter
-LIVE = SHIPPED | {"soft_surface": partial(soft_surface, device="mouse")}
+LIVE = {**SHIPPED, "soft_surface": partial(soft_surface, device="mouse")}
 
 
 # How small ----------------------------------------------------------------------------

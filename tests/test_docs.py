@@ -216,6 +216,8 @@ FAMILY = {  # of modules that are not named by it
     "tracking": "filters",
     "avatars": "soft",
     "cursors": "soft",
+    "creep": "viscoelastic",
+    "series": "viscoelastic",
     "bumps": "surfaces",
     "equalization": "surfaces",
 }

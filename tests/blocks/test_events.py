@@ -175,11 +175,10 @@ def test_a_timeline_meets_its_points(kind):
     refuses(lambda: b.timeline(BENT, unit="N") + 1.0, "N", UnitError)
 
 
-def test_a_grain_has_a_unit_an_end_and_a_law_at_its_own_rate():
+def test_a_grain_has_a_unit_and_an_end():
     grain = b.grain(E, np.ones(20), rate=1000, unit="N")
     memory = [grain.memory(grain.design(fs)[0]) for fs in (1000, 500)]
     assert str(grain.dim) == "N" and memory == [20, 10]
-    assert len(grain.laws(1000)) == 1 and not grain.laws(500)
 
 
 @pytest.mark.parametrize("ratio", [0.25, 44.1 / 48, 6.0])

@@ -109,7 +109,7 @@ BY_HAND |= {
 
 
 @pytest.mark.parametrize("name", BY_HAND)
-def test_levels_and_reversals_are_those_of_psychopy_and_by_hand(name):
+def test_levels_and_reversals_are_those_of_psychopy(name):
     given, words, (answers, *told) = BY_HAND[name]
     table, state = asked(
         Staircase(PAIR, *given, **{"step_type": "lin"} | words), [c == "1" for c in answers]

@@ -554,7 +554,7 @@ REFUSED = [  # the change of a call that is fine, the error, and what it says
     ({"block": 64.0}, BadValue, "block = 64.0"),
     ({"full_scale": 0.0}, BadValue, "full_scale must be finite and above 0"),
     ({"full_scale": float("inf")}, BadValue, "full_scale = inf"),
-    ({"full_scale": "loud"}, BadValue, "full_scale must be a number"),
+    ({"full_scale": "loud"}, BadValue, "is no number, nor"),
     ({"full_scale": {}}, UnknownName, "force0 is missing"),
     ({"full_scale": {"force0": 1, "torque": 2}}, UnknownName, "no output torque"),
     ({"format": "flac"}, BadValue, "give full_scale, in N"),
