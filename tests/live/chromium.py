@@ -99,8 +99,11 @@ class Browser:
         self.last += 1
         mine, to = self.last, {"sessionId": session} if session else {}
         self.socket.send(json.dumps({"id": mine, "method": method, "params": params} | to))
+        begun = time.monotonic()
         while True:
-            m = json.loads(self.socket.recv(timeout=60))
+            # of all answers together: events alone would let it wait for ever
+            left = max(0.0, begun + 120 - time.monotonic())
+            m = json.loads(self.socket.recv(timeout=left))
             if m.get("id") == mine:
                 if "error" in m:
                     raise RuntimeError(f"{method}: {m['error']}")
