@@ -251,8 +251,8 @@ class Safety:
                 continue
             if made := {"inverse": Inverse, "passivity": Passivity}.get(f.name):
                 try:
-                    v = v if isinstance(v, made) else made(**v)
-                except (TypeError, BadValue) as e:
+                    v = v if isinstance(v, made) else made(**_fitting(made, v))
+                except BadValue as e:
                     raise BadValue(
                         f"Safety: {f.name} = {str(v)[:40]} is no {made.__name__}: {e}"
                     ) from None
@@ -303,6 +303,17 @@ class Safety:
                 f" {', '.join(outputs)}"
             )
         return v.get(output)
+
+
+def _fitting(made: Any, given: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return what was given for a class, which must fit its fields."""
+    fields = dc.fields(made)
+    lacks = [f.name for f in fields if f.default is dc.MISSING and f.name not in given]
+    wrong = [*map(str, given.keys() - {f.name for f in fields})]
+    if lacks or wrong:
+        said = [f"no {k!r} is known" for k in sorted(wrong)] + [f"{k} is missing" for k in lacks]
+        raise BadValue(f"{' and '.join(said)}; it has {', '.join(f.name for f in fields)}")
+    return given
 
 
 def _above_0(name: str, v: Any) -> float:

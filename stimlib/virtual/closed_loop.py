@@ -181,10 +181,17 @@ def _axis_of(scene: Scene, axis: tuple[str, str] | None) -> tuple[str, str]:
     ]
     if not found:  # what reads no position, moves the device all the same
         found = [(y, "") for y, force in scene.outputs.items() if force.dim in FORCES]
-    if len(found) != 1:
+    if not found:
+        units = ", ".join(f"{n} [{y.dim}]" for n, y in scene.outputs.items())
         raise BadValue(
-            f"forces over a position, or torques over an angle, are {found}, and one of them is"
-            " the axis of the device: give axis=(output, input), or a scene with an output in N"
+            f"no output is a force or a torque ({units}), so none moves a device: give a scene"
+            " with an output in N or N m, such as 'tone(unit=\"N\")'"
+        )
+    if len(found) > 1:
+        each = ["=".join(pair) for pair in found]
+        raise BadValue(
+            f"the device has one axis, which may be {' or '.join(each)}: give axis={found[0]!r},"
+            f" on the command line --axis {each[0]}"
         )
     return found[0]
 

@@ -455,7 +455,12 @@ def test_positions_of_forces():
     assert Watch(proc).energy()["T"]["unit"] == "rad/s"
     again = json.loads(json.dumps(Safety(1.0, passivity=told.passivity).to_dict()))
     assert Safety(**again) == told
-    refused(BadValue, "is no Passivity", Safety, 1.0, passivity={"bound": 1.0, "k": 2.0})
+    for given, told in (
+        ({"bound": 1.0, "k": 2.0}, "no 'k' is known; it has bound, "),
+        ({"k": 2.0}, "no 'k' is known and bound is missing"),
+        ({"bound": -1.0}, "bound = -1.0 must be a number above 0"),
+    ):
+        refused(BadValue, f"is no Passivity: .*{told}", Safety, 1.0, passivity=given)
 
 
 def test_a_session_says_and_proves_what_the_controller_did(tmp_path):

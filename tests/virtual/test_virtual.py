@@ -272,9 +272,10 @@ def test_a_force_that_reads_no_position_moves_the_device(device):
         swing = 0.5 / abs(0.15 * s**2 + 2.4 * s + 200.0)
         assert trial.cycle[0] == pytest.approx(swing, rel=0.02)
     refused(BadValue, "reads no position", swept_damping, alone)
-    refused(BadValue, "a scene with an output in N", try_on, stimlib.scenes.tone(), device)
+    told = "no output is a force or a torque \\(signal \\[1\\]\\).*with an output in N"
+    refused(BadValue, told, try_on, stimlib.scenes.tone(), device)
     pair = Scene({"F": hum, "G": 2.0 * hum})
-    refused(BadValue, "give axis=", try_on, pair, device)
+    refused(BadValue, "may be F= or G=: give axis=.* --axis F=", try_on, pair, device)
     assert try_on(pair, device, axis=("F", "")).force[3] == trial.force[3]
 
 
