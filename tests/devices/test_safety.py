@@ -346,6 +346,30 @@ def test_no_fault_that_was_stated_takes_more_than_the_bound(kind, seed):
     assert told > 4e-3, "something was asked for"
 
 
+@pytest.mark.parametrize(
+    ("stated", "moves", "forces"),
+    [({"lost": 1}, [0, 1, -1], [0, 5, 5]), ({"sure": 0.5}, [1] + 10 * [-1], [5] + 10 * [0.5])],
+)
+def test_the_smallest_fault_takes_more_unless_it_is_stated(stated, moves, forces):
+    """A hand moves in and out by 0.9 mm under 5 N, the first of which is lost; or in
+    under 5 N, of which an amplifier makes 0.5 N, and ten times as far out under these.
+    """
+    x = np.cumsum(np.r_[0, np.tile(9e-4 * np.array(moves), 100)])
+    wanted = np.r_[np.tile(forces, 100), 0.0]
+    lost = np.arange(x.size) % 3 == 1
+
+    def taken(**stated):
+        p = Passivity(0.02, speed=1.0, axes={"F": "x"}, **stated)
+        scene = Scene({"F": 1.0 * Input("f", "N"), "x": 1.0 * X})
+        proc = compiled(scene, Safety({"F": 5.0, "x": 1e3}, passivity=p), 1000)
+        y = proc.process(np.stack([wanted, x]))[0]
+        late = np.where(lost, np.roll(y, 1), y)
+        return given(np.clip(y, -0.5, 0.5) if "sure" in stated else late, x, 0)
+
+    assert 0 < taken(**stated) <= 0.02 * (1 + 1e-9)
+    assert taken() > 0.1
+
+
 @pytest.mark.parametrize("late", [0.0, 1.0, 2.3])
 @pytest.mark.parametrize("damping", [0.0, 4.0])
 @pytest.mark.parametrize(
@@ -403,6 +427,24 @@ def test_a_motion_that_was_not_seen_earns_no_energy(unseen):
     assert 0.0 < np.abs(y).max() <= 20.0 and given(y, x.ravel(), 0) <= p.bound
 
 
+@pytest.mark.parametrize("still", [0, 5, 20])
+def test_what_a_reading_that_stays_may_hide_is_told(still):
+    """Under 1 N it stays for 9 samples, in each of which the hand may get 1 mJ; then it
+    leaps, which may hide one more, and stays again.
+    """
+    p = Passivity(1.0, speed=1.0, still=still / 1000, axes={"F": "x"})
+    scene = Scene({"F": 1.0 * Input("f", "N"), "x": 1.0 * X})
+    proc = compiled(scene, Safety({"F": 5.0, "x": 1.0}, passivity=p), 1000)
+    hidden, told = np.minimum(np.r_[:10, :10], still), []
+    for x in np.repeat([0.0, -0.01], 10):
+        proc.process(np.array([[1.0], [x]]))
+        told.append(Watch(proc).energy()["F"])
+    work = np.repeat([0, -1 - hidden[9]], 10)
+    assert [q["work"] for q in told] == pytest.approx(1e-3 * work)
+    given = np.maximum.accumulate(hidden - work)
+    assert [q["given"] for q in told] == pytest.approx(1e-3 * given)
+
+
 def test_a_force_that_gives_nothing_passes_bit_for_bit():
     scene = Scene({"F": spring(X, 100.0), "tone": 0.1 * white_noise(1)})
     x = finger(4000)
@@ -449,9 +491,11 @@ def test_positions_of_forces():
     refused(BadValue, "no output is a force over", protect, none, Safety(1.0, passivity=GIVES))
     refused(BadValue, "give only one", Safety, 1.0, inverse=INVERSE, passivity=GIVES)
     refused(BadValue, "bound = 0.0 must be a number above 0", Passivity, 0.0)
-    refused(BadValue, "lost = 1.5 must be a whole number from 0", Passivity, 1.0, lost=1.5)
+    assert Passivity(1.0, lost=1000).lost == 1000
+    for lost in (1.5, 1001):
+        refused(BadValue, f"lost = {lost} must be a whole number from 0", Passivity, 1.0, lost=lost)
     turned = Scene({"T": constant(1.0, "N*m") * Input("angle")})
-    proc = compiled(turned, Safety(1.0, passivity=Passivity(1.0, lost=2.0)))
+    proc = compiled(turned, Safety(1.0, passivity=Passivity(1.0, lost=2.0, sure=0.0)))
     assert Watch(proc).energy()["T"]["unit"] == "rad/s"
     again = json.loads(json.dumps(Safety(1.0, passivity=told.passivity).to_dict()))
     assert Safety(**again) == told

@@ -314,11 +314,11 @@ def test_what_faults_do():
     assert np.ptp(stuck.force[200:300]) == 0 < np.ptp(stuck.force[301:])
     drops = np.mean(np.diff(run(dropped=0.3).force[1:]) == 0.0)
     assert 0.25 < drops < 0.35
-    weak, strong = (
-        run(saturated=(0.0, 0.3)),
-        try_on(springy(100.0), dc.replace(d, limit=0.3), **how),
-    )
-    np.testing.assert_array_equal(weak.position, strong.position)
+    for push in (-1.0, 1.0):
+        how["push"] = push
+        weak = run(saturated=(0.0, 0.3))
+        strong = try_on(springy(100.0), dc.replace(d, limit=0.3), **how)
+        np.testing.assert_array_equal(weak.position, strong.position)
     assert run(lost=1.0).work[-1] == 0.0
     # all of it is told
     assert sound.told["hardware"] == {} and "hardware" not in str(sound)
@@ -330,6 +330,8 @@ def test_what_faults_do():
         (strong, "forces beyond the amplifier's", np.count_nonzero(strong.force > 0.3)),
     ):
         assert trial.told["hardware"] == {what: n} and f"hardware: {n} {what}" in str(trial)
+    just = try_on(Scene({"F": constant(0.3, "N")}), dc.replace(d, limit=0.3))
+    assert just.told["hardware"] == {}, "it makes so much"
     refused(BadValue, "parts 0 to 1", Faults, dropped=1.5)
     refused(BadValue, "finite", Faults, jump=(np.nan, 1.0))
 
