@@ -42,8 +42,8 @@ Passive = Annotated[
         "--passivity",
         help=(
             "Largest energy in J that a force over a position may give, and how:"
-            " [bold]bound=0.01,damping=2,delay=0.003[/], with speed, encoder, still, lost and"
-            " sure if needed."
+            " [bold]bound=0.01,damping=2,delay=0.003[/], with speed, encoder, still, lost,"
+            " sure and [bold]axes=force1:x1[/] if needed."
         ),
     ),
 ]
@@ -220,11 +220,18 @@ def safety_of(
     from ..motion.text import pairs
     from ..run.safety import Safety, quiet_scale
 
-    given = passivity and pairs(passivity.split(","), "--passivity", "bound=0.01,damping=2")
+    given = pairs(passivity.split(",") if passivity else (), "--passivity", "bound=0.01,damping=2")
+    along = given.pop("axes", None)
+    guard: dict[str, Any] = {k: number(v, f"--passivity {k}") for k, v in given.items()}
+    if along is not None:
+        names = along.split(":")
+        if len(names) % 2 or not all(names):
+            raise BadValue(f"--passivity axes={along}: write output:input, such as axes=force1:x1")
+        guard["axes"] = dict(zip(names[::2], names[1::2], strict=True))
     return Safety(
         of_each(full_scale, "--full-scale") or quiet_scale(scene),
         slew=of_each(slew, "--slew"),
         peak=peak,
         static=static,
-        passivity={k: number(v, f"--passivity {k}") for k, v in given.items()} if given else None,
+        passivity=guard or None,
     )

@@ -441,7 +441,7 @@ def guarded(scene: Scene, safety: Safety) -> dict[str, tuple[Input, float]]:
         elif len(over) > 1:
             raise BadValue(
                 f"Passivity: {name} depends on {', '.join(over)}: say along which it acts, such as"
-                f" axes={{{name!r}: {over[0]!r}}}"
+                f" axes={{{name!r}: {over[0]!r}}}, on the command line axes={name}:{over[0]}"
             )
         elif over:
             found[name] = inputs[over[0]], power_of(force)

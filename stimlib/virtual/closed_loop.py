@@ -139,6 +139,7 @@ def try_on(
     # those of the last output are of the force, too
     told["faults"] = {k: v for k, v in told["faults"].items() if k in scene.outputs}
     told["hardware"] = faults.told(wrong, y[:, row], device.limit)
+    told["misstated"] = _misstated(device, safety, fs) if output in told["energy"] else {}
     if failed := Watch(plant).faults():
         told["faults"]["device"] = min(failed.values())
     return ClosedLoop(
@@ -165,6 +166,17 @@ def _guarded(scene: Scene, output: str, safety: Safety | None) -> Scene:
     made = scene if safety is None else protect(scene, safety)
     free = max(scene.outputs, key=len) + "_"  # a name that no output has
     return Scene({**made.outputs, free: scene.outputs[output]})
+
+
+def _misstated(device: Device, safety: Any, fs: float) -> dict[str, tuple[float, float]]:
+    """Return what a passivity controller was told of a device that is not so."""
+    p = safety.passivity
+    found = {}
+    if round(device.delay * fs, 9) != round(p.delay * fs, 9):
+        found["delay"] = p.delay, device.delay
+    if device.encoder > p.encoder:
+        found["encoder"] = p.encoder, device.encoder
+    return found
 
 
 def _axis_of(scene: Scene, axis: tuple[str, str] | None) -> tuple[str, str]:
@@ -336,7 +348,8 @@ class ClosedLoop:
         (also of the "device", whose motion was not finite) and "energy"; the "power" in
         W that the scene states to give on purpose, see ``stimlib.blocks.active``; and
         what failed of the "hardware", which the stage cannot know: the samples of each
-        fault, and those of a force beyond what the amplifier makes.
+        fault, and those of a force beyond what the amplifier makes; and what was
+        "misstated" to a passivity controller, with what the device has.
     """
 
     t: np.ndarray
@@ -417,6 +430,11 @@ class ClosedLoop:
                 " were beyond this"
             )
         lines += said_of_energy(self.told["energy"])
+        lines += [
+            f"its bound may not hold: the controller was told {name} = {stated:g}, and the device"
+            f" has {real:g}"
+            for name, (stated, real) in self.told["misstated"].items()
+        ]
         if hardware := self.told["hardware"]:
             lines.append(
                 "the hardware: " + ", ".join(f"{n} {what}" for what, n in hardware.items())

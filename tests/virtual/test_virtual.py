@@ -252,6 +252,24 @@ def test_the_command_says_whether_it_comes_to_rest(tmp_path):
     trial = try_on(scene, read_device(path), Hand(0.02, 1.0, 100.0, 1e-3), **words)
     assert seen["given"] == trial.given and seen["hardware"] == trial.told["hardware"]
     assert seen["energy"] == trial.told["energy"] and seen["clips"] == trial.told["clips"]
+    # of the device the controller was told no delay
+    assert seen["misstated"] == {} and "may not hold" not in str(trial)
+    for word, wrong in (("bound=0.01", {"delay": [0, 0.003]}), ("bound=1,delay=0.003", {})):
+        words = [*how, "--full-scale", "9", "--passivity", word]
+        assert json.loads(ran([*words, "--json"]).stdout)["misstated"] == wrong
+        said = "may not hold: the controller was told delay = 0, and the device has 0.003"
+        assert (said in ran(words).stdout.replace("\n", " ")) == bool(wrong)
+    two = tmp_path / "two.py"
+    two.write_text(
+        "import stimlib\nfrom stimlib.blocks import spring\n"
+        "x, y = stimlib.Input('x', 'm'), stimlib.Input('y', 'm')\n"
+        "both = stimlib.Scene({'F': spring(x, 1.0) + spring(y, 1.0)})\n"
+    )
+    both = ["try", f"{two}:both", *how[2:], "--axis", "F=x", "--full-scale", "9", "--passivity"]
+    assert "F gave at most" in ran([*both, "bound=0.1,axes=F:x"]).stdout
+    refuses([*both, "bound=0.1"], "on the command line axes=F:x")
+    for axes in ("F", "F:", "F:x:F"):
+        refuses([*both, f"bound=0.1,axes={axes}"], "write output:input")
     refuses([*how, "--faults", "jumps=1"], "no fault 'jumps'")
     refuses([*how, "--faults", "jump"], "write dropped=0.1")
     refuses([*how, "--faults", "lost=x"], "'x' is not a number")
