@@ -147,7 +147,7 @@ class Faults:
     Raises
     ------
     BadValue
-        Numbers that are not finite; parts outside 0 to 1.
+        Numbers that are not finite; parts outside 0 to 1; an end before its beginning.
 
     Examples
     --------
@@ -164,9 +164,11 @@ class Faults:
 
     def __post_init__(self):
         numbers = (*self.jump, *self.stuck, self.saturated[0], self.dropped, self.lost)
-        if not (np.isfinite(numbers).all() and max(numbers[-2:]) <= 1 and self.saturated[1] >= 0):
+        ordered = self.stuck[0] <= self.stuck[1] and self.saturated[1] >= 0
+        if not (np.isfinite(numbers).all() and max(numbers[-2:]) <= 1 and ordered):
             raise BadValue(
-                f"{self!r}: times and jumps are finite, parts 0 to 1, a force not below 0"
+                f"{self!r}: times and jumps are finite, parts 0 to 1, a force not below 0, and a"
+                " sensor is stuck from a time until a later one"
             )
 
     __repr__ = _given

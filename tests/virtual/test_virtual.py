@@ -352,6 +352,7 @@ def test_what_faults_do():
     assert just.told["hardware"] == {}, "it makes so much"
     refused(BadValue, "parts 0 to 1", Faults, dropped=1.5)
     refused(BadValue, "finite", Faults, jump=(np.nan, 1.0))
+    refused(BadValue, "until a later one", Faults, stuck=(2.0, 1.0))
 
 
 def test_tremor_is_of_8_to_12_hz_and_of_the_stated_amplitude():
