@@ -345,6 +345,7 @@ def test_what_faults_do():
         (stuck, "readings that stayed", 100),
         (run(lost=1.0), "forces lost", 500),
         (weak, "forces beyond the amplifier's", np.count_nonzero(weak.force > 0.3)),
+        (run(saturated=(0.2, 0.0)), "forces beyond the amplifier's", 300),
         (strong, "forces beyond the amplifier's", np.count_nonzero(strong.force > 0.3)),
     ):
         assert trial.told["hardware"] == {what: n} and f"hardware: {n} {what}" in str(trial)
