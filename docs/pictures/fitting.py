@@ -13,6 +13,8 @@ from matplotlib.figure import Figure
 from stimlib.fitting import fit_generalized_maxwell, fit_springpot, thin
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
+# told apart by people who do not see red and green as others do (Okabe and Ito)
+COLOURS = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7"
 RAMPS = {"0p1s": 0.1, "1s": 1.0, "10s": 10.0, "100s": 100.0}
 
 
@@ -41,7 +43,7 @@ for column, (condition, title) in enumerate(
         t, y, f = table.T[:3]
         hold = t > 2.0 + ramp
         fit = fit_springpot(t, y - y[0], f, where=hold)
-        fit.draw(top[column], below[column], f"ramp of {ramp:g} s", f"C{i}")
+        fit.draw(top[column], below[column], f"ramp of {ramp:g} s", COLOURS[i])
         row(
             f"{condition} {ramp:g} s",
             hold.sum(),
@@ -59,7 +61,7 @@ t, y, f = thin(
 )
 later = t > start + 0.02
 fit = fit_springpot(t, y, f, where=later)
-fit.draw(top[2], below[2], "ramp of 36 ms", "C4")
+fit.draw(top[2], below[2], "ramp of 36 ms", COLOURS[4])
 top[2].set(
     title="soft sample, indented",
     ylabel="force / N",

@@ -11,11 +11,15 @@ from stimlib.plate import CONFIGURATIONS, Plate, envelope_behind
 
 PRINTED = {"all": (378, 776, 1171), "long": (307, 410, 651), "short": (158, 244, 541)}
 MEASURED = (158, 246, 548)
+# told apart by people who do not see red and green as others do (Okabe and Ito)
+COLOURS = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7"
 
 
 def modes() -> Figure:
     """Shapes of the lowest six modes, clamped along the short edges."""
-    plate, figure = Plate.paper(measured=True), Figure((8.5, 4.2), layout="constrained")
+    plate, figure = Plate.paper(measured=True), Figure((8.5, 4.6), layout="constrained")
+    figure.supxlabel("along the length / mm", fontsize=10)
+    figure.supylabel("along the width / mm", fontsize=10)
     x, y = np.linspace(0, plate.length, 81), np.linspace(0, plate.width, 61)
     for k, axes in enumerate(figure.subplots(2, 3).ravel()):
         z = plate.shape(k, x, y[:, None])
@@ -35,13 +39,17 @@ def envelopes() -> Figure:
     figure = Figure((8.5, 3), layout="constrained")
     left, right = figure.subplots(1, 2)
     u = np.arange(2048) / 2048 * 50
-    for gain, text in ((1, "without"), (4, "with pole swap, gain 4")):
+    for color, (gain, text) in zip(
+        COLOURS, ((1, "without pole swap"), (4, "with pole swap, gain 4")), strict=False
+    ):
         answer = envelope_behind(158.0, 10.0, 20.0, gain)
-        left.plot(u, answer.got, label=text)
-        right.plot(u, answer.voltage, label=text)
+        left.plot(u, answer.got, color=color, label=text)
+        right.plot(u, answer.voltage, color=color, label=text)
     left.plot(u, answer.wanted, "k:", label="wanted")
-    left.set(xlabel="ms", title="envelope of the displacement")
-    right.set(xlabel="ms", title="envelope of the voltage")
+    left.set(xlabel="time / ms", ylabel="largest wanted = 1", title="envelope of the displacement")
+    right.set(
+        xlabel="time / ms", ylabel="largest without pole swap = 1", title="envelope of the voltage"
+    )
     left.legend()
     return figure
 
@@ -62,11 +70,17 @@ def residuals() -> Figure:
     }
     for row, (text, (plate, want)) in enumerate(rows.items()):
         ours = plate.modes(4)[[0, 1, 3 if plate.edges == "CFCF" else 2]]
-        axes.bar(np.arange(3) + 0.16 * (row - 2), 100 * (ours / want - 1), 0.15, label=text)
+        axes.bar(
+            np.arange(3) + 0.16 * (row - 2),
+            100 * (ours / want - 1),
+            0.15,
+            color=COLOURS[row],
+            label=text,
+        )
     axes.axhline(0, color="k", lw=0.6)
-    axes.set_xticks(range(3), ["first", "second", "third"])
-    axes.set(ylabel="model over thesis, %")
-    axes.legend(fontsize=7)
+    axes.set_xticks(range(3), ["first mode", "second mode", "third mode"])
+    axes.set(ylabel="model over thesis / %")
+    axes.legend(title="the thesis' frequencies:", fontsize=8, title_fontsize=8)
     return figure
 
 
@@ -76,15 +90,18 @@ def configurations() -> Figure:
     """
     figure = Figure((8.5, 3), layout="constrained")
     axes = figure.subplots()
-    for k, (mode, text) in enumerate(((0, "first"), (1, "second"), (3, "third"))):
+    for k, (mode, text) in enumerate(((0, "first resonance"), (1, "second"), (3, "third"))):
         for n, name in enumerate(CONFIGURATIONS):
             plate = Plate.paper(patches=name)
             centre = plate.length / 2, plate.width / 2
             size = 25e6 * abs(plate.frf("patches", centre, plate.modes(4)[mode]))
-            axes.bar(n + 0.25 * (k - 1), size, 0.23, color=f"C{k}", label=text if n == 0 else None)
+            axes.bar(
+                n + 0.25 * (k - 1), size, 0.23, color=COLOURS[k], label=text if n == 0 else None
+            )
     axes.set_xticks(range(len(CONFIGURATIONS)), CONFIGURATIONS)
-    axes.set(ylabel="displacement of the centre, um", title="50 V peak to peak at the resonances")
-    axes.legend(fontsize=7)
+    axes.set(ylabel="centre moves / µm", title="50 V peak to peak at the resonances")
+    axes.set(xlabel="configuration of the patches")
+    axes.legend(fontsize=9)
     return figure
 
 

@@ -30,7 +30,8 @@ HERE = Path(__file__).parent
 FS, W = 1000, 2 * np.pi  # the thesis' sample rate and frequency
 ORDERS = (0.0, 0.25, 0.5, 0.75, 1.0)
 Y, F = Input("y", "m"), Input("f", "N")
-SPRING, DASHPOT, ARM, POT = "C0", "C1", "C2", "C3"
+# told apart by people who do not see red and green as others do (Okabe and Ito)
+SPRING, DASHPOT, ARM, POT, KELVIN_VOIGT = "#0072b2", "#e69f00", "#009e73", "#d55e00", "#cc79a7"
 
 
 def run(block, x):
@@ -71,8 +72,8 @@ def history(alpha=0.5):
         "pressed in 0.1 s, then held": ramp_and_hold(depth=0.01, rise=0.1, start_time=0.1)(t),
     }
     methods = [
-        ("thesis: last 100 samples", "C1", "-", {"scheme": "gl-short-memory"}),
-        ("thesis: 100 samples of all", "C2", "-", {"scheme": "gl-downsampled", "horizon": 3.0}),
+        ("thesis: last 100 samples", POT, "-", {"scheme": "gl-short-memory"}),
+        ("thesis: 100 samples of all", ARM, "-", {"scheme": "gl-downsampled", "horizon": 3.0}),
         ("springpot, tol = 1e-6", "#7fb0ff", "-", {"tol": 1e-6}),
         ("springpot, tol = 1e-10", "#1f5fd0", "--", {"tol": 1e-10}),
         ("springpot, tol = 1e-14", "#0b2a66", "-", {"tol": 1e-14}),
@@ -157,7 +158,12 @@ def relaxation(k=100.0, b=10.0, tau=0.3, chi=60.0, alpha=0.3, depth=0.01, force=
         ("spring", SPRING, F / constant(k, "N/m"), {"k0": k}),
         ("dashpot", DASHPOT, compliance_generalized_kelvin_voigt(F, [], b=5 * b), {"b": 5 * b}),
         ("Maxwell arm", ARM, compliance_maxwell(F, k, b=5 * b), {"k0": k, "b": 5 * b}),
-        ("Kelvin-Voigt", "C4", compliance_kelvin_voigt(F, k, tau=tau), {"elements": [(k, tau)]}),
+        (
+            "Kelvin-Voigt",
+            KELVIN_VOIGT,
+            compliance_kelvin_voigt(F, k, tau=tau),
+            {"elements": [(k, tau)]},
+        ),
         (f"springpot, alpha = {alpha:g}", POT, None, {"springpot": (chi, alpha)}),
     )
     for name, color, block, what in rows:

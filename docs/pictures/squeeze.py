@@ -22,14 +22,14 @@ fig = Figure(figsize=(9, 4.2), layout="constrained")
 left, right = fig.subfigures(1, 2, width_ratios=(3, 2))
 rows = {"position / mm": 1e3 * x, "k x / N": K * x, "dF / N": force - K * x, "force / N": force}
 for ax, (name, curve) in zip(left.subplots(4, 1, sharex=True), rows.items(), strict=True):
-    ax.plot(y.t, curve, lw=0.6)
+    ax.plot(y.t, curve, lw=0.8)
     ax.set_ylabel(name)
     ax.grid(alpha=0.3)
 ax.set(xlabel="time / s", xlim=(0, 1.3))
 ax = right.subplots()
 rising = np.diff(x, prepend=0) > 0
 ax.plot(1e3 * x[~rising], force[~rising], color="0.6", lw=0.8, label="held, unloading")
-ax.plot(1e3 * x[rising], force[rising], color="C3", lw=0.5, label="loading")
+ax.plot(1e3 * x[rising], force[rising], color="#d55e00", lw=0.5, label="loading")
 ax.set(xlabel="position / mm", ylabel="force / N")
 ax.grid(alpha=0.3)
 ax.legend(loc="upper left")

@@ -19,15 +19,18 @@ STEADY = (0.03, 0.3), (0.12, 2.0)  # m/s, N
 
 def picture() -> Figure:
     """Strokes above, spectra of steady ones below."""
-    fig = Figure(figsize=(8, 6), layout="constrained")
-    axes = fig.subplot_mosaic([["hand"], ["a"], ["psd"]], height_ratios=(1, 1.6, 2))
+    fig = Figure(figsize=(8, 6.8), layout="constrained")
+    axes = fig.subplot_mosaic([["x"], ["force"], ["a"], ["psd"]], height_ratios=(1, 1, 1.6, 2.2))
     made = stimlib.render(stimlib.scenes.texture(), HAND, fs=8000, seconds=2.5)
     t = np.arange(made.y.shape[1]) / made.fs
-    axes["hand"].plot(t, 1e3 * HAND["x"](t), label="position / mm")
-    axes["hand"].plot(t, 10 * HAND["force"](t), label="force / 0.1 N")
-    axes["hand"].legend(loc="upper left", ncols=2, fontsize=8)
+    axes["x"].plot(t, 1e3 * HAND["x"](t))
+    axes["x"].set(ylabel="position\n/ mm")
+    axes["force"].plot(t, HAND["force"](t))
+    axes["force"].set(ylabel="force\n/ N")
     axes["a"].plot(t, made["acceleration"], lw=0.4)
-    axes["a"].set(xlabel="time / s", ylabel="acceleration / m/s²")
+    axes["a"].set(xlabel="time / s", ylabel="acceleration\n/ (m/s²)")
+    for name in ("x", "force"):
+        axes[name].tick_params(labelbottom=False)
     for v, f in STEADY:
         y = stimlib.compile(stimlib.Scene({"a": texture(v, f, made_up(), seed=1)}), 8000).process(
             np.empty((0, 480_000))
@@ -37,8 +40,12 @@ def picture() -> Figure:
         own = np.arange(1.0, 500.0)
         axes["psd"].semilogy(own, made_up().psd(own, v, f), "--", color="k", lw=1)
         lines[0].set_alpha(0.8)
+    axes["psd"].plot([], [], "--", color="k", lw=1, label="model")
     axes["psd"].set(
-        xlim=(0, 700), ylim=(1e-7, 1e-1), xlabel="frequency / Hz", ylabel="PSD / (m/s²)²/Hz"
+        xlim=(0, 700),
+        ylim=(1e-7, 1e-1),
+        xlabel="frequency / Hz",
+        ylabel="PSD of the acceleration\n/ ((m/s²)²/Hz)",
     )
     axes["psd"].legend(fontsize=8)
     for ax in axes.values():
