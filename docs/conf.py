@@ -136,6 +136,12 @@ def plain_marks(app, what, name, obj, options, lines):
             lines[i] = "".join(parts)
 
 
+# what has text of its own: on a phone it keeps a width at which that can be read
+DRAWING = re.compile(
+    r'<img [^>]*src="[^"]*_images/(?:[^"]+\.svg|[^"]+_00\d\.png|tutorial_[^"]+)"[^>]*>'
+)
+
+
 def accessible(app, exception):
     """State what the theme leaves out: levels of captions, and which parts scroll.
 
@@ -148,6 +154,7 @@ def accessible(app, exception):
         )
         wrapper = '<div class="table-wrapper'
         whole = whole.replace(wrapper, wrapper.replace("<div", '<div tabindex="0"'))
+        whole = DRAWING.sub(r'<div class="drawing" tabindex="0">\g<0></div>', whole)
         if whole != text:
             page.write_text(whole, "utf-8")
 

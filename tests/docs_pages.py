@@ -48,6 +48,12 @@ SEARCHED = (
     "apparent motion",
     "Windows",
     "hardware",
+    "source code",
+    "repository",
+    "report a fault",
+    "bug",
+    "license",
+    "proof",
 )
 BEGIN = ("install.html", "#try-it", "first_experiment.html")
 ENDS = """Object.fromEntries([...document.querySelectorAll('article a')].map(
