@@ -24,4 +24,4 @@ figure = Figure(figsize=(8, 6), layout="constrained")
 rows = figure.subplots(len(result.outputs), 1, sharex=True)
 for axes, name, y in zip(rows, result.outputs, result.y, strict=True):
     axes.plot(result.t, y)
-    axes.set(ylabel=name, xlabel="time / s")
+    axes.set(ylabel=f"{name} / {result.units[name]}", xlabel="time / s")

@@ -3,7 +3,7 @@ Velocity and impedances
 =======================
 
 A spring answers the position and a damper the velocity; both together are a Kelvin-
-Voigt element. Look at the width of the loops, which is the lost energy. See
+Voigt element. Look at the area of the loop, which is the lost energy. See
 :doc:`/reference/blocks/impedance`.
 """
 
@@ -21,9 +21,13 @@ scene = stimlib.Scene(
         "both": kelvin_voigt(x, k=300.0, b=20.0),
     }
 )
-result = stimlib.render(scene, {"x": sinusoid(0.01, 1.0)}, fs=1000, seconds=3.0)
+hand = sinusoid(0.01, 1.0)
+result = stimlib.render(scene, {"x": hand}, fs=1000, seconds=3.0)
 figure = Figure(figsize=(8, 6), layout="constrained")
-rows = figure.subplots(len(result.outputs), 1, sharex=True)
-for axes, name, y in zip(rows, result.outputs, result.y, strict=True):
-    axes.plot(result.t, y)
-    axes.set(ylabel=name, xlabel="time / s")
+speed, loops = figure.subplots(2, 1, height_ratios=(1, 2))
+speed.plot(result.t, result["v"])
+speed.set(xlabel="time / s", ylabel="velocity / (m/s)")
+for name in ("spring", "both"):
+    loops.plot(1000 * hand(result.t), result[name], label=name)
+loops.set(xlabel="position / mm", ylabel="force / N")
+loops.legend()

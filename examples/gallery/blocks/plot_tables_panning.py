@@ -7,6 +7,8 @@ Four actuators, 30 mm apart, and a vibration that moves from the first to the la
 1. See :doc:`/howto/arrays`.
 """
 
+from matplotlib.figure import Figure
+
 import stimlib
 from stimlib.analysis import listen
 from stimlib.blocks import oscillator, panning, timeline
@@ -18,4 +20,9 @@ gains = panning(place, tactors)
 scene = stimlib.Scene({f"tactor{k + 1}": gain * wave for k, gain in enumerate(gains)})
 result = stimlib.render(scene, fs=8000, seconds=1.0)
 listen(result, "tactor2", "second_of_four.wav")
-figure = result.plot()
+figure = Figure(figsize=(8, 5), layout="constrained")
+for axes, name, y in zip(
+    figure.subplots(4, 1, sharex=True, sharey=True), result.outputs, result.y, strict=True
+):
+    axes.plot(result.t, y, linewidth=0.5)
+    axes.set(ylabel=name, xlabel="time / s")
