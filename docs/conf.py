@@ -138,6 +138,7 @@ def plain_marks(app, what, name, obj, options, lines):
 
 # what has text of its own: on a phone it keeps a width at which that can be read
 DRAWING = re.compile(
+    r'(?<!tabindex="0">)'
     r'<img [^>]*src="[^"]*_images/(?:[^"]+\.svg|[^"]+_00\d\.png|tutorial_[^"]+)"[^>]*>'
 )
 

@@ -69,6 +69,8 @@ LOOK = """(() => {
     over: all.scrollWidth - all.clientWidth,
     bad: [...document.images].filter(i => !i.alt.trim() ||
       (!i.loading || i.loading == 'eager') && !i.naturalWidth).map(i => i.getAttribute('src')),
+    small: [...document.querySelectorAll('article img[src$=".svg"]')]
+      .filter(i => i.clientWidth < 600).length,
     silent: [...document.querySelectorAll('.highlight')]
       .filter(h => !h.querySelector('.copybtn')).length,
   }
@@ -103,6 +105,8 @@ def looks(root: Path, browser: Browser, base: str) -> Iterator[str]:
             found = page.js(LOOK)
             counted[wide][0] += found["blocks"]
             counted[wide][1] += found["cut"]
+            if wide == min(WIDTHS) and found["small"]:
+                yield f"{name} at {wide} px: {found['small']} drawings are too small to read"
             if found["cut"] or found["over"] > 0:
                 yield f"{name} at {wide} px: {found['cut']} blocks are cut, {found['over']} px over"
         yield from (f"{name}: loads {place}" for place in found["outside"])
