@@ -51,6 +51,7 @@ SEARCHED = (
     "source code",
     "repository",
     "report a fault",
+    "multiple actuators",
     "bug",
     "license",
     "proof",
