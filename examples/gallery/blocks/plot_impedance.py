@@ -14,13 +14,8 @@ from stimlib.blocks import kelvin_voigt, spring, velocity
 from stimlib.motion import sinusoid
 
 x = stimlib.Input("x", "m")
-scene = stimlib.Scene(
-    {
-        "v": velocity(x, cutoff=50),
-        "spring": spring(x, 300.0),
-        "both": kelvin_voigt(x, k=300.0, b=20.0),
-    }
-)
+both = kelvin_voigt(x, k=300.0, b=20.0)
+scene = stimlib.Scene({"v": velocity(x, cutoff=50), "spring": spring(x, 300.0), "both": both})
 hand = sinusoid(0.01, 1.0)
 result = stimlib.render(scene, {"x": hand}, fs=1000, seconds=3.0)
 figure = Figure(figsize=(8, 6), layout="constrained")
