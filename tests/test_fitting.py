@@ -84,6 +84,26 @@ def test_forces_at_uneven_times(alpha, onset):
             assert got[n] == pytest.approx(float(force), rel=rel, abs=1e-12)
 
 
+def test_a_displacement_that_rests_has_its_force():
+    """Held at once, not at all, and long before it moves."""
+    t = np.arange(6000) / 1000
+    y, held = np.maximum(t - 5, 0.0), np.ones(t.size)
+    np.testing.assert_array_equal(springpot_force(t, held, 2.0, 0.3), 0)
+    np.testing.assert_allclose(
+        springpot_force(t, held, 2.0, 0.3, onset="step")[1:],
+        relaxation_modulus(t[1:], springpot=(2.0, 0.3)),
+        rtol=1e-12,
+    )
+    whole, late = springpot_force(t, y, 2.0, 0.3), slice(4990, None)
+    np.testing.assert_allclose(whole[late], springpot_force(t[late], y[late], 2.0, 0.3), rtol=1e-12)
+    assert not whole[:5000].any()
+    some = t[::300] ** 2, held[::300]  # at uneven times
+    f = springpot_force(*some, 2.0, 0.3, onset="step")
+    f[0] = 0.0
+    fit = fit_springpot(*some, f, where=some[0] > 0, onset="step")
+    assert (fit.chi, fit.alpha) == pytest.approx((2.0, 0.3), rel=1e-9)
+
+
 def test_a_short_ramp_long_ago_keeps_its_digits():
     """1 us of motion, a day ago."""
     t = np.array([0.0, 1e-6, 86400.0])

@@ -279,9 +279,11 @@ class Pairs:
         b, size, n = 1 - alpha, math.gamma(2 - alpha), self.since.size
         end, more = np.exp(b * self.end), np.expm1(b * self.more)
         end *= self.slope
-        value: np.ndarray = np.bincount(self.rows, end * more, n)
+        # of no pieces at all, numpy's sums are whole numbers
+        value = np.asarray(np.bincount(self.rows, end * more, n), float)
         # by b: x^b log x
-        steep = np.bincount(self.rows, end * (more * (self.end + self.more) + self.more), n)
+        steep = end * (more * (self.end + self.more) + self.more)
+        steep = np.asarray(np.bincount(self.rows, steep, n), float)
         last = self.last * np.exp(b * self.piece)
         value[self.now] += last
         steep[self.now] += last * self.piece

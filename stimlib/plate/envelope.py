@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, public
+from ..errors import BadValue, Upto1, public
 
 POINTS = 2048  # of a period
 
@@ -30,7 +30,7 @@ class Answer(NamedTuple):
 
 
 @public
-def half_sine(u: ArrayLike, duty: float = 0.5) -> np.ndarray:
+def half_sine(u: ArrayLike, duty: Upto1 = 0.5) -> np.ndarray:
     """Return the envelope of ``bump(u, "half_sine", duty)`` for 0 <= u < 1.
 
     Examples

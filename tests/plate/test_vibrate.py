@@ -225,6 +225,7 @@ def test_the_blocks_do_what_the_model_of_envelopes_says():
             "function of an array",
         ),
         (lambda: best_gain(158.0, 10.0, 20.0, 0.5), BadValue, "1 or above"),
+        (lambda: half_sine([0.1], 0.0), BadValue, "duty = 0.0 must be"),
     ],
 )
 def test_drives_that_make_no_sense_are_told(ask, error, match):
