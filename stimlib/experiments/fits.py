@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from ..core.units import pretty
 from ..errors import BadValue, public, shortened
 from ..system.packages import package
-from .answer_sets import answers_of, mirrored, set_of, stacked
+from .answer_sets import LARGEST, answers_of, mirrored, set_of, stacked
 from .fit_problems import PROBLEMS, SURE, Interval, flaws_of, gap_of, undetermined
 from .goodness import allowed, best_possible, dispersion, goodness, parameters
 from .intervals import Options, intervals_of
@@ -714,11 +714,11 @@ def _known(pse: Any, guess: Any, log: bool) -> float | None:
     if (
         guess is not None
         or not isinstance(pse, Real)
-        or not (math.isfinite(pse) and (float(pse) > 0 or not log))
+        or not (abs(float(pse)) <= LARGEST and (float(pse) > 0 or not log))
     ):
         raise BadValue(
-            f"psychometric: pse = {pse!r:.80} must be a finite number, above 0 for a fit over log10"
-            " of the level, and without guess, because the curve is at 1/2 there"
+            f"psychometric: pse = {pse!r:.80} must be a number up to {LARGEST:g}, above 0 for a fit"
+            " over log10 of the level, and without guess, because the curve is at 1/2 there"
         )
     return math.log10(pse) if log else float(pse)
 

@@ -21,6 +21,7 @@ from .likelihood import (
 )
 
 DRAWS = 1000  # deviances of a goodness of fit
+AT_ONCE = 2_000_000  # draws at levels that are kept at a time
 
 
 def allowed(dispersion: ArrayLike, freedom: ArrayLike, confidence: float = 0.95) -> Array:
@@ -159,17 +160,17 @@ def goodness(sets: Sets, c: float, model: Model, found: Found, seed: int = 0) ->
     )
     d = directions(sets.x - c, eta, slope, model, free)[list(free)]
     information = (d * (sets.n / (p * q))) @ d.T
-    drawn = np.random.default_rng(seed).binomial(sets.n.astype(int), p, (DRAWS, p.size))
-    score = ((drawn - sets.n * p) / (p * q)) @ d.T
-    gained = np.sum(score * np.linalg.lstsq(information, score.T, rcond=1e-12)[0].T, axis=1)
     # a table of counts is shorter than the draws, but where there are very many answers
-    if sets.n.max() < DRAWS:
-        counts = np.arange(sets.n.max() + 1)[:, None]
-        deviance = _deviances(counts, sets.n, p, q)[drawn, np.arange(p.size)]
-    else:
-        deviance = _deviances(drawn, sets.n, p, q)
-    larger = deviance.sum(axis=1) - gained >= _deviances(sets.yes, sets.n, p, q).sum()
-    return float((1 + np.sum(larger)) / (1 + DRAWS))
+    few, part = sets.n.max() < DRAWS, max(1, AT_ONCE // p.size)
+    table = _deviances(np.arange(sets.n.max() + 1)[:, None], sets.n, p, q) if few else p
+    rng, larger, own = np.random.default_rng(seed), 0, _deviances(sets.yes, sets.n, p, q).sum()
+    for left in range(DRAWS, 0, -part):
+        drawn = rng.binomial(sets.n.astype(int), p, (min(part, left), p.size))
+        score = ((drawn - sets.n * p) / (p * q)) @ d.T
+        gained = np.sum(score * np.linalg.lstsq(information, score.T, rcond=1e-12)[0].T, axis=1)
+        each = table[drawn, np.arange(p.size)] if few else _deviances(drawn, sets.n, p, q)
+        larger += int(np.sum(each.sum(axis=1) - gained >= own))
+    return (1 + larger) / (1 + DRAWS)
 
 
 def best_possible(sets: Sets) -> float:

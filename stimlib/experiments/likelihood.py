@@ -31,6 +31,7 @@ HELD, KEPT, SAME = 8, 14, 1e-7
 # flattest in spreads of the levels, and how many sigmas two levels of a step are apart
 MIDDLES, SLOPES, FLATTEST, STEP = 17, 12, 0.25, 80.0
 FAR = 2.0  # sigmas that a step may move a curve, or half of its slope
+MANY = 2000  # levels of a set among which a search for the highest peak looks
 # of the search for an end of an interval: steps, and how near 0 it ends
 DOUBLINGS, SECANTS, NEAR = 14, 30, 1e-7
 FLOOR = 1e-15  # of a probability
@@ -339,8 +340,9 @@ def _search(rows: _Rows, model: Model, at: Array, free: tuple[bool, ...], warm: 
 
     The likelihood is taken on a lattice of curves and rates.  The best of each slope,
     of each middle and of each pair of rates climb a few steps, and ``at`` too if warm.
+    Of more than MANY levels, neighbours are taken as one: the place is only a start.
     """
-    sets = at.shape[1]
+    sets, rows = at.shape[1], _merged(rows)
     slopes, places = _lattice(rows, free)
     b = slopes if free[1] else at[1:2]
     # a curve that is nearly flat is moved by as much as a steep one
@@ -379,6 +381,18 @@ def _search(rows: _Rows, model: Model, at: Array, free: tuple[bool, ...], warm: 
         order = np.take_along_axis(order, np.argsort(again, axis=0, kind="stable")[:left], 0)
         starts = np.take_along_axis(starts, order[None], 1)
     return starts[:, 0]
+
+
+def _merged(rows: _Rows) -> _Rows:
+    """Return answers to at most MANY levels, in order, each the mean of neighbours."""
+    if len(rows.z) <= MANY:
+        return rows
+    order = np.argsort(rows.z, axis=0)
+    z, yes, no = (np.take_along_axis(v, order, 0) for v in rows)
+    first = np.arange(MANY) * len(z) // MANY
+    moment, yes, no = (np.add.reduceat(v, first) for v in ((yes + no) * z, yes, no))
+    n = yes + no
+    return _Rows(np.where(n > 0, moment / np.maximum(n, 1), z[first]), yes, no)
 
 
 def _heights(rows: _Rows, model: Model, a: Array, b: Array, rates: Array) -> list[Array]:

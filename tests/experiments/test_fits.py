@@ -752,6 +752,20 @@ def test_a_fit_is_drawn_with_its_data_and_interval():
     assert not few.plot().axes[0].lines and str(few) == "PSE nan [nan, nan], JND nan; problems: few"
 
 
+def test_levels_of_their_own_for_each_answer_give_the_fit_of_their_groups(monkeypatch):
+    """4800 levels, in 40 groups; and its draws in one part or in many."""
+    rng, at = np.random.default_rng(3), np.linspace(-2, 2, 40)
+    levels = (at[:, None] + 1e-9 * np.arange(-59.5, 60)).ravel()
+    yes = rng.random(levels.size) < 0.4 + 0.55 * ndtr(3 * levels)
+    given = dict(guess="free", lapse="free", interval="none")
+    one = psychometric(levels, yes, **given)
+    groups = psychometric(at, yes.reshape(40, 120).sum(axis=1), [120] * 40, **given)
+    numbers = [(f.pse, f.sigma, f.guess, f.lapse, f.loglik) for f in (one, groups)]
+    assert numbers[0] == pytest.approx(numbers[1], rel=1e-6)
+    monkeypatch.setattr("stimlib.experiments.goodness.AT_ONCE", 10**8)
+    assert psychometric(levels, yes, **given).p == one.p
+
+
 @pytest.mark.parametrize(
     ("given", "said"),
     [
@@ -782,6 +796,7 @@ def test_a_fit_is_drawn_with_its_data_and_interval():
         (dict(levels=[1, 2], yes=[0, 1], confidence=95), "confidence"),
         (dict(levels=[1, 2], yes=[0, 1], confidence=0.0), "confidence"),
         (dict(levels=[1, 2], yes=[0, 1], pse=np.inf), "pse = inf is not finite"),
+        (dict(levels=[1, 2], yes=[0, 1], pse=-1e101), r"pse = -1e\+101 must be .* up to 1e\+100"),
         (dict(levels=[1, 2], yes=[0, 1], pse=0.0, log=True), "pse = 0.0 must be .* above 0"),
         (dict(levels=[1, 2], yes=[0, 1], pse=0.0, guess=0.5), "without guess"),
         (
