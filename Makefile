@@ -98,7 +98,7 @@ soak: .venv/ready
 	@touch $@
 
 docs: .venv/ready .venv/wasm
-	$(BIN)/python -m sphinx -W --keep-going -b html docs docs/_build
+	$(BIN)/python -m sphinx -W -E --keep-going -b html docs docs/_build
 
 # What a browser makes of the pages: cut code, overflow, alt texts, the front page, search, copying.
 docs-measure: docs
