@@ -220,6 +220,7 @@ ALL = f"{LISTED}, ready"
         ("show", "Missing argument 'SCENE'; see"),
         ("render squeeze --ou a.wav", "No such option"),
         ("rendr", "No such command 'rendr'"),
+        ("list squeeze(fingers=1)", "takes no name; for one scene write stimlib show squeeze; see"),
         ("play squeeze --full-scale 1 --sink x", "'null', 'jack', 'portaudio', 'nidaq'; see"),
         ("show squeeze --fs a", "Invalid value for '--fs': "),
         ("verify --log", "'--log' requires an argument; see stimlib"),

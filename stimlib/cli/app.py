@@ -125,6 +125,12 @@ def _in_one_line() -> Iterator[None]:
         text = " ".join(e.format_message().replace("Value error, ", "").split()).rstrip(".")
         text = re.sub(r"Input should be a valid (\w+).*", r"write a plain \1, such as 8", text)
         text = re.sub(r"(?<=No such option: )--html.*", "--html; write --report", text)
+        if e.ctx and e.ctx.info_name == "list":
+            text = re.sub(
+                r"Got unexpected extra argument\S* \((\w+).*",
+                r"list takes no name; for one scene write stimlib show \1",
+                text,
+            )
         text = f"{text}; see {e.ctx.command_path if e.ctx else 'stimlib'} --help"
         failed(text.replace(". Did you", "; did you").replace("?; see", "? See"))
         raise typer.Exit(2) from None

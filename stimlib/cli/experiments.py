@@ -282,7 +282,10 @@ def status_(
             f" {s['last'][:19] or 'none'}"
         )
     if not found:
-        print(f"no session of {name} in {data}")
+        print(
+            f"no session of {name} in {data}; begin one with stimlib experiment run {defined}"
+            " --participant P1, or name its folder with --data"
+        )
 
 
 @command("simulate", experiment)
