@@ -12,6 +12,8 @@ import pytest
 from laws import mostly
 from matplotlib.figure import Figure
 from refusals import refused
+from scipy import optimize, stats
+from scipy.special import gamma
 
 import stimlib
 from stimlib import Input, Scene
@@ -102,6 +104,22 @@ def test_a_displacement_that_rests_has_its_force():
     f[0] = 0.0
     fit = fit_springpot(*some, f, where=some[0] > 0, onset="step")
     assert (fit.chi, fit.alpha) == pytest.approx((2.0, 0.3), rel=1e-9)
+
+
+def test_intervals_of_few_samples_are_those_of_scipy():
+    """With 5 samples and 2 numbers, Student's t has 3 degrees of freedom."""
+    t, noise = np.array([0.0, 0.1, 0.3, 1.0, 3.0, 10.0]), np.array([3.0, -2.0, 1.0, 2.0, -3.0])
+
+    def held(since, log_chi, alpha):
+        return np.exp(log_chi) * since**-alpha / gamma(1 - alpha)
+
+    f = np.append(0.0, held(t[1:], 1.0, 0.3) + 0.01 * noise)
+    fit = fit_springpot(t, np.ones(6), f, where=t > 0, sigma="absolute", onset="step")
+    best, covariance = optimize.curve_fit(held, t[1:], f[1:], (1.0, 0.3), xtol=1e-14, ftol=1e-14)
+    wide = stats.t.ppf(0.975, 3) * np.sqrt(np.diag(covariance))
+    ends = np.array([best - wide, best + wide]).T
+    np.testing.assert_allclose(fit.intervals["chi"], np.exp(ends[0]), rtol=1e-4)
+    np.testing.assert_allclose(fit.intervals["alpha"], ends[1], rtol=1e-4)
 
 
 def test_a_short_ramp_long_ago_keeps_its_digits():
