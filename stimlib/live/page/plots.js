@@ -232,8 +232,7 @@ export class Panel {
 
   /** Takes the rms of what vibrates, of the newest half second. */
   rms(fs) {
-    this.fast = this.signals.map(s => { const v = s.least ? this.history.rms(s.index, fs / 2) : 0; return v < s.least ? 0 : v; });
-    this.tell();
+    this.fast = this.signals.map(s => { const v = s.least ? this.history.rms(s.index, fs / 2) : 0; return v < s.least ? 0 : v; }); // told with the next picture: legends are of what is drawn
   }
 
   /** The legend: of the sample that is drawn, also where the curve is out of sight. */
