@@ -121,7 +121,7 @@ def fixed(part: Part) -> list[dict[str, str]]:
 def _value(v: Any) -> str:
     if v is None or isinstance(v, bool | str):
         return "yes" if v is True else v or ""
-    return f"{v:g}" if isinstance(v, int | float) else "a table"
+    return f"{v:g}" if isinstance(v, int | float) else "as given"
 
 
 def _entries(name: str) -> Iterator[tuple[list[str], list[str]]]:

@@ -84,8 +84,8 @@ def squeeze(
         Noise level, live as ``level``; 1 is pink noise with one-sided PSD 1/(pi f).
         The paper prints none; with 9, our choice, A0 is felt, see Notes.
     fingers : int
-        Inputs ``x1``, ``x2``, .. in m, compression positive; outputs ``force1``,
-        ``force2``, .. in N.
+        Number of fingers: inputs ``x1``, ``x2``, .. in m, compression positive; outputs
+        ``force1``, ``force2``, .. in N.
     seed : int
         Seed of the noise; finger i has stream i.
     passband : float

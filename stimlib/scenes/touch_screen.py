@@ -77,7 +77,7 @@ def touch_screen(
         1.09 V, so that of the thesis' 0.5 (the default here), 4 and 7.5 V the latter
         two are not shown whole.
     swap : float
-        How many times as fast the first resonance shall answer, see ``pole_swap``; 1
+        How many times as fast the plate's first resonance answers (``pole_swap``); 1
         leaves it as it is.
     gain : float
         Gain of the amplifier.
@@ -90,10 +90,9 @@ def touch_screen(
         the carrier, at 0 Hz and at twice the frequency, the swap would raise ``swap``
         times.
     model : Plate, optional
-        The plate, with patches, which say the voltages that they take; default
-        ``Plate.paper(measured=True)``. Frequency of the carrier in Hz, by default the
-        first resonance of this model, live as ``freq``.
-
+        The plate and its patches, by default the paper's plate as it was measured.  The
+        patches say which voltages they take.  Frequency of the carrier in Hz, by default
+        the first resonance of this model, live as ``freq``.
     as_printed : bool
         The thesis' own drive: a half-wave carrier and no pole swap, whatever
         ``rectify`` and ``swap`` say.  Displacements are equalised by the shape of the
