@@ -91,8 +91,8 @@ def touch_screen(
         times.
     model : Plate, optional
         The plate and its patches, by default the paper's plate as it was measured.  The
-        patches say which voltages they take.  Frequency of the carrier in Hz, by default
-        the first resonance of this model, live as ``freq``.
+        patches say which voltages they take.  Frequency of the carrier in Hz, by
+        default the first resonance of this model, live as ``freq``.
     as_printed : bool
         The thesis' own drive: a half-wave carrier and no pole swap, whatever
         ``rectify`` and ``swap`` say.  Displacements are equalised by the shape of the
