@@ -13,7 +13,7 @@ from .shipped import shipped
     felt=("A stiff, damped wall pushes back, and never pulls."),
     do="push to the right into the wall, which begins in the middle",
     words=(
-        "F = max(0, k p + b v), a mean over the movement of a sample, p = x - at > 0 the depth, v"
+        "F = max(0, k p + b v); the mean over the motion in a sample, p = x - at > 0 the depth, v"
         " its velocity (Colgate and Schenkel 1997)"
     ),
     full={"N": 50.0},
