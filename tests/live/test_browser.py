@@ -330,6 +330,8 @@ def test_the_legend_is_right_while_its_curve_is_out_of_sight(page):
 def test_a_page_that_was_silent_connects_again(page, site):
     """As after a sleep: the server has ended its session and its connection."""
     stream = site.server.stream
+    press(page, 0.5, 0.5)  # else the note says that no pointer moved
+    release(page, 0.5)
     stream._loop.call_soon_threadsafe(stream.control.close, 4408, "no answer from this page")
     said(page, "Connected, stopped; this page controls")
     note = "document.querySelector('#note').textContent"  # in the words of the page itself
