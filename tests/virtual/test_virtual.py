@@ -222,6 +222,15 @@ def test_what_was_ended_does_not_come_to_rest(law, device, of):
     assert f"{of} was not finite at sample {trial.told['faults'][of]} (" in str(trial)
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_device_ends_where_its_first_number_is_not_finite():
+    """Its work against 1 N/m overflows long before the least of the work does."""
+    x = 1e200 / 0.2 * (np.arange(9) / 1000) ** 2
+    first = np.flatnonzero(np.isinf(x[:-1] * np.diff(x)))[0]
+    trial = try_on(springy(1.0), Device(0.1, 0.0), push=1e200)
+    assert trial.told["faults"] == {"device": first}
+
+
 def test_margins_and_devices_that_are_none(tmp_path):
     alive = try_on(springy(10.0), Device(0.1, 1.0), push=kick)
     refused(BadValue, "choose ends that differ", margin, lambda _: alive, 1.0, 2.0)
