@@ -285,7 +285,7 @@ def _vibration(a: Asked, events: np.ndarray) -> np.ndarray:
 def wall_law(a: Asked) -> list[Check]:
     """Check the scene ``wall``."""
     force, numbers = _wall_of(a, a.x["x"], a.live("k"), a.live("b"), a.given["at"])
-    pulls = float(np.max(np.where(a.window > 0, -a.y["force"], 0.0)))
+    pulls = float(np.max(np.where(a.window > 0, -a.y["force"], 0.0))) + 0.0  # no -0
     return [
         *_held(a, "force", "wall over place", [force], numbers),
         Check("e", f"{a.title('force')}: it never pulls", pulls, 0.0, "N"),
