@@ -69,7 +69,8 @@ def freewheel(server, channels, seconds=1.0):
 
     False where the server's own time has jumped in it: it began before everybody had
     ended their last cycle in real time, and who captures may be a cycle off from then
-    on.
+    on.  False, too, where the server has dropped who captures, as too late: nothing is
+    in its frames.
     """
     fs = server.rate
     n = round(seconds * fs)
@@ -84,7 +85,8 @@ def freewheel(server, channels, seconds=1.0):
             s.freewheel(False)
         frames, times = capture.frames.copy(), capture.times.copy()
     assert (s.report().produced, s.report().lost) == (n, 0)
-    if np.any(np.diff(times[before : int(np.flatnonzero(frames.any(axis=1))[0]) + n]) != 1):
+    heard = np.flatnonzero(frames.any(axis=1))
+    if not heard.size or np.any(np.diff(times[before : heard[0] + n]) != 1):
         return False
     is_exact(frames, s, log, seconds)
     return True
@@ -98,7 +100,7 @@ def test_freewheel_is_exact(fs, block, channels):
         with Jackd(fs, block) as server:
             if freewheel(server, channels):
                 return
-    unjudged("the server's time jumped in each of 5 sessions")
+    unjudged("the server's time jumped, or it dropped who captures, in each of 5 sessions")
 
 
 def test_nothing_is_lost_where_the_server_s_time_jumps_in_freewheel():
