@@ -383,6 +383,7 @@ def _within(x: np.ndarray, y: np.ndarray) -> tuple[float, float] | None:
     bins = np.minimum((x - low) / (wide or 1.0) * BINS, BINS - 1).astype(int)
     starts = np.flatnonzero(np.diff(bins, prepend=-1))  # of each way through a bin
     sizes = np.diff(starts, append=x.size)
+    y = y / (np.abs(y).max() or 1.0)  # or squares overflow
     means, squares = (np.add.reduceat(v, starts) / sizes for v in (y, y * y))
     if not np.mean(squares - means**2 > np.var(y) / 4) > 0.9:
         return low, high
