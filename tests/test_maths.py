@@ -148,6 +148,7 @@ def test_every_name_of_maths_is_tested_here():
         "words",
         "copy",
         "search",
+        "quotient",
         "tree",
         "fir",
         "modes",
@@ -237,6 +238,27 @@ def test_search(size, jitter):
     np.testing.assert_array_equal(y, [maths.search(knots, v, per) for v in x])
     inside = (x >= knots[0]) & (x < knots[-1])
     np.testing.assert_array_equal(y[inside], np.searchsorted(knots, x[inside], "right") - 1)
+
+
+@compiled
+def compiled_quotient(n, by, inverse, y):
+    for i in range(n.size):
+        y[i] = maths.quotient(n[i] - i, i, by, inverse)
+
+
+@pytest.mark.parametrize("by", [1, 3, 8000, 44_100, 2**31 - 1, 2**32 - 1, 2**32, 1000.5, 1e300])
+def test_quotient(by):
+    rng = np.random.default_rng(3)
+    inverse = (by % 1 == 0 and by <= 2**32) / by
+    n = np.floor(2.0 ** rng.uniform(0, 51, 20_000))
+    # multiples, and what lies next to the middle of two quotients
+    middle = np.floor(by * (np.floor(2.0 ** rng.uniform(0, 20, 2000)) + 0.5))
+    n = np.concatenate([n, np.floor(n / by) * by, middle, middle + 1, [0.0, 2.0**51]])
+    n = np.concatenate([n, 0.0 - n])[np.abs(np.concatenate([n, n])) <= 2**51]
+    y = np.empty(n.size)
+    compiled_quotient(n, float(by), inverse, y)
+    assert_same(y, n / by, f"n / {by}")
+    assert maths.quotient(n[7], 5, by, inverse) == (n[7] + 5) / by
 
 
 def test_a_product_finds_pieces_in_the_float32_of_an_export_too():

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..core.graph import NONE, ONE, Block, unitless
-from ..core.maths import as_float, floor, fma, search, where
+from ..core.maths import as_float, floor, fma, quotient, search, where
 from ..core.program import lead
 from ..core.units import unit
 from ..errors import Above0, BadValue, one_of, public
@@ -23,7 +23,8 @@ LONG = 2.0**60
 
 
 # Parameters of `Time` at a sample rate.
-TimeParams = namedtuple("TimeParams", "fs")
+#   inverse  see ``maths.quotient``
+TimeParams = namedtuple("TimeParams", "fs inverse")
 
 # State of `Time` between samples.
 TimeState = namedtuple("TimeState", "n")
@@ -37,7 +38,9 @@ class Time(Block):
         return unit("s")
 
     def design(self, fs):
-        return TimeParams(fs), TimeState(-float(lead(fs)))  # so long before sample 0 it begins
+        short = fs % 1 == 0 and 1 <= fs <= 2**32
+        # so long before sample 0 it begins
+        return TimeParams(fs, short / fs), TimeState(-float(lead(fs)))
 
     @staticmethod
     def step(p, s):
@@ -46,7 +49,7 @@ class Time(Block):
     @staticmethod
     def tile(p, s, y):  # each sample by itself: a sum along them waits for the one before
         for i in range(y.size):
-            y[i] = (s.n + as_float(U(i))) / p.fs
+            y[i] = quotient(s.n, i, p.fs, p.inverse)
         return TimeState(s.n + as_float(U(y.size)))
 
 
@@ -135,7 +138,8 @@ def every(period: float) -> Block:
 
 # Parameters of `At` at a sample rate.
 #   samples  rising, ended by one that is never reached
-AtParams = namedtuple("AtParams", "fs samples heights")
+#   rises    whether t is the time itself
+AtParams = namedtuple("AtParams", "fs samples heights rises")
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +160,9 @@ class At(Event):
 
     def design(self, fs):
         samples, heights = np.unique(np.floor(self.times * fs + 0.5), return_counts=True)
-        return AtParams(fs, np.append(samples, LONG), np.append(heights.astype(float), 0.0)), ()
+        heights = np.append(heights.astype(float), 0.0)
+        rises = float(isinstance(self.t, Time))
+        return AtParams(fs, np.append(samples, LONG), heights, rises), ()
 
     @staticmethod
     def step(p, s, t):
@@ -171,11 +177,15 @@ class At(Event):
         early = first < p.samples[0]
         low = where(early, -LONG, p.samples[i])
         high = where(early, p.samples[0], p.samples[i + 1])
-        between = NONE
-        for k in range(y.size):
-            n = floor(t[k] * p.fs + 0.5)
-            between = between + where(n > low, where(n < high, ONE, NONE), NONE)
-        if between == U(y.size):  # as nearly always
+        last = floor(t[y.size - 1] * p.fs + 0.5)
+        between = where(first > low, where(last < high, p.rises, 0.0), 0.0)
+        if p.rises == 0.0:
+            count = NONE
+            for k in range(y.size):
+                n = floor(t[k] * p.fs + 0.5)
+                count = count + where(n > low, where(n < high, ONE, NONE), NONE)
+            between = where(count == U(y.size), 1.0, 0.0)
+        if between > 0.0:  # as nearly always
             y[:] = 0.0
             return s
         for k in range(y.size):

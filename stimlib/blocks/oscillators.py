@@ -37,7 +37,8 @@ WORD, HALF_TURN = 2.0**-64, 2.0**-53
 #   high  2^64/fs to 106 bits
 #   top   fs/2
 #   mode  0, 1, 2: not rectified, half, full
-CarrierParams = namedtuple("CarrierParams", "high low top mode")
+#   inc   of the phase, if freq is a number (fixed > 0)
+CarrierParams = namedtuple("CarrierParams", "high low top mode fixed inc")
 
 # State of `Carrier` and `Oscillator` between samples.
 #   phase  in 2^-64 turns, of the next sample
@@ -126,8 +127,15 @@ class Carrier(Block):
     def design(self, fs):
         wait = lead(fs) if self.autonomous else 0
         p = CarrierParams(
-            *two_words(Fraction(2**64) / Fraction(fs)), fs / 2, float(RECTIFY.index(self.rectify))
+            *two_words(Fraction(2**64) / Fraction(fs)),
+            fs / 2,
+            float(RECTIFY.index(self.rectify)),
+            0.0,
+            NONE,
         )
+        if isinstance(self.freq, Const):
+            with np.errstate(over="ignore"):
+                p = p._replace(fixed=1.0, inc=increment(p, self.freq.value))
         return p, CarrierState(phase_word(self.phase), U(wait))
 
     @staticmethod
@@ -144,12 +152,14 @@ class Carrier(Block):
     @staticmethod
     def tile(p, s, f, contact, y, w):
         phases, steps, phase, wait = words(w[:64]), words(w[64:]), s.phase, s.wait
-        equal, touching = NONE, NONE
+        equal, touching, inc = U(y.size), NONE, p.inc
         for i in range(y.size):
-            equal = equal + where(f[i] == f[0], ONE, NONE)
             touching = touching + where(contact[i] > 0.0, ONE, NONE)
+        if p.fixed == 0.0:
+            equal, inc = NONE, increment(p, f[0])
+            for i in range(y.size):
+                equal = equal + where(f[i] == f[0], ONE, NONE)
         if equal == U(y.size) and wait == NONE:  # as nearly always
-            inc = increment(p, f[0])
             if touching == NONE:
                 y[:] = 0.0
                 return CarrierState(phase + U(y.size) * inc, wait)

@@ -196,6 +196,15 @@ def search(knots, x, per):
     return i
 
 
+def quotient(n, i, by, inverse):
+    """Return (n + i) / by of a whole number n below 2^52 in magnitude, and an index i.
+
+    inverse, 1 / by, is above 0 if by is a whole number up to 2^32, so that products can
+    take the place of the division: it changes the time alone.
+    """
+    return (n + float(i)) / by
+
+
 def tree(s):
     """Return the sum of eight partial sums, in the order that every target uses."""
     return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))

@@ -170,6 +170,9 @@ TWINS |= {
     maths.bits: runtime("st_bits", "u8", "f8"),
     maths.unbits: runtime("st_unbits", "f8", "u8"),
     maths.search: runtime("st_search", "i8"),
+    maths.quotient: Known(
+        lambda w, n, i, by, _inverse: binary(w.b, ast.Div, binary(w.b, ast.Add, n, i), by)
+    ),
     maths.copy: runtime("st_copy", "void"),
     maths.fir: runtime("st_fir", "void"),
     maths.modes: runtime("st_modes", "void"),

@@ -119,7 +119,8 @@ def tree(s):
 TWINS: dict[str, Any] = {
     f.__name__: f for f in (fma, sqrt, log, flush, settle, as_float, bits, unbits, search, tree)
 } | dict(
-    floor=floor, exp=exp, moderate_exp=exp, sin=sin, cos=cos, tanh=tanh, where=where
+    floor=floor, exp=exp, moderate_exp=exp, sin=sin, cos=cos, tanh=tanh, where=where,
+    quotient=maths.quotient,
 )  # fmt: skip
 
 NAMESPACE = types.SimpleNamespace(**TWINS, SILENT=SILENT, TINY=TINY, F=F)

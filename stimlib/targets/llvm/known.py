@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 
 from stimlib.core import maths
@@ -15,6 +16,7 @@ from stimlib.core.maths import SILENT
 from stimlib.errors import SceneError
 from stimlib.targets.llvm import instructions, kernels, lanes, vectors
 from stimlib.targets.llvm.instructions import DOUBLE, I64, TRUTH
+from stimlib.targets.llvm.machine import FEATURES
 from stimlib.targets.llvm.values import (
     KINDS,
     Array,
@@ -29,6 +31,8 @@ from stimlib.targets.llvm.values import (
     number,
     plain,
 )
+
+FUSED = "+fma" in FEATURES or "+avx512f" in FEATURES
 
 
 # Numbers ------------------------------------------------------------------------------
@@ -169,6 +173,27 @@ def search(knots, x, per):
             else:
                 high = middle - 1
     return counted(low)
+
+
+WHOLE = np.uint64(0x4330000000000000)  # the bits of 2^52
+
+
+def quotient(n, i, by, inverse):
+    """Return (n + i) / by, by products where that is quicker.
+
+    The guess is within two units in the last place, so what it leaves of n is exact: a
+    whole multiple of such a unit, of 34 bits at most.  What is added to the guess is
+    then wrong by 2^-52 units at most, and no quotient is as near to the middle of two
+    floats, where the last rounding decides: all are 1/(2 by) units or more away.
+    """
+    # without AVX-512, a word becomes a float in many instructions; 2^52 + i in one
+    n = n + (maths.unbits(WHOLE + np.uint64(i)) - 2.0**52)
+    if FUSED and inverse > 0.0:
+        guess = n * inverse
+        result = maths.fma(maths.fma(-guess, by, n), inverse, guess)
+    else:
+        result = n / by
+    return result
 
 
 # Long sums: kernels of the runtime ----------------------------------------------------
@@ -413,7 +438,7 @@ TWINS: dict[Any, Any] = {
 }
 TWINS |= {
     getattr(maths, name): globals()[name]
-    for name in "words copy search fir modes memory chebyshev each pairs series".split()
+    for name in "words copy search quotient fir modes memory chebyshev each pairs series".split()
 }
 TWINS |= {getattr(maths, name): f for name, f in maths.ELEMENTARY.items()}
 """What stands for functions of ``maths``."""
