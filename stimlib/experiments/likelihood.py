@@ -32,8 +32,9 @@ HELD, KEPT, SAME = 8, 14, 1e-7
 MIDDLES, SLOPES, FLATTEST, STEP = 17, 12, 0.25, 80.0
 FAR = 2.0  # sigmas that a step may move a curve, or half of its slope
 MANY = 2000  # levels of a set among which a search for the highest peak looks
-# of the search for an end of an interval: steps, and how near 0 it ends
-DOUBLINGS, SECANTS, NEAR = 14, 30, 1e-7
+# of the search for an end of an interval: steps, those by straight lines, and how near
+# 0 it ends
+DOUBLINGS, SECANTS, STRAIGHT, NEAR = 14, 30, 8, 1e-7
 FLOOR = 1e-15  # of a probability
 EDGE = 1e-12  # of the range of a rate
 LITTLE = 1e-18  # gain of a step, relative, at which a climb ends
@@ -623,7 +624,7 @@ def ends(excess: Callable[[Array, Array], Array], start: ArrayLike, step: ArrayL
     The way is along step; inf (of the step's sign) if nowhere.
 
     The step is doubled until 0 is passed, 14 times at most; then false position, by the
-    Illinois rule.
+    Illinois rule, and after 8 steps of that halves.
 
     Parameters
     ----------
@@ -658,15 +659,21 @@ def ends(excess: Callable[[Array, Array], Array], start: ArrayLike, step: ArrayL
         far[rows] += step[rows]
         above[rows] = excess(far[rows], rows)
     never = ~(above > 0)
-    middle, rows = far.copy(), np.flatnonzero(~never)
-    for _ in range(SECANTS):
+    middle, rows, moved = far.copy(), np.flatnonzero(~never), np.zeros(far.size, int)
+    for turn in range(SECANTS):
         if not rows.size:
             break
         a, at_a, b, at_b = near[rows], below[rows], far[rows], above[rows]
-        x = middle[rows] = a - at_a * (b - a) / (at_b - at_a)
+        # what is not found by then has a jump, which halves find
+        part = -at_a / (at_b - at_a) if turn < STRAIGHT else 0.5
+        x = middle[rows] = a + part * (b - a)
         value = excess(x, rows)
         out = value > 0
-        below[rows], above[rows] = np.where(out, at_a / 2, value), np.where(out, value, at_b / 2)
+        # an end that stays for a second time counts half, or it might stay for ever
+        less = np.where(moved[rows] == np.where(out, 1, -1), 0.5, 1.0)
+        moved[rows] = np.where(out, 1, -1)
+        below[rows] = np.where(out, less * at_a, value)
+        above[rows] = np.where(out, value, less * at_b)
         near[rows], far[rows] = np.where(out, a, x), np.where(out, x, b)
         rows = rows[~(np.abs(value) <= NEAR)]
     return np.where(never, np.copysign(np.inf, step), middle)

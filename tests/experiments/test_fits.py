@@ -32,7 +32,7 @@ from stimlib.experiments import (
     psychometrics,
     simulate,
 )
-from stimlib.experiments.goodness import allowed, dispersion, goodness
+from stimlib.experiments.goodness import _drawn, allowed, dispersion, goodness
 from stimlib.experiments.likelihood import (
     LINKS,
     PROBIT,
@@ -185,12 +185,13 @@ def test_a_known_middle_starts_a_curve_of_differences_at_chance():
 def test_ends_are_infinite_where_there_are_none_and_only_what_is_looked_for_is_computed():
     asked = []
 
-    def some(x, rows):  # straight, bent, and two that are nowhere above 0
+    def some(x, rows):  # straight, bent, two that are nowhere above 0, and a jump
         asked.extend(rows)
-        return np.choose(rows, [x - 0.5, x**8 - 0.5, -1.0, -1.0])
+        return np.choose(rows, [x - 0.5, x**8 - 0.5, -1.0, -1.0, np.where(x < 0.3, -1e-3, 5)])
 
-    found = ends(some, np.zeros(4), [1.0, 1.0, 1.0, -1.0])
-    assert found == pytest.approx([0.5, 0.5 ** (1 / 8), np.inf, -np.inf], abs=1e-6)
+    found = ends(some, np.zeros(5), [1.0, 1.0, 1.0, -1.0, 1.0])
+    assert found == pytest.approx([0.5, 0.5 ** (1 / 8), np.inf, -np.inf, 0.3], abs=1e-6)
+    assert asked.count(1) == 10
     never = 2 + likelihood.DOUBLINGS
     assert [asked.count(k) for k in (0, 2, 3)] == [3, never, never]
 
@@ -313,6 +314,18 @@ def test_goodness_of_fit_is_that_of_refitted_draws():
     refitted = deviance(drawn, maximum(one._replace(yes=drawn), 2.0).loglik)
     larger = np.mean(refitted >= deviance(one.yes, found.loglik))
     assert goodness(one, 2.0, PROBIT, found) == pytest.approx(larger, abs=0.02)
+
+
+@pytest.mark.parametrize("most", [1, 2, 25, 400])
+def test_draws_are_those_of_numpy(most):
+    rng = np.random.default_rng(most)
+    for seed in range(50):
+        n = rng.integers(1, most + 1, 7).astype(float)
+        p = np.where(rng.random(7) < 0.2, [[1e-15], [1 - 1e-15]], rng.random(7) ** 3)[seed % 2]
+        one, other = (np.random.default_rng(seed) for _ in range(2))
+        wanted = one.binomial(n.astype(int), p, (300, 7))
+        np.testing.assert_array_equal(_drawn(other, n, p, 300).T, wanted)
+        assert one.random() == other.random()
 
 
 @pytest.mark.parametrize("interval", ["profile", "bootstrap"])
