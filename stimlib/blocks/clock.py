@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..core.graph import NONE, ONE, Block, unitless
+from ..core.graph import Block, unitless
 from ..core.maths import as_float, floor, fma, quotient, search, where
 from ..core.program import lead
 from ..core.units import unit
@@ -160,9 +160,8 @@ class At(Event):
 
     def design(self, fs):
         samples, heights = np.unique(np.floor(self.times * fs + 0.5), return_counts=True)
-        heights = np.append(heights.astype(float), 0.0)
-        rises = float(isinstance(self.t, Time))
-        return AtParams(fs, np.append(samples, LONG), heights, rises), ()
+        samples, heights = np.append(samples, LONG), np.append(heights.astype(float), 0.0)
+        return AtParams(fs, samples, heights, float(isinstance(self.t, Time))), ()
 
     @staticmethod
     def step(p, s, t):
@@ -178,14 +177,7 @@ class At(Event):
         low = where(early, -LONG, p.samples[i])
         high = where(early, p.samples[0], p.samples[i + 1])
         last = floor(t[y.size - 1] * p.fs + 0.5)
-        between = where(first > low, where(last < high, p.rises, 0.0), 0.0)
-        if p.rises == 0.0:
-            count = NONE
-            for k in range(y.size):
-                n = floor(t[k] * p.fs + 0.5)
-                count = count + where(n > low, where(n < high, ONE, NONE), NONE)
-            between = where(count == U(y.size), 1.0, 0.0)
-        if between > 0.0:  # as nearly always
+        if where(first > low, where(last < high, p.rises, 0.0), 0.0) > 0.0:  # as nearly always
             y[:] = 0.0
             return s
         for k in range(y.size):
