@@ -69,6 +69,7 @@ class _Table:
     def __init__(self, program: Program, design: list[tuple[Any, Any]]):
         self.program, self.design = program, design
         self.slots: dict[Any, int] = {}
+        self.fresh, self.free = itertools.count(0, TILE), list[int]()  # slots for later rows
         self.rows: list[tuple[int, ...]] = []
         self.numbers: list[np.ndarray] = []
         self.operands: list[int] = []
@@ -83,6 +84,13 @@ class _Table:
             for argument in instance.args:
                 self.readers.setdefault(argument, set()).add(index)
         self.read = {*self.readers} | {index for index in outputs if outputs.count(index) > 1}
+        # what is made anew for each tile, and read in it alone
+        self.passing = {
+            index
+            for index, instance in enumerate(program.instances)
+            if instance.kind in ("block", "close")
+            and not (self.still[index] or instance.block.outputs)
+        } - {*outputs}
         self.at: dict[int, int] = {}  # the row of an instance
         # inputs first: the runtime copies input j to slot j
         for index in program.inputs.values():
@@ -104,17 +112,36 @@ class _Table:
         ends = {index: (index,) for index in outputs if index not in self.read}
         for group in (*(members for members in order if members[0] not in ends), *ends.values()):
             self.add(group)
+            self.release(group)
             if program.instances[group[0]].block.definition.work:
                 works.append(len(self.operands) - 1)
         self.main, self.outputs_at = len(self.rows) - len(ends), len(self.operands)
         self.operands += [self.at[index] for index in outputs]
         # one scratch for all, behind the last slot, which was not known before
+        self.memory = next(self.fresh)
         for word in works:
-            self.operands[word] = len(self.slots) * TILE
+            self.operands[word] = self.memory
 
     def slot(self, key: Any) -> int:
         """Return the slot of a signal, assigning one if necessary."""
-        return self.slots.setdefault(key, len(self.slots) * TILE)
+        if key not in self.slots:
+            self.slots[key] = (
+                self.free.pop() if self.free and key in self.passing else next(self.fresh)
+            )
+        return self.slots[key]
+
+    def release(self, group: tuple[int, ...]) -> None:
+        """Let later rows have the slots that nobody reads after this group."""
+        for member in group:
+            for argument in {*self.program.instances[member].args}:
+                self.readers[argument].discard(member)
+                # what stays in registers has no slot
+                if (
+                    not self.readers[argument]
+                    and argument in self.passing
+                    and argument in self.slots
+                ):
+                    self.free.append(self.slots[argument])
 
     def arg(self, index: int, clock: int) -> int:
         """Return the slot of an argument.
@@ -313,7 +340,7 @@ class Engine:
             len(program.parents),
         )
         # a stretch may begin late in its tile, and its last vector reaches further
-        self._buffer_words = len(table.slots) * TILE + table.scratch + TILE
+        self._buffer_words = table.memory + table.scratch + TILE
         self._allot()
 
     def _allot(self) -> None:
