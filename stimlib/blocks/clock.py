@@ -38,9 +38,8 @@ class Time(Block):
         return unit("s")
 
     def design(self, fs):
-        short = fs % 1 == 0 and 1 <= fs <= 2**32
-        # so long before sample 0 it begins
-        return TimeParams(fs, short / fs), TimeState(-float(lead(fs)))
+        p = TimeParams(fs, (fs % 1 == 0 and 1 <= fs <= 2**32) / fs)
+        return p, TimeState(-float(lead(fs)))  # so long before sample 0 it begins
 
     @staticmethod
     def step(p, s):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 
 from stimlib.core import maths
@@ -16,7 +15,6 @@ from stimlib.core.maths import SILENT
 from stimlib.errors import SceneError
 from stimlib.targets.llvm import instructions, kernels, lanes, vectors
 from stimlib.targets.llvm.instructions import DOUBLE, I64, TRUTH
-from stimlib.targets.llvm.machine import FEATURES
 from stimlib.targets.llvm.values import (
     KINDS,
     Array,
@@ -31,8 +29,6 @@ from stimlib.targets.llvm.values import (
     number,
     plain,
 )
-
-FUSED = "+fma" in FEATURES or "+avx512f" in FEATURES
 
 
 # Numbers ------------------------------------------------------------------------------
@@ -105,7 +101,9 @@ def _at_address(kind: str) -> Known:
 
 as_u8, as_i8 = _as("u8"), _as("i8")
 f8_at, i8_at, f4_at = _at_address("f8"), _at_address("i8"), _at_address("f4")
-whole, single = Known(lambda w, x: cast(w.b, x, "i8")), Known(lambda w, x: cast(w.b, x, "f4"))
+whole, as_word, single = (
+    Known(lambda w, x, kind=kind: cast(w.b, x, kind)) for kind in ("i8", "u8", "f4")
+)
 
 
 @known
@@ -175,9 +173,6 @@ def search(knots, x, per):
     return counted(low)
 
 
-WHOLE = np.uint64(0x4330000000000000)  # the bits of 2^52
-
-
 def quotient(n, i, by, inverse):
     """Return (n + i) / by, by products where that is quicker.
 
@@ -187,13 +182,11 @@ def quotient(n, i, by, inverse):
     floats, where the last rounding decides: all are 1/(2 by) units or more away.
     """
     # without AVX-512, a word becomes a float in many instructions; 2^52 + i in one
-    n = n + (maths.unbits(WHOLE + np.uint64(i)) - 2.0**52)
-    if FUSED and inverse > 0.0:
+    n = n + (maths.unbits(maths.bits(2.0**52) + as_word(i)) - 2.0**52)
+    if inverse > 0.0:
         guess = n * inverse
-        result = maths.fma(maths.fma(-guess, by, n), inverse, guess)
-    else:
-        result = n / by
-    return result
+        return maths.fma(maths.fma(-guess, by, n), inverse, guess)
+    return n / by
 
 
 # Long sums: kernels of the runtime ----------------------------------------------------
