@@ -167,33 +167,12 @@ def goodness(sets: Sets, c: float, model: Model, found: Found, seed: int = 0) ->
     at = most * np.arange(p.size)[:, None]
     rng, larger, own = np.random.default_rng(seed), 0, total(_deviances(sets.yes, sets.n, p, q))
     for left in range(DRAWS, 0, -part):
-        drawn = _drawn(rng, sets.n, p, min(part, left))
+        drawn = rng.binomial(sets.n.astype(int), p, (min(part, left), p.size)).T.copy()
         score = (d / (p * q)) @ (drawn - (sets.n * p)[:, None])
         gained = np.sum(score * (inverse @ score), axis=0)
         each = _deviances(drawn, *of) if table is None else table.take(drawn + at)
         larger += int(np.sum(np.add.reduce(each, axis=0) - gained >= own))
     return (1 + larger) / (1 + DRAWS)
-
-
-def _drawn(rng: np.random.Generator, n: Array, p: Array, size: int) -> Array:
-    """Return binomial counts, (levels, draws): those of ``rng.binomial``, draw by draw.
-
-    As numpy does, it looks where a uniform number is in the distribution, if no more
-    than 30 answers of the rarer kind are expected; but all of a level at once, whose
-    distribution numpy computes anew for each number.
-    """
-    rare = np.where(p > 0.5, 1.0 - p, p)
-    mean = n * rare
-    if mean.max() > 30:
-        return rng.binomial(n.astype(int), p, (size, p.size)).T
-    most = min(n.max(), (mean + 10 * np.sqrt(mean * (1 - rare) + 1)).max())
-    k = np.arange(1, int(most))[:, None]
-    ratios = np.maximum(n - k + 1, 0) * rare / (k * (1 - rare))
-    each = np.cumprod(np.concatenate([np.exp(n * np.log(1 - rare))[None], ratios]), axis=0)
-    below = np.cumsum(each, axis=0).T.copy()  # so many, or fewer, but for the most
-    uniform = rng.random((size, p.size)).T.copy()
-    drawn = np.stack([np.searchsorted(*row) for row in zip(below, uniform, strict=True)])
-    return np.where((p > 0.5)[:, None], n.astype(int)[:, None] - drawn, drawn)
 
 
 def best_possible(sets: Sets) -> float:

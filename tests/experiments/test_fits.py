@@ -32,7 +32,7 @@ from stimlib.experiments import (
     psychometrics,
     simulate,
 )
-from stimlib.experiments.goodness import _drawn, allowed, dispersion, goodness
+from stimlib.experiments.goodness import allowed, dispersion, goodness
 from stimlib.experiments.likelihood import (
     LINKS,
     PROBIT,
@@ -314,18 +314,6 @@ def test_goodness_of_fit_is_that_of_refitted_draws():
     refitted = deviance(drawn, maximum(one._replace(yes=drawn), 2.0).loglik)
     larger = np.mean(refitted >= deviance(one.yes, found.loglik))
     assert goodness(one, 2.0, PROBIT, found) == pytest.approx(larger, abs=0.02)
-
-
-@pytest.mark.parametrize("most", [1, 2, 25, 400])
-def test_draws_are_those_of_numpy(most):
-    rng = np.random.default_rng(most)
-    for seed in range(50):
-        n = rng.integers(1, most + 1, 7).astype(float)
-        p = np.where(rng.random(7) < 0.2, [[1e-15], [1 - 1e-15]], rng.random(7) ** 3)[seed % 2]
-        one, other = (np.random.default_rng(seed) for _ in range(2))
-        wanted = one.binomial(n.astype(int), p, (300, 7))
-        np.testing.assert_array_equal(_drawn(other, n, p, 300).T, wanted)
-        assert one.random() == other.random()
 
 
 @pytest.mark.parametrize("interval", ["profile", "bootstrap"])
