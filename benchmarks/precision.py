@@ -77,7 +77,9 @@ def measure(problem: Problem, rounds: int = 7, timed: bool = True) -> list[Point
     sound = {k: m.job for k, m in enumerate(methods) if not found[k][1]}
     took = (
         medians(
-            interleaved({str(k): job for k, job in sound.items()}, rounds, 1, time.process_time)
+            interleaved(
+                {str(k): job for k, job in sound.items()}, rounds, 1, time.process_time, ahead=1
+            )
         )
         if timed
         else {}
