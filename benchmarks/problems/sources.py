@@ -1,13 +1,16 @@
 """What sounds by itself: waves, sweeps, pulses and recordings, against Fourier series
-and formulas in long double.
+and formulas in long double or in 120 bits.
 """
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
 from itertools import product
+from math import factorial
 
 import numpy as np
+from mpmath import mp
 from scipy import interpolate, signal
 
 from stimlib.blocks import chirp, oscillator, playback, pulse_train
@@ -108,6 +111,22 @@ def sawtooth() -> list[Method]:
 
 # A sweep ------------------------------------------------------------------------------
 F0, F1, LASTS = 10.0, 1000.0, SAMPLES / FS
+SOME = slice(None, None, 15)  # of the samples, against which errors are held
+
+
+@cache
+def exact(kind: str) -> np.ndarray:
+    """Some samples of the formula, in 120 bits: of 4000 turns, long double is 5e-15
+    off.
+    """
+    with mp.workprec(120):
+        t = [mp.mpf(n) / FS for n in range(SAMPLES)[SOME]]
+        if kind == "linear":
+            turns = [F0 * v + (mp.mpf(F1) - F0) / (2 * mp.mpf(LASTS)) * v * v for v in t]
+        else:
+            a = mp.log(mp.mpf(F1) / F0) / LASTS
+            turns = [F0 / a * mp.expm1(a * v) for v in t]
+        return np.array([float(mp.sin(2 * mp.pi * mp.frac(p))) for p in turns])
 
 
 def swept(kind: str) -> np.ndarray:
@@ -138,26 +157,76 @@ def by_scipy(kind: str, number: type) -> Signal:
 
 
 def by_formula(kind: str) -> Signal:
-    """The formula with its phase in long double, as the reference."""
+    """The formula with its phase in long double."""
     return lambda x: swept(kind)
 
 
-def sweep_error(wanted: np.ndarray, f: Signal) -> float:
-    return apart(f(wanted), wanted)
+@cache
+def _sines() -> Callable[..., None]:
+    from numba import njit
+
+    c0, *c = ((-1) ** k * (2 * PI) ** (2 * k + 1) / LD(factorial(2 * k + 1)) for k in range(11))
+    c0, c1, c2, c3, c4, c5, c6, c7, c8, c9, c10 = (float(v) for v in (c0, *c))
+    whole = 1.5 * 2.0**52  # a sum with it is rounded to a whole number
+
+    @njit(error_model="numpy", fastmath={"contract"})
+    def run(y, phase, freq, inner, square):
+        for b in range(phase.size):
+            p, f, part = phase[b], freq[b], y[b * inner.size : (b + 1) * inner.size]
+            for j in range(part.size):
+                x = (f * inner[j] + square[j]) + p
+                x = x - ((x + whole) - whole)
+                x = np.copysign(0.25 - abs(abs(x) - 0.25), x)
+                z = x * x
+                s = c6 + z * (c7 + z * (c8 + z * (c9 + z * c10)))
+                s = z * (c1 + z * (c2 + z * (c3 + z * (c4 + z * (c5 + z * s)))))
+                part[j] = x * c0 + x * s
+
+    return run
+
+
+def by_blocks(kind: str, block: int = 64) -> Signal:
+    """The phase in long double in the middle of each block, and a polynomial of the
+    sine in a compiled loop.
+    """
+    run, y = _sines(), np.empty(SAMPLES)
+    a, k = np.log(LD(F1) / LD(F0)) / LD(LASTS), (LD(F1) - LD(F0)) / (2 * LD(LASTS))
+    j = (np.arange(block, dtype=LD) - block // 2) / LD(FS)
+    linear = kind == "linear"
+    inner = (j if linear else np.expm1(a * j)).astype(float)
+    square = (k * j * j * linear).astype(float)
+
+    def sweep(x: np.ndarray) -> np.ndarray:
+        t = np.arange(block // 2, x.size, block, dtype=LD) / LD(FS)
+        if linear:
+            freq = LD(F0) + 2 * k * t
+            phase = (LD(F0) + k * t) * t
+        else:
+            freq = LD(F0) / a * np.exp(a * t)
+            phase = freq - LD(F0) / a
+        phase -= np.rint(phase)
+        run(y, phase.astype(float), freq.astype(float), inner, square)
+        return y
+
+    return sweep
+
+
+def sweep_error(kind: str, f: Signal) -> float:
+    return apart(f(np.zeros(SAMPLES))[SOME], exact(kind))
 
 
 def sweeps() -> list[Method]:
     found = []
     for kind in ("linear", "exponential"):
-        wanted = swept(kind)
         ladders: dict[str, Ladder] = {
             "stimlib chirp": ([kind], own(lambda kind: chirp(F0, F1, LASTS, kind), FS, ())),
             "scipy chirp": ([kind], partial(by_scipy, number=float)),
             "scipy chirp, float32": ([kind], partial(by_scipy, number=np.float32)),
             "numpy cumsum of the frequency": ([kind], added_up),
+            "a polynomial of the phase in blocks, compiled": ([kind], by_blocks),
             "numpy, the formula in long double": ([kind], by_formula),
         }
-        found += on(np.zeros(SAMPLES), partial(sweep_error, wanted), ladders)
+        found += on(np.zeros(SAMPLES), partial(sweep_error, kind), ladders)
     return found
 
 
@@ -233,6 +302,33 @@ def recordings() -> list[Method]:
     def error(f: Signal) -> float:
         return apart(f(t)[inside], vibration(t)[inside])
 
+    def copied(reach: int) -> Signal:
+        made, y = searched(error, product([reach], BETAS, EDGES), windowed)(t), np.empty(t.size)
+
+        def run(t: np.ndarray) -> np.ndarray:
+            np.copyto(y, made)
+            return y
+
+        return run
+
+    def matrix(reach: int, beta: float, edge: float, rows: int = 16) -> Signal:
+        """The same sums as a product of matrices: so many samples of the recording at
+        once, with those around them.
+        """
+        h = signal.firwin(2 * reach * UP + 1, edge / UP, window=("kaiser", beta)) * UP
+        at = np.arange(UP * rows) - UP * np.arange(-2 * reach, rows)[:, None]
+        full = np.where((at >= 0) & (at < h.size), h[np.clip(at, 0, h.size - 1)], 0.0)
+        z, shape = np.zeros(taken.size + 2 * reach), (taken.size // rows, full.shape[0])
+        near, y = np.empty(shape), np.empty((shape[0], full.shape[1]))
+        around = np.lib.stride_tricks.as_strided(z, shape, (rows * z.itemsize, z.itemsize))
+
+        def run(t: np.ndarray) -> np.ndarray:
+            z[reach : reach + taken.size] = taken
+            np.copyto(near, around)
+            return np.matmul(near, full, out=y).reshape(-1)[: t.size]
+
+        return run
+
     def windowed(reach: int, beta: float, edge: float) -> Signal:
         h = signal.firwin(2 * reach * UP + 1, edge / UP, window=("kaiser", beta))
         return lambda t: signal.resample_poly(taken, UP, 1, window=h)[: t.size]
@@ -253,6 +349,11 @@ def recordings() -> list[Method]:
                 [5, 10, 20, 40, 80],
                 lambda reach: searched(error, product([reach], BETAS, EDGES), windowed),
             ),
+            "the same sums as a product of matrices, samples to each side": (
+                [20, 28, 40],
+                lambda reach: searched(error, product([reach], BETAS, EDGES), matrix),
+            ),
+            "the same made before, copied, samples to each side": ([40], copied),
             "scipy resample, whole file": ([""], always(lambda t: signal.resample(taken, t.size))),
             "scipy CubicSpline": ([""], always(interpolate.CubicSpline(known, taken))),
             "numpy interp": ([""], always(lambda t: np.interp(t, known, taken))),
