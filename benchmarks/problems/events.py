@@ -4,7 +4,8 @@ envelopes, against formulas in long double.
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -25,13 +26,19 @@ RATES = 1000.0, 2000.0, 4000.0, 8000.0, 16000.0
 
 
 def at_each(table: np.ndarray) -> Signal:
-    """A table added from each event on, as far as the signal goes."""
+    """A table added from each event on, as far as the signal goes and down to its last
+    digit, in memory that is used again.
+    """
+    far = np.flatnonzero(np.abs(table) > 1e-17 * np.abs(table).max())[-1] + 1
+    table, memory = table[:far], {}
 
     def run(x: np.ndarray) -> np.ndarray:
-        y = np.zeros(x.size + table.size)
-        for k in np.flatnonzero(x):
-            y[k : k + table.size] += x[k] * table
-        return y[: x.size]
+        y, part = memory.setdefault(x.size, (np.empty(x.size), np.empty(far)))
+        y.fill(0.0)
+        for k in (x != 0).nonzero()[0]:
+            here = y[k : k + far]
+            here += np.multiply(table[: here.size], x[k], out=part[: here.size])
+        return y
 
     return run
 
@@ -70,6 +77,44 @@ def one_pole(decay: float, freq: float) -> Signal:
     return lambda x: signal.lfilter([1.0], [1.0, -pole], x).imag
 
 
+@cache
+def _turns() -> Callable[..., None]:
+    from numba import njit
+
+    @njit(error_model="numpy", fastmath={"contract"})
+    def run(x, y, re, im):
+        s, t, size = 0.0, 0.0, re.size - 1
+        for n in range(0, x.size, size):
+            part, came = y[n : n + size], x[n : n + size]
+            for j in range(part.size):
+                part[j] = s * im[j] + t * re[j]
+            s, t = s * re[size] - t * im[size], s * im[size] + t * re[size]
+            for i in range(part.size):
+                v = came[i]
+                if v != 0.0:
+                    for j in range(i, part.size):
+                        part[j] += v * im[j - i]
+                    s += v * re[size - i]
+                    t += v * im[size - i]
+
+    return run
+
+
+def powers(decay: float, freq: float) -> Signal:
+    """The same pole from block to block; inside, its powers in long double, from each
+    event on.
+    """
+    run, t, y = _turns(), np.arange(129, dtype=LD) / LD(FS), np.empty(SAMPLES)
+    fall, angle = np.exp(-t / LD(decay)), 2 * PI * LD(freq) * t
+    re, im = (fall * np.cos(angle)).astype(float), (fall * np.sin(angle)).astype(float)
+
+    def ringing(x: np.ndarray) -> np.ndarray:
+        run(x, y, re, im)
+        return y
+
+    return ringing
+
+
 def rings() -> list[Method]:
     """Each rings for ten periods."""
     found = []
@@ -85,6 +130,7 @@ def rings() -> list[Method]:
                 partial(two_poles, decay, np.float32),
             ),
             "one complex pole in scipy lfilter, Hz": ([freq], partial(one_pole, decay)),
+            "powers of one pole in blocks, compiled, Hz": ([freq], partial(powers, decay)),
             "numpy, a table at each event, Hz": ([freq], always(at_each(shape.astype(float)))),
         }
         found += on(EVENTS, partial(error, wanted), ladders)
@@ -144,8 +190,11 @@ def bursts_at(fs: float) -> list[Method]:
             y[k : k + t.size] += (np.sin(np.pi / 2 * edge) ** 2)[: x.size - k]
         return y
 
+    one = np.zeros(length + 1)
+    one[0] = 1.0
     ladders = {
         "numpy, the formula at each event, fs": ([fs], always(formula)),
+        "numpy, a table at each event, fs": ([fs], always(at_each(formula(one)))),
         "stimlib burst, fs": ([fs], own(lambda x, _: burst(x, BURST, RAMP), fs)),
         "scipy tukey at each event, fs": (
             [fs],
@@ -156,19 +205,18 @@ def bursts_at(fs: float) -> list[Method]:
     return on(x, lambda f: apart(f(x), wanted), ladders)
 
 
+def attacked(t: np.ndarray, number: type = LD) -> np.ndarray:
+    """From the opening on, as long as the gate is open."""
+    top, attack = 1 / -np.expm1(number(-1.5)), number(ATTACK)  # 1.5 time constants
+    late = SUSTAIN + (1 - number(SUSTAIN)) * np.exp(-(t - attack) / number(DECAY))
+    return np.where(t < attack, -top * np.expm1(-1.5 * t / attack), late)
+
+
 def adsr(t: np.ndarray, number: type = LD) -> np.ndarray:
     """From the opening on; CLOSE - OPEN later it falls."""
-    top = 1 / -np.expm1(number(-1.5))  # an attack of 1.5 time constants
-    gate, attack = number(CLOSE) - number(OPEN), number(ATTACK)
-
-    def held(t):
-        late = SUSTAIN + (1 - number(SUSTAIN)) * np.exp(-(t - attack) / number(DECAY))
-        return np.where(t < attack, -top * np.expm1(-1.5 * t / attack), late)
-
-    t = np.maximum(t, 0)
-    return np.where(t < gate, held(t), held(gate) * np.exp(-(t - gate) / number(RELEASE))).astype(
-        float
-    )
+    gate, t = number(CLOSE) - number(OPEN), np.maximum(t, 0)
+    fallen = attacked(gate, number) * np.exp(-(t - gate) / number(RELEASE))
+    return np.where(t < gate, attacked(t, number), fallen).astype(float)
 
 
 def staged(fs: float) -> Signal:
@@ -205,6 +253,17 @@ def envelopes_at(fs: float) -> list[Method]:
         y[opens:] = adsr((np.arange(x.size - opens) + 1) / fs, float)
         return y
 
+    since = (np.arange(t.size) + 1) / fs
+    held, falls = attacked(since, float), np.exp(-since / RELEASE)
+
+    def tabled(x: np.ndarray) -> np.ndarray:
+        """Two tables: from the gate's opening on, and from its closing on."""
+        y, opens = np.zeros(x.size), int(x.argmax())
+        closes = opens + int(x[opens:].argmin())
+        y[opens:closes] = held[: closes - opens]
+        np.multiply(falls[: x.size - closes], y[closes - 1], out=y[closes:])
+        return y
+
     corners = [OPEN, OPEN + ATTACK, OPEN + ATTACK + DECAY, CLOSE, CLOSE + RELEASE]
     ladders = {
         "stimlib envelope, fs": (
@@ -218,6 +277,7 @@ def envelopes_at(fs: float) -> list[Method]:
         ),
     }
     ladders["numpy, the formula, fs"] = [fs], always(timed)
+    ladders["numpy, tables, fs"] = [fs], always(tabled)
     return on(x, lambda f: apart(f(x), wanted), ladders)
 
 

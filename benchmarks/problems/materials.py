@@ -10,10 +10,11 @@ from itertools import product
 from math import gamma
 
 import numpy as np
-from scipy import signal
+from scipy import fft, signal
 
 from stimlib.blocks import maxwell, springpot
 
+from . import compiled
 from .problem import Ladder, Method, Problem, Signal, apart, on, own, searched
 
 FS, SECONDS, ALPHA = 1000.0, 10.0, 0.5
@@ -103,16 +104,41 @@ def _downsampled() -> Callable[[np.ndarray, np.ndarray, int], np.ndarray]:
     return run
 
 
-def by_fft(x: np.ndarray) -> np.ndarray:
-    return signal.oaconvolve(
-        np.diff(x, prepend=x[0]), gl_weights(x.size).astype(float) * FS**ALPHA
-    )[: x.size]
+def weights(scheme: str, n: int) -> np.ndarray:
+    """Of the differences: the sum's, or those of straight lines between samples."""
+    if scheme == "gl":
+        return gl_weights(n).astype(float) * FS**ALPHA
+    return np.diff(np.arange(n + 1.0) ** (1 - ALPHA)) * FS**ALPHA / gamma(2 - ALPHA)
 
 
-def l1_by_fft(x: np.ndarray) -> np.ndarray:
-    """The derivative of straight lines between samples, with its whole history."""
-    b = np.diff(np.arange(x.size + 1.0) ** (1 - ALPHA)) * FS**ALPHA / gamma(2 - ALPHA)
-    return signal.oaconvolve(np.diff(x, prepend=x[0]), b)[: x.size]
+def by_fft(scheme: str) -> Signal:
+    """With the whole history; what is known of the weights is made before."""
+    n = fft.next_fast_len(2 * N - 1, real=True)
+    known = fft.rfft(weights(scheme, N), n)
+
+    def run(x: np.ndarray) -> np.ndarray:
+        d = np.zeros(n)
+        np.subtract(x[1:], x[:-1], out=d[1 : x.size])
+        return fft.irfft(fft.rfft(d) * known, n, overwrite_x=True)[: x.size]
+
+    return run
+
+
+def fitted(scheme: str, modes: int, first: float, last: float) -> Signal:
+    """Exponentials fitted to the weights of ten seconds but the first two, in a
+    compiled loop; first and last are the ends of their time constants, in samples.
+    """
+    w, direct = weights(scheme, N), 2
+    j = np.unique(np.geomspace(direct, N - 1, 600).astype(int))
+    e = -np.expm1(-1 / np.geomspace(first, last, modes))
+    shapes = np.exp(np.log1p(-e) * j[:, None]) / w[j, None]
+    r, *_ = np.linalg.lstsq(shapes, np.ones(j.size), rcond=1e-14)
+    last_tap = (1 - e) ** (direct - 1) @ r - w[direct - 1]
+    r *= -e / (1 - e)  # of samples, and not of their differences
+    h = np.diff(w[:direct], prepend=0.0) - (1 - e) ** np.arange(direct)[:, None] @ r
+    h = np.r_[h, last_tap]
+    run = compiled.modes(e, r, h)
+    return lambda x: run(x - x[0])
 
 
 def oustaloup(order: int, low: float, high: float) -> Signal:
@@ -164,6 +190,8 @@ def springpots(error: Callable[[Signal], float], scheme: str, other: str) -> lis
         [10, 30, 100, 300, 1000, 3000],
     )
 
+    firsts, lasts = [0.5, 1.0, 2.0, 4.0], [1e4, 3e4, 1e5]
+
     def ours(scheme: str, dtype: str = ""):
         return own(lambda y, tol: springpot(y, 1.0, ALPHA, scheme=scheme, tol=tol), FS, "m", dtype)
 
@@ -174,8 +202,12 @@ def springpots(error: Callable[[Signal], float], scheme: str, other: str) -> lis
         "stimlib on JAX, float32, tol": (some, ours(scheme, "float32")),
         "short memory (thesis), N": (counts, lambda n: thesis(n, downsampled=False)),
         "downsampled history (thesis), N": (counts, lambda n: thesis(n, downsampled=True)),
-        "full sum by FFT, whole file": ([""], lambda _: by_fft),
-        "L1 by FFT, whole file": ([""], lambda _: l1_by_fft),
+        "full sum by FFT, whole file": ([""], lambda _: by_fft("gl")),
+        "L1 by FFT, whole file": ([""], lambda _: by_fft("l1")),
+        "modes fitted to 10 s in a compiled loop, modes": (
+            [4, 6, 8, 10, 13, 16],
+            lambda n: searched(error, product([scheme], [n], firsts, lasts), fitted),
+        ),
         "Oustaloup in scipy sosfilt, order": (
             [3, 6, 12, 24],
             lambda order: searched(
