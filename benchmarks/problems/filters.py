@@ -14,7 +14,7 @@ from scipy import integrate, signal
 from stimlib.blocks import bandpass, lowpass, svf
 from stimlib.core.graph import Block
 
-from . import compiled, products
+from . import filter_loops, products
 from .problem import Ladder, Method, Problem, Signal, always, apart, on, own, response
 
 FS, SAMPLES, ORDER = 8000.0, 1 << 16, 4
@@ -102,8 +102,8 @@ def in_parallel(
     """Poles in long double: three ways to run their modes, and sections of scipy."""
     e, r, direct = long_modes(s, gain, zeros)
     ways = {
-        "poles in a compiled loop, in parallel": compiled.modes(e, r, direct),
-        "poles in a compiled loop, states in two words": compiled.modes(e, r, direct, True),
+        "poles in a compiled loop, in parallel": filter_loops.modes(e, r, direct),
+        "poles in a compiled loop, states in two words": filter_loops.modes(e, r, direct, True),
         "poles in products of matrices": products.modes(e, r, direct[0], 64),
         "poles in scipy sosfilt, long double": long_biquads(s, gain, zeros),
     }

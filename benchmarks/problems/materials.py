@@ -14,7 +14,7 @@ from scipy import fft, signal
 
 from stimlib.blocks import maxwell, springpot
 
-from . import compiled
+from . import filter_loops
 from .problem import Ladder, Method, Problem, Signal, apart, on, own, searched
 
 FS, SECONDS, ALPHA = 1000.0, 10.0, 0.5
@@ -137,7 +137,7 @@ def fitted(scheme: str, modes: int, first: float, last: float) -> Signal:
     r *= -e / (1 - e)  # of samples, and not of their differences
     h = np.diff(w[:direct], prepend=0.0) - (1 - e) ** np.arange(direct)[:, None] @ r
     h = np.r_[h, last_tap]
-    run = compiled.modes(e, r, h)
+    run = filter_loops.modes(e, r, h)
     return lambda x: run(x - x[0])
 
 

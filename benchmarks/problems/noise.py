@@ -16,7 +16,7 @@ from stimlib.core.scene import Scene
 from stimlib.design.filters import differentiator_order, differentiator_taps
 from stimlib.design.noise import NoiseDesign, noise_modes
 
-from . import compiled, products
+from . import filter_loops, products
 from .problem import Method, Problem, Signal, on, own, response, searched
 
 FS, SAMPLES = 8000.0, 1 << 16
@@ -78,7 +78,7 @@ def of(m: NoiseDesign) -> np.ndarray:
 
 
 def looped(m: NoiseDesign) -> Signal:
-    return compiled.modes(m.e, m.r, np.array([m.d]))
+    return filter_loops.modes(m.e, m.r, np.array([m.d]))
 
 
 def kellet(name: str) -> Signal:
@@ -223,11 +223,11 @@ def differentiators(stops: bool) -> list[Method]:
             "scipy remez, taps": (counts, lambda n: best(product([n], weights), remez)),
             "scipy remez, float32, pairs in a compiled loop, taps": (
                 [17, 21, 33, 45, 65, 97, 129],
-                lambda n: best(product([n], weights), remez, compiled.antisymmetric),
+                lambda n: best(product([n], weights), remez, filter_loops.antisymmetric),
             ),
             "the same taps, float32, pairs in a compiled loop, tol": (
                 tols,
-                lambda tol: compiled.antisymmetric(designed(tol)),
+                lambda tol: filter_loops.antisymmetric(designed(tol)),
             ),
             "the same taps, float32, a product of matrices, tol": (
                 tols,
@@ -242,7 +242,7 @@ def differentiators(stops: bool) -> list[Method]:
             ),
             "scipy remez in a compiled loop, taps": (
                 [8, 10, 12, 16],
-                lambda n: best(product([n], ends), free, compiled.taps),
+                lambda n: best(product([n], ends), free, filter_loops.taps),
             ),
             "Savitzky-Golay, window": (
                 [5, 9, 21],
@@ -300,7 +300,7 @@ def chain() -> list[Method]:
         same = "the same design: PCG64, sosfilt, oaconvolve, dB"
         found.append(peer(same, f"{tol:g}", pcg, sos(of(pink)), taps(h)))
         same = "the same design: SFC64, compiled loops, dB"
-        paired = compiled.antisymmetric(h, np.float32 if tol > 1e-4 else float)
+        paired = filter_loops.antisymmetric(h, np.float32 if tol > 1e-4 else float)
         found.append(peer(same, f"{tol:g}", sfc, looped(pink), paired))
     refined = sos(sections(*KELLET["refined"]))
     for knob, h in (

@@ -60,7 +60,7 @@ def modes(e: np.ndarray, r: np.ndarray, h: np.ndarray, exact: bool = False) -> S
     Examples
     --------
     >>> import numpy as np
-    >>> from problems.compiled import modes
+    >>> from problems.filter_loops import modes
     >>> modes(np.array([0.5]), np.ones(1), np.array([0.0, 1.0]))(
     ...     np.r_[1.0, np.zeros(3)]
     ... )
@@ -96,7 +96,7 @@ def taps(h: np.ndarray) -> Signal:
     Examples
     --------
     >>> import numpy as np
-    >>> from problems.compiled import taps
+    >>> from problems.filter_loops import taps
     >>> taps(np.array([1.0, -1.0, 0.5]))(np.arange(5.0))
     array([0. , 1. , 1. , 1.5, 2. ])
     """
@@ -136,7 +136,7 @@ def antisymmetric(h: np.ndarray, kind: type = np.float32) -> Signal:
     Examples
     --------
     >>> import numpy as np
-    >>> from problems.compiled import antisymmetric
+    >>> from problems.filter_loops import antisymmetric
     >>> antisymmetric(np.array([1.0, 0.0, -1.0]))(np.arange(5.0) ** 2)
     array([ 0.,  1.,  4.,  8., 12.], dtype=float32)
     """
