@@ -192,7 +192,8 @@ def sentences(points: list[Point]) -> dict[str, str]:
             ) + _takes(b.other, b.ours)
         peers = [p for p in here if "JAX" not in p.family and p not in ours]
         peers = [p for p in peers if p.knob == b.ours.knob or b.problem not in asked]
-        exact = min(peers, key=lambda p: p.error, default=b.ours)
+        least = min((p.error for p in peers), default=b.ours.error)
+        exact = min([p for p in peers if p.error <= 1.01 * least] or [b.ours], key=lambda p: p.ns)
         if exact is not b.other and exact.error < 0.7 * b.ours.error:
             text += " The most accurate peer" + _takes(exact, b.ours)
         lost: dict[tuple[str, str], list[str]] = {}

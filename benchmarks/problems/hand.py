@@ -12,6 +12,7 @@ from scipy import interpolate, signal
 from stimlib.blocks import track_velocity, velocity
 from stimlib.motion.recorded import recording
 
+from . import compiled
 from .problem import Method, Problem, Signal, apart, on, own, searched
 
 FS, SECONDS = 8000.0, 8.0
@@ -49,6 +50,21 @@ def interpolation() -> list[Method]:
         t, x = reports(rate)
         return lambda now: x[np.searchsorted(t, now, side="right") - 1]
 
+    def lines(rate: float) -> Signal:
+        t, x = reports(rate)
+        return lambda now: np.interp(now, t, x)
+
+    def walked(order: int):
+        """A spline at times that rise."""
+
+        def make(rate: float) -> Signal:
+            f = interpolate.PPoly.from_spline(interpolate.make_interp_spline(*reports(rate), order))
+            some = np.diff(f.x) > 0
+            ends, c = np.r_[f.x[:-1][some], f.x[-1]], np.ascontiguousarray(f.c[:, some].T)
+            return lambda now: compiled.walked(now, ends, c)
+
+        return make
+
     def recorded(rate: float) -> Signal:
         return recording(
             dict(zip(("t_s", "x"), reports(rate), strict=True)), {"x": "x"}
@@ -57,10 +73,12 @@ def interpolation() -> list[Method]:
     return on(T, error, {
         "stimlib recording (PCHIP), Hz": (rates, recorded),
         "the last report, held, Hz": (rates, held),
-        "numpy interp, Hz": (rates, lambda rate: lambda now: np.interp(now, *reports(rate))),
+        "numpy interp, Hz": (rates, lines),
         "scipy CubicSpline, Hz": (rates, lambda rate: interpolate.CubicSpline(*reports(rate))),
         "scipy make_interp_spline of order 5, Hz": (
             rates, lambda rate: interpolate.make_interp_spline(*reports(rate), 5)),
+        "scipy spline of order 3, compiled, Hz": (rates, walked(3)),
+        "scipy spline of order 5, compiled, Hz": (rates, walked(5)),
     })  # fmt: skip
 
 
@@ -80,6 +98,23 @@ def velocities() -> list[Method]:
         sos = signal.butter(order, cutoff, fs=FS, output="sos")
         return lambda x: signal.sosfilt(sos, np.diff(x, prepend=x[0]) * FS)
 
+    def one_pole(cutoff: float) -> Signal:
+        pole = float(np.exp(-2 * np.pi * cutoff / FS))
+        return lambda x: compiled.lagged(x, pole, FS)
+
+    def backward(points: int, apart: int) -> Signal:
+        """The slope at the last of some samples, of the polynomial through them."""
+        c = [[1, -1], [3 / 2, -2, 1 / 2], [11 / 6, -3, 3 / 2, -1 / 3]][points - 2]
+        first = (points - 1) * apart
+
+        def run(x: np.ndarray) -> np.ndarray:
+            y, n = np.zeros(x.size), x.size
+            for k, weight in enumerate(c):
+                y[first:] += weight * FS / apart * x[first - k * apart : n - k * apart]
+            return y
+
+        return run
+
     def local(n: int, order: int) -> Signal:
         return lambda x: signal.savgol_filter(x, n, order, deriv=1, delta=1 / FS)
 
@@ -92,6 +127,11 @@ def velocities() -> list[Method]:
             "difference in scipy butter, cutoff Hz": (
                 cutoffs,
                 lambda cutoff: searched(error, product([cutoff], [1, 2, 3, 4]), butter),
+            ),
+            "difference and one pole, compiled, cutoff Hz": (cutoffs, one_pole),
+            "numpy, samples n apart, samples": (
+                [2, 3, 4],
+                lambda points: searched(error, product([points], range(1, 65)), backward),
             ),
             "difference of two samples": ([2], lambda _: lambda x: np.diff(x, prepend=x[0]) * FS),
             "Savitzky-Golay, whole file, window": (

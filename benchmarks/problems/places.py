@@ -14,12 +14,14 @@ from scipy import interpolate, ndimage, signal
 
 from stimlib.blocks import grating, lut2, spatial_noise, texture
 from stimlib.checks import laws
-from stimlib.checks.families.surfaces import gratings, roughness
+from stimlib.checks.families.surfaces import _lattice, _word, gratings, roughness
 from stimlib.core.graph import Input
+from stimlib.design.noise import octaves
 from stimlib.design.texture import made_up
 
+from . import compiled
 from .problem import Method, Problem, Signal, apart, on, own
-from .surface import averaged
+from .surface import averaged, coefficients
 
 FS, SAMPLES = 8000.0, 1 << 14
 T = np.arange(SAMPLES) / FS
@@ -48,6 +50,23 @@ def gauss(n: int) -> Signal:
     return run
 
 
+def in_closed_form(x: np.ndarray) -> np.ndarray:
+    """The mean over a movement, by the sines of its middle and its half."""
+    last = np.r_[x[0], x[:-1]]
+    middle, half = np.pi * (x + last), np.pi * (x - last)
+    half[half == 0] = 1e-30
+    return sum(
+        depth / (half / wave) * np.sin(half / wave) * np.sin(middle / wave + phase)
+        for wave, depth, phase in RIBS
+    )
+
+
+def with_terms(n: int) -> Signal:
+    """The same with so many terms of a sine up to a quarter of a turn."""
+    sine = compiled.SINC[:n]
+    return lambda x: compiled.ribs(x, RIBS, sine, sine)
+
+
 def over_ribs() -> list[Method]:
     wanted = gratings(BEFORE, X, RIBS)
 
@@ -60,6 +79,8 @@ def over_ribs() -> list[Method]:
         "points in numpy": ([""], lambda _: ribs),
         "numpy, mean of so many points": ([2, 4, 16, 64], lambda n: averaged(ribs, n)),
         "numpy, mean of so many Gauss points": ([1, 2, 4, 8], gauss),
+        "numpy, closed form": ([""], lambda _: in_closed_form),
+        "closed form, compiled, terms of a sine": ([3, 4, 6, 8, 11], with_terms),
     })  # fmt: skip
 
 
@@ -78,6 +99,31 @@ def known(points: int) -> tuple[np.ndarray, np.ndarray]:
     return at, roughness(at, at, rough(Input("x", "m")))
 
 
+def parabolas() -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
+    """The surface between the ends of all cells of all octaves, where it is a parabola:
+    exact while no movement passes two of the smallest cells.
+
+    A place in units of those cells, the ends, the coefficients.
+    """
+    b = rough(Input("x", "m"))
+    found = octaves(b.slope, 1 / b.longest, 1 / b.shortest)
+    size, n = found.cells[0], found.cells.size
+    starts = np.array([_word(b.seed, 2 * j + 1) * 2.0**-64 for j in range(n)])
+    long = 2.0 ** np.arange(n)
+    shift, last = starts - starts[0] / long, 0.0101 / size + starts[0]
+    ends = [(np.arange(np.ceil(s), last / v + s) - s) * v for s, v in zip(shift, long, strict=True)]
+    at = np.unique(np.r_[0.0, last, np.concatenate(ends)])
+    c = np.zeros((3, at.size - 1))
+    for j, (s, v, power) in enumerate(zip(shift, long, found.power, strict=True)):
+        m = np.floor((at[1:] + at[:-1]) / 2 / v + s)
+        z = _lattice(_word(b.seed, 2 * j), m.astype(np.int64) + np.arange(3)[:, None])
+        t, gain = at[:-1] / v + s - m, np.sqrt(power)
+        c[0] += gain / v**2 * (z[0] / 2 - z[1] + z[2] / 2)
+        c[1] += gain / v * (z[0] * (t - 1) + z[1] * (1 - 2 * t) + z[2] * t)
+        c[2] += gain * (z[0] * (1 - t) ** 2 / 2 + z[1] * (0.5 + t - t * t) + z[2] * t * t / 2)
+    return lambda x: x / size + starts[0], at, c
+
+
 def over_roughness() -> list[Method]:
     wanted = roughness(BEFORE, X, rough(Input("x", "m")))
 
@@ -90,11 +136,29 @@ def over_roughness() -> list[Method]:
         area = interpolate.CubicSpline(at, y).antiderivative()
         return lambda x: np.r_[0.0, np.diff(area(x)) / np.diff(x)]
 
+    unit, ends, c = parabolas()
+
+    def exact(_: str) -> Signal:
+        first = np.searchsorted(ends, np.arange(int(ends[-1]) + 1), side="right") - 1
+        rows = np.ascontiguousarray(c.T)
+        return lambda x: compiled.means(unit(x), ends, rows, first)
+
+    def by_exact_integral(_: str) -> Signal:
+        area = interpolate.PPoly(c, ends).antiderivative()
+
+        def run(x: np.ndarray) -> np.ndarray:
+            u = unit(x)
+            return np.r_[0.0, np.diff(area(u)) / np.diff(u)]
+
+        return run
+
     knobs = [1, 2, 4, 8, 16, 64]
     return on(X, lambda f: apart(f(X)[1:], wanted[1:]), {
         "stimlib spatial_noise": ([""], own(rough, FS, "m")),
         "points of a table in numpy interp, points in 20 um": (knobs, looked_up),
         "integral of a scipy CubicSpline, points in 20 um": (knobs, by_integral),
+        "integral of its parabolas in scipy PPoly": ([""], by_exact_integral),
+        "its parabolas, compiled": ([""], exact),
     })  # fmt: skip
 
 
@@ -146,6 +210,15 @@ def maps() -> list[Method]:
 
         return make
 
+    def cells(order: int):
+        def make(n: int) -> Signal:
+            rows = coefficients(table(n)[1], order)  # along x, and of those along y
+            c = coefficients(np.moveaxis(rows, 2, 0), order).transpose(3, 1, 2, 0)
+            c = np.ascontiguousarray(c)
+            return lambda x: compiled.patches(x, c, (n - 1) / SIDE)
+
+        return make
+
     return on(PLACES, lambda f: apart(f(PLACES), wanted), {
         "stimlib lut2 linear, points": (sizes, ours("linear")),
         "stimlib lut2 cubic, points": (sizes, ours("cubic")),
@@ -155,6 +228,9 @@ def maps() -> list[Method]:
         "scipy map_coordinates, order 1, points": (sizes, image(1)),
         "scipy map_coordinates, order 3, points": (sizes, image(3)),
         "scipy map_coordinates, order 5, points": (sizes, image(5)),
+        "planes, compiled, points": (sizes, cells(1)),
+        "scipy spline of order 3, compiled, points": (sizes, cells(3)),
+        "scipy spline of order 5, compiled, points": (sizes, cells(5)),
     })  # fmt: skip
 
 

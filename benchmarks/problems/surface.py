@@ -5,12 +5,14 @@ long double.
 from __future__ import annotations
 
 from functools import partial
+from math import factorial
 
 import numpy as np
 from scipy import interpolate
 
 from stimlib.blocks import bump, lut
 
+from . import compiled
 from .problem import Method, Problem, Signal, apart, on, own
 
 FS, SAMPLES, DUTY = 8000.0, 1 << 16, 0.6
@@ -98,6 +100,10 @@ def bumps() -> list[Method]:
     def error(f: Signal) -> float:
         return apart(f(U)[1:][sure], wanted[sure])
 
+    def one_ridge(terms: int) -> Signal:
+        sinc, cosine = compiled.SINC[:terms], compiled.COS[:terms]
+        return lambda u: compiled.bumps(u, DUTY, sinc, cosine)
+
     def ours(sampling: str = "area", dtype: str = ""):
         return own(lambda u, duty: bump(u, "sine", duty, sampling=sampling), FS, dtype=dtype)
 
@@ -108,6 +114,7 @@ def bumps() -> list[Method]:
         "stimlib on JAX, float32": ([DUTY], ours(dtype="float32")),
         "numpy, mean of so many points": ([1, 4, 16, 64], partial(averaged, envelope)),
         "numpy, differences of the integral": ([DUTY], lambda _: by_integral),
+        "mean over one ridge, compiled, terms of a cosine": ([4, 6, 8, 12], one_ridge),
     })  # fmt: skip
 
 
@@ -122,6 +129,15 @@ def profile(x: np.ndarray) -> np.ndarray:
 PLACES = 0.05 - 0.05 * np.cos(2 * np.pi * 0.7 * T)
 
 
+def coefficients(y: np.ndarray, order: int) -> np.ndarray:
+    """Of scipy's spline in each cell of equal knots, the highest power first, of the
+    place within the cell: shape (order + 1, cells, ..).
+    """
+    at = np.arange(len(y), dtype=float)
+    f = interpolate.make_interp_spline(at, y, order)
+    return np.stack([f(at[:-1], k) / factorial(k) for k in range(order, -1, -1)])
+
+
 def table() -> list[Method]:
     wanted = profile(PLACES)
     knobs = [5, 9, 17, 33, 65, 129]
@@ -131,6 +147,13 @@ def table() -> list[Method]:
 
     def knots(n: int) -> np.ndarray:
         return np.linspace(0.0, 0.1, n)
+
+    def cells(order: int):
+        def make(n: int) -> Signal:
+            c = np.ascontiguousarray(coefficients(profile(knots(n)), order).T)
+            return lambda x: compiled.pieces(x, c, (n - 1) / 0.1)
+
+        return make
 
     def ours(kind: str):
         return own(lambda x, n: lut(x, knots(n), profile(knots(n)), kind), FS)
@@ -158,6 +181,9 @@ def table() -> list[Method]:
                 knobs,
                 lambda n: interpolate.CubicSpline(knots(n), profile(knots(n))),
             ),
+            "lines, compiled, knots": (knobs, cells(1)),
+            "scipy spline of order 3, compiled, knots": (knobs, cells(3)),
+            "scipy spline of order 7, compiled, knots": (knobs[1:], cells(7)),
         },
     )
 

@@ -1,0 +1,143 @@
+"""Loops that no package provides, compiled by numba: what somebody who knows a problem
+writes by hand, with every shortcut that it allows.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+compiled = njit(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+# of sin(pi x)/(pi x) and cos(pi x), powers of x^2: 12 terms reach 1e-16 up to |x| = 0.6
+SINC = tuple((-1) ** k * math.pi ** (2 * k) / math.factorial(2 * k + 1) for k in range(12))
+COS = tuple((-1) ** k * math.pi ** (2 * k) / math.factorial(2 * k) for k in range(12))
+
+
+@compiled
+def series(x: float, c: tuple) -> float:
+    """Return a polynomial of x^2."""
+    z, y = x * x, 0.0
+    for k in range(len(c)):
+        y = y * z + c[len(c) - 1 - k]
+    return y
+
+
+@compiled
+def bumps(u: np.ndarray, duty: float, sinc: tuple, cosine: tuple) -> np.ndarray:
+    """Return the mean of sine bumps over each movement.
+
+    Movements are shorter than the gap, so they meet one ridge.
+    """
+    y, top = np.zeros(u.size), math.cos(math.pi * duty)
+    gain = 1.0 / (1.0 - top)
+    for n in range(1, u.size):
+        low, high = min(u[n - 1], u[n]), max(u[n - 1], u[n])
+        first, last = np.floor(low), np.ceil(high) - 1.0
+        a = 0.0 if last > first else min(low - first, duty)
+        b, way = min(high - last, duty), high - low
+        part = (b - a) / way if way > 0.0 else (1.0 if a < duty else 0.0)
+        y[n] = part * (series(b - a, sinc) * series(a + b - duty, cosine) - top) * gain
+    return y
+
+
+@compiled
+def ribs(x: np.ndarray, parts: np.ndarray, sinc: tuple, sine: tuple) -> np.ndarray:
+    """Return the mean of ribs over each movement of less than 0.4 of the finest, from
+    rows of wavelength, depth and phase.
+    """
+    y = np.zeros(x.size)
+    for k in range(len(parts)):
+        per, depth, phase = 1.0 / parts[k, 0], parts[k, 1], parts[k, 2] / (2.0 * math.pi)
+        for n in range(1, x.size):
+            turns = 0.5 * per * (x[n] + x[n - 1]) + phase
+            half = np.rint(2.0 * turns)
+            r = 2.0 * turns - half
+            up = 1.0 - 2.0 * (half - 2.0 * np.floor(0.5 * half))
+            wave = math.pi * r * series(r, sine) * up
+            y[n] += depth * series((x[n] - x[n - 1]) * per, sinc) * wave
+    return y
+
+
+@compiled
+def pieces(x: np.ndarray, c: np.ndarray, per: float) -> np.ndarray:
+    """Return polynomials, rows of coefficients, over equal cells from 0 on."""
+    y = np.empty(x.size)
+    for n in range(x.size):
+        t = x[n] * per
+        k = min(int(t), len(c) - 1)
+        t -= k
+        total = c[k, 0]
+        for j in range(1, c.shape[1]):
+            total = total * t + c[k, j]
+        y[n] = total
+    return y
+
+
+@compiled
+def patches(x: np.ndarray, c: np.ndarray, per: float) -> np.ndarray:
+    """Return polynomials of two places, (order + 1, order + 1) coefficients for each of
+    square cells from 0 on.
+    """
+    y = np.empty(x.shape[1])
+    for n in range(x.shape[1]):
+        s, t = x[0, n] * per, x[1, n] * per
+        i, k = min(int(s), c.shape[0] - 1), min(int(t), c.shape[1] - 1)
+        s, t = s - i, t - k
+        total = 0.0
+        for a in range(c.shape[2]):
+            row = c[i, k, a, 0]
+            for b in range(1, c.shape[3]):
+                row = row * t + c[i, k, a, b]
+            total = total * s + row
+        y[n] = total
+    return y
+
+
+@compiled
+def walked(x: np.ndarray, ends: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Return polynomials, rows of coefficients, between increasing ends at increasing
+    places.
+    """
+    y, k = np.empty(x.size), 0
+    for n in range(x.size):
+        while k < len(c) - 1 and x[n] >= ends[k + 1]:
+            k += 1
+        t, total = x[n] - ends[k], c[k, 0]
+        for j in range(1, c.shape[1]):
+            total = total * t + c[k, j]
+        y[n] = total
+    return y
+
+
+@compiled
+def means(x: np.ndarray, ends: np.ndarray, c: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """Return the mean of parabolas between increasing ends over each movement; first is
+    the parabola in which each cell of length 1 begins.
+    """
+    y = np.zeros(x.size)
+    for n in range(1, x.size):
+        low, high = min(x[n - 1], x[n]), max(x[n - 1], x[n])
+        k, way, a, b = first[int(low)], high - low, low, low
+        while low >= ends[k + 1]:
+            k += 1
+        while True:
+            b = min(high, ends[k + 1])
+            part = (b - a) / way if way > 0.0 else 1.0
+            m = 0.5 * (a + b) - ends[k]
+            y[n] += part * (c[k, 0] * (m * m + (b - a) ** 2 / 12.0) + c[k, 1] * m + c[k, 2])
+            if b >= high:
+                break
+            a, k = b, k + 1
+    return y
+
+
+@compiled
+def lagged(x: np.ndarray, pole: float, fs: float) -> np.ndarray:
+    """Return the difference of two samples after one pole."""
+    y, held = np.zeros(x.size), 0.0
+    for n in range(1, x.size):
+        held = pole * held + (1.0 - pole) * fs * (x[n] - x[n - 1])
+        y[n] = held
+    return y
