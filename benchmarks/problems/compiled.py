@@ -5,11 +5,13 @@ writes by hand, with every shortcut that it allows.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numba import njit
 
 compiled = njit(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
+reordered = njit(error_model="numpy", fastmath=True)
 # of sin(pi x)/(pi x) and cos(pi x), powers of x^2: 12 terms reach 1e-16 up to |x| = 0.6
 SINC = tuple((-1) ** k * math.pi ** (2 * k) / math.factorial(2 * k + 1) for k in range(12))
 COS = tuple((-1) ** k * math.pi ** (2 * k) / math.factorial(2 * k) for k in range(12))
@@ -141,3 +143,53 @@ def lagged(x: np.ndarray, pole: float, fs: float) -> np.ndarray:
         held = pole * held + (1.0 - pole) * fs * (x[n] - x[n - 1])
         y[n] = held
     return y
+
+
+def steps(z: np.ndarray, parabolas: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what arms keep of their forces in a step of z time constants, and what
+    they get of the first and the second difference of their positions.
+
+    Without parabolas through the last three samples, they follow straight lines.
+    """
+    z = np.asarray(z, np.longdouble)
+    first = -np.expm1(-z) / z
+    exact = (1 - first) / z - first / 2
+    second = np.where(z > 1e-3, exact, z / 12 - z**2 / 24 + z**3 / 80) * parabolas
+    return np.exp(-z).astype(float), first.astype(float), second.astype(float)
+
+
+@reordered
+def bank(
+    x: np.ndarray,
+    spring: float,
+    damper: float,
+    bend: float,
+    keep: np.ndarray,
+    first: np.ndarray,
+    second: np.ndarray,
+) -> np.ndarray:
+    """Return the answer of a spring, of arms, and of a damper under a force, whose step
+    is a trapezoid less a part of the second difference.
+    """
+    y, q = np.empty(x.size), np.zeros(keep.size)
+    y[0], total, last = spring * x[0], 0.0, x[1] - x[0]
+    for n in range(1, x.size):
+        d = x[n] - x[n - 1]
+        dd = d - last
+        total += damper * (x[n] - 0.5 * d - bend * dd)
+        here = spring * x[n] + total  # a name of its own keeps it in a register
+        for k in range(keep.size):
+            q[k] = keep[k] * q[k] + first[k] * d + second[k] * dd
+            here += q[k]
+        y[n], last = here, d
+    return y
+
+
+def arms(
+    parts: np.ndarray, fs: float, parabolas: bool = True, spring: float = 0.0, damper: float = 0.0
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a bank of arms, rows of stiffness and time constant, beside a spring."""
+    k, tau = np.asarray(parts).T
+    keep, first, second = steps(1 / (fs * tau), parabolas)
+    rest = keep, k * first, k * second
+    return lambda x: bank(x, spring, damper / fs, parabolas / 12, *rest)

@@ -14,7 +14,7 @@ from scipy import fft, signal
 
 from stimlib.blocks import maxwell, springpot
 
-from . import filter_loops
+from . import compiled, filter_loops
 from .problem import Ladder, Method, Problem, Signal, apart, on, own, searched
 
 FS, SECONDS, ALPHA = 1000.0, 10.0, 0.5
@@ -248,6 +248,15 @@ def recursion(rule: str, fs: float) -> Signal:
     return lambda y: signal.lfilter(gain * np.array([1.0, -1.0]), [1.0, -a], y - y[0])
 
 
+def parabolas(fs: float) -> Signal:
+    """Exact for the parabola through three samples, after a straight first step, as one
+    filter of scipy.
+    """
+    keep, first, second = (float(v) for v in compiled.steps(np.array(1 / (fs * TAU)), True))
+    b = [first + second, -first - 2 * second, second]
+    return lambda y: signal.lfilter(b, [1.0, -keep], y - y[0], zi=[0.0, second * (y[0] - y[1])])[0]
+
+
 def arms_at(fs: float) -> list[Method]:
     """A sample rate is the knob: errors in continuous time, times for each millisecond
     of motion.
@@ -257,6 +266,8 @@ def arms_at(fs: float) -> list[Method]:
     ladders: dict[str, Ladder] = {
         "stimlib maxwell, fs": ([fs], own(lambda y, _: maxwell(y, 1.0, tau=TAU), fs, "m")),
         **{f"{rule} in scipy lfilter, fs": ([fs], partial(recursion, rule)) for rule in RULES},
+        "parabolas in scipy lfilter, fs": ([fs], parabolas),
+        "parabolas, compiled, fs": ([fs], lambda fs: compiled.arms(np.array([[1.0, TAU]]), fs)),
     }
     return on(y, lambda f: apart(f(y), wanted), ladders)
 

@@ -14,7 +14,7 @@ from itertools import product
 from math import gamma
 
 import numpy as np
-from scipy import signal
+from scipy import fft, signal
 from scipy.special import erfcx
 
 from stimlib.blocks import (
@@ -24,7 +24,8 @@ from stimlib.blocks import (
     springpot_series,
 )
 
-from .problem import Ladder, Method, Problem, Signal, apart, on, own, searched
+from . import compiled
+from .problem import Ladder, Method, Problem, Signal, always, apart, on, own, searched
 
 SECONDS, RATES = 2.0, (500.0, 1000.0, 2000.0, 4000.0, 8000.0, 16000.0)
 ALPHA = 0.5
@@ -92,6 +93,9 @@ def relaxation(fs: float, t: np.ndarray) -> list[Method]:
             own(lambda y, _: generalized_maxwell(y, 100.0, ARMS), fs, "m"),
         )
     }
+    for name, bent in (("straight lines", False), ("parabolas", True)):
+        made = compiled.arms(np.array(ARMS), fs, bent, spring=100.0)
+        ladders[f"{name}, compiled, fs"] = [fs], always(made)
     return on(y, lambda f: apart(f(y), wanted), ladders | rules(parts, fs))
 
 
@@ -113,29 +117,47 @@ def creep(fs: float, t: np.ndarray) -> list[Method]:
     def chain(f, _):
         return compliance_generalized_kelvin_voigt(f, CHAIN, k0=K0, b=B)
 
-    return on(
-        f,
-        lambda g: apart(g(f), wanted),
-        {"stimlib Kelvin-Voigt chain, fs": ([fs], own(chain, fs, "N"))} | rules(parts, fs),
+    ladders = {"stimlib Kelvin-Voigt chain, fs": ([fs], own(chain, fs, "N"))}
+    lags, spring = (
+        np.array([(-1 / k, tau) for k, tau in CHAIN]),
+        1 / K0 + sum(1 / k for k, _ in CHAIN),
     )
+    for name, bent in (("straight lines", False), ("parabolas", True)):
+        made = compiled.arms(lags, fs, bent, spring, 1 / B)
+        ladders[f"{name}, compiled, fs"] = [fs], always(made)
+    return on(f, lambda g: apart(g(f), wanted), ladders | rules(parts, fs))
 
 
 # A springpot under a force ------------------------------------------------------------
 CHI = 100.0
 
 
-def fractional_trapezoid(fs: float) -> Signal:
+# Gauss' rule for an integral over a step
+U, WEIGHT = (np.polynomial.legendre.leggauss(24) + np.array([[1.0], [0.0]])) / 2
+
+
+def by_fft(weights: np.ndarray) -> Signal:
+    """A sum over the whole file, with the transform of its weights made once."""
+    n = fft.next_fast_len(2 * weights.size, real=True)
+    answer = fft.rfft(weights, n)
+    return lambda x: fft.irfft(fft.rfft(x, n) * answer, n)[: x.size]
+
+
+def curved(weights: np.ndarray, more: np.ndarray) -> np.ndarray:
+    """Weights of samples, with those of their second differences."""
+    return weights + np.diff(np.r_[0.0, 0.0, more], 2)
+
+
+def fractional(parabolas: bool, fs: float) -> Signal:
     """The fractional integral of straight lines between samples (Diethelm's product
-    rule), by FFT of the whole file.
+    rule), or of the parabola through three, by FFT of the whole file.
     """
-
-    def run(f: np.ndarray) -> np.ndarray:
-        j = np.arange(f.size + 1.0)
-        second = np.diff(j ** (ALPHA + 1), 2, prepend=0.0)  # of straight lines from rest
-        weights = np.r_[1.0, second[1:]] / (gamma(ALPHA + 2) * fs**ALPHA * CHI)
-        return signal.oaconvolve(f, weights)[: f.size]
-
-    return run
+    j = np.arange(SECONDS * fs + 1)
+    weights = np.diff(j ** (ALPHA + 1), 2, prepend=0.0)  # of straight lines from rest
+    weights = np.r_[1.0, weights[1:]] / gamma(ALPHA + 2)
+    more = (j[:, None] + 1 - U) ** (ALPHA - 1) * (U * U - U) / 2 @ WEIGHT / gamma(ALPHA)
+    more[0] = -0.5 / gamma(ALPHA + 3) * ALPHA
+    return by_fft(curved(weights, parabolas * more[:-1]) / (fs**ALPHA * CHI))
 
 
 def oustaloup(fs: float, low: float, high: float) -> Signal:
@@ -160,7 +182,9 @@ def compliances(fs: float, t: np.ndarray) -> list[Method]:
     return on(f, error, {
         "stimlib compliance l1, fs": ([fs], ours("l1")),
         "stimlib compliance gl, fs": ([fs], ours("gl")),
-        "product trapezoid by FFT, whole file, fs": ([fs], fractional_trapezoid),
+        "product trapezoid by FFT, whole file, fs": ([fs], partial(fractional, False)),
+        "product rule of parabolas by FFT, whole file, fs": ([fs], partial(fractional, True)),
+        **banks("force", error, fs),
         "Oustaloup in scipy sosfilt, fs": ([fs], lambda _: searched(error, grid, oustaloup)),
     })  # fmt: skip
 
@@ -182,26 +206,43 @@ def mittag_leffler(t: np.ndarray, beta: float) -> np.ndarray:
     return t ** (beta - 1) * found
 
 
-def kernel(fs: float) -> Signal:
+def kernel(parabolas: bool, fs: float) -> Signal:
     """Relaxation of the arm, its mean over each sample known in closed form, by FFT of
-    the whole file.
+    the whole file; of straight lines, or of the parabola through three samples.
     """
+    m = np.arange(SECONDS * fs)
+    mean = K * np.diff(mittag_leffler(np.r_[m, m.size] / fs, 2.0)) * fs
 
-    def run(y: np.ndarray) -> np.ndarray:
-        t = np.arange(y.size + 1) / fs
-        mean = K * np.diff(mittag_leffler(t, 2.0)) * fs
-        return np.r_[0.0, signal.oaconvolve(np.diff(y), mean)[: y.size - 1]]
+    def falls(v: np.ndarray) -> np.ndarray:
+        return K * erfcx(K / CHI * np.sqrt(v / fs))
 
-    return run
+    more = falls(m[:, None] + 1 - U) * (U - 0.5) @ WEIGHT
+    more[0] = falls(U * U) * (0.5 - U * U) * 2 * U @ WEIGHT  # from the root's corner
+    return by_fft(curved(np.diff(mean, prepend=0.0), parabolas * more))
 
 
-def prony(arms: int, fs: float, first: float, last: float) -> Signal:
-    """The relaxation fitted by exponentials, run as filters of scipy: what is done
-    where there is no springpot.
+def prony(kind: str, arms: int, fs: float, first: float, last: float) -> Signal:
+    """The answer to a step fitted by exponentials for as long as the signal is: what is
+    done where there is no springpot.  Under a force it also has a spring and a damper.
     """
-    t, tau = np.geomspace(1e-4, 10.0, 400), np.geomspace(first, last, arms)
-    k, *_ = np.linalg.lstsq(np.exp(-t[:, None] / tau), K * mittag_leffler(t, 1.0), rcond=None)
-    return first_order([(v * a, 0.0, a, 1.0) for v, a in zip(k, tau, strict=True)], "foh", fs)
+    t, tau = np.geomspace(1e-5, 2.5, 600), np.geomspace(first, last, arms)
+    a = np.exp(-t[:, None] / tau)
+    if kind == "force":
+        a, wanted = np.c_[a, np.ones(t.size), t], t**ALPHA / (gamma(ALPHA + 1) * CHI)
+    else:
+        a, wanted = np.c_[a, np.zeros((t.size, 2))], K * mittag_leffler(t, 1.0)
+    k, *_ = np.linalg.lstsq(a, wanted, rcond=None)
+    return compiled.arms(np.c_[k[:-2], tau], fs, True, *k[-2:].tolist())
+
+
+def banks(kind: str, error: Callable[[Signal], float], fs: float) -> dict[str, Ladder]:
+    """Fitted arms of parabolas, the first and last of their time constants searched."""
+
+    def best(arms: int, fs: float) -> Signal:
+        grid = product([kind], [arms], [fs], 10.0 ** np.arange(-7, -2), [1.0, 3.0, 10.0, 30.0])
+        return searched(error, grid, prony)
+
+    return {f"{n} fitted arms, compiled, fs": ([fs], partial(best, n)) for n in (8, 16, 24, 32)}
 
 
 def series(fs: float, t: np.ndarray) -> list[Method]:
@@ -214,16 +255,12 @@ def series(fs: float, t: np.ndarray) -> list[Method]:
     def error(f: Signal) -> float:
         return apart(f(y), wanted)
 
-    def fitted(arms: int) -> Signal:
-        grid = product([arms], [fs], [1e-6, 1e-5, 1e-4, 1e-3], [1.0, 3.0, 10.0, 30.0])
-        return searched(error, grid, prony)
-
     return on(y, error, {
         "stimlib springpot_series l1, fs": ([fs], ours("l1")),
         "stimlib springpot_series gl, fs": ([fs], ours("gl")),
-        "Mittag-Leffler kernel by FFT, whole file, fs": ([fs], kernel),
-        "8 fitted arms in scipy lfilter, fs": ([fs], lambda _: fitted(8)),
-        "16 fitted arms in scipy lfilter, fs": ([fs], lambda _: fitted(16)),
+        "Mittag-Leffler kernel by FFT, whole file, fs": ([fs], partial(kernel, False)),
+        "the same of parabolas, whole file, fs": ([fs], partial(kernel, True)),
+        **banks("position", error, fs),
     })  # fmt: skip
 
 
