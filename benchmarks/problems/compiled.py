@@ -12,6 +12,7 @@ from numba import njit
 
 compiled = njit(error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 reordered = njit(error_model="numpy", fastmath=True)
+EXP = tuple((-1) ** k / math.factorial(k) for k in range(11))  # of exp(-x), powers of x
 # of sin(pi x)/(pi x) and cos(pi x), powers of x^2: 12 terms reach 1e-16 up to |x| = 0.6
 SINC = tuple((-1) ** k * math.pi ** (2 * k) / math.factorial(2 * k + 1) for k in range(12))
 COS = tuple((-1) ** k * math.pi ** (2 * k) / math.factorial(2 * k) for k in range(12))
@@ -193,3 +194,92 @@ def arms(
     keep, first, second = steps(1 / (fs * tau), parabolas)
     rest = keep, k * first, k * second
     return lambda x: bank(x, spring, damper / fs, parabolas / 12, *rest)
+
+
+@compiled
+def falls(x: float) -> float:
+    """Return exp(-x) of 0 to 40, to 1e-8."""
+    y = 0.0
+    for k in range(len(EXP)):
+        y = y * (x / 64.0) + EXP[len(EXP) - 1 - k]
+    for _ in range(6):
+        y *= y
+    return y
+
+
+@compiled
+def lugre(x: np.ndarray, fs: float, law: tuple) -> np.ndarray:
+    """Return the mean force of LuGre friction on straight paths.
+
+    The law is stiffness, damping, viscosity, sliding and static limit, and the speed of
+    Stribeck's curve.  First come the exponentials, several at once, then the recursion.
+    """
+    stiffness, damping, viscosity, sliding, static, speed = law
+    y, far, keep, mean = np.zeros(x.size), np.empty(x.size), np.empty(x.size), np.empty(x.size)
+    for n in range(1, x.size):
+        v = (x[n] - x[n - 1]) * fs
+        limit = sliding + (static - sliding) * falls(v * v / (speed * speed))
+        r = abs(v) * stiffness / (limit * fs)
+        keep[n] = falls(r)
+        mean[n] = (1.0 - keep[n]) / r if r > 1e-7 else 1.0
+        far[n] = math.copysign(limit, v) / stiffness
+    z = 0.0
+    for n in range(1, x.size):
+        z, before = far[n] + (z - far[n]) * keep[n], z
+        bent = stiffness * (far[n] + (before - far[n]) * mean[n])
+        y[n] = bent + (damping * (z - before) + viscosity * (x[n] - x[n - 1])) * fs
+    return y
+
+
+@compiled
+def models(x: np.ndarray, corners: np.ndarray, origin: np.ndarray, per: np.ndarray) -> np.ndarray:
+    """Return each column of corners (triangles, 3, columns) at places x (2, n) in them.
+
+    The weights of the first two rise per unit from an origin, the third corner.  A
+    triangle is looked for from the last on.
+    """
+    found, k, a, b = np.empty((corners.shape[2], x.shape[1])), 0, 0.0, 0.0
+    for n in range(x.shape[1]):
+        for _ in range(len(corners)):
+            s, t = x[0, n] - origin[k, 0], x[1, n] - origin[k, 1]
+            a, b = per[k, 0, 0] * s + per[k, 0, 1] * t, per[k, 1, 0] * s + per[k, 1, 1] * t
+            if min(a, b, 1.0 - a - b) > -1e-9:
+                break
+            k = (k + 1) % len(corners)
+        for j in range(corners.shape[2]):
+            row = corners[k, :, j]
+            found[j, n] = row[2] + a * (row[0] - row[2]) + b * (row[1] - row[2])
+    return found
+
+
+@compiled
+def textured(m: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Return a texture of models of 6 and 4 line spectral frequencies, a variance and a
+    gain, (12, n): a filter of order 6 by one of order 4, in direct form.
+    """
+    for j in range(10):
+        for n in range(noise.size):
+            x = 0.5 * math.pi - m[j, n]
+            m[j, n] = -2.0 * x * series(x / math.pi, SINC)
+    h = np.empty((11, noise.size))
+    for n in range(noise.size):
+        a, b, c, d, e, f = m[0, n], m[2, n], m[4, n], m[1, n], m[3, n], m[5, n]
+        p1, p2 = a + b + c, 3.0 + a * b + a * c + b * c
+        q1, q2 = d + e + f, 3.0 + d * e + d * f + e * f
+        p3, q3 = 2.0 * p1 + a * b * c, 2.0 * q1 + d * e * f
+        h[0, n], h[1, n], h[2, n] = p1 + q1, p2 + p1 + q2 - q1, p3 + p2 + q3 - q2
+        h[3, n], h[4, n], h[5, n] = p2 + p3 + q2 - q3, p1 + p2 + q1 - q2, 2.0 + p1 - q1
+        a, b, d, e = m[6, n], m[8, n], m[7, n], m[9, n]
+        p1, p2, q1, q2 = a + b, 2.0 + a * b, d + e, 2.0 + d * e
+        h[6, n], h[7, n] = p1 + q1, p2 + p1 + q2 - q1
+        h[8, n], h[9, n] = p1 + p2 + q1 - q2, 2.0 + p1 - q1
+        h[10, n] = m[11, n] * math.sqrt(m[10, n]) * noise[n]
+    y, v = np.zeros(6 + noise.size), np.zeros(6 + noise.size)  # 6 before the first
+    for n in range(noise.size):
+        k = 6 + n
+        v[k] = h[10, n]
+        driven = h[6, n] * v[k - 1] + h[7, n] * v[k - 2] + h[8, n] * v[k - 3] + h[9, n] * v[k - 4]
+        driven -= h[5, n] * y[n] + h[4, n] * y[k - 5] + h[3, n] * y[k - 4] + h[2, n] * y[k - 3]
+        driven -= h[1, n] * y[k - 2]
+        y[k] = v[k] + 0.5 * (driven - h[0, n] * y[k - 1])
+    return y[6:]

@@ -13,6 +13,7 @@ from scipy import integrate
 
 from stimlib.blocks import friction
 
+from . import compiled
 from .problem import Method, Problem, Signal, apart, on, own
 
 # LuGre with Stribeck's curve (Canudas de Wit et al. 1995, eqs. 1 to 4): N/m, N s/m, N
@@ -93,6 +94,12 @@ def _euler() -> Callable[[np.ndarray, float, int], np.ndarray]:
     return run
 
 
+def exactly(fs: float) -> Signal:
+    """Of straight paths, as the block does it."""
+    law = STIFFNESS, DAMPING, VISCOSITY, NORMAL * SLIDING, NORMAL * STATIC, SPEED
+    return lambda x: compiled.lugre(x, fs, law)
+
+
 def by_lsoda(tol: float) -> Signal:
     """The reference's own way with less care, for the whole motion at once."""
 
@@ -130,6 +137,7 @@ def at_rate(fs: float) -> list[Method]:
         "stimlib friction (LuGre), fs": ([fs], own(ours, fs, "m")),
         "Euler, compiled, fs": ([fs], partial(euler, 1)),
         "Euler, compiled, 16 steps in a sample, fs": ([fs], partial(euler, 16)),
+        "exact on straight paths, compiled, fs": ([fs], exactly),
     }
     if fs == 8000.0:
         ladders["scipy LSODA at 8 kHz, whole file, rtol"] = [1e-3, 1e-6, 1e-9], by_lsoda

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 from scipy import interpolate, ndimage, signal
@@ -21,7 +22,7 @@ from stimlib.design.texture import made_up
 
 from . import compiled
 from .problem import Method, Problem, Signal, apart, on, own
-from .surface import averaged, coefficients
+from .surface import LD, averaged, coefficients
 
 FS, SAMPLES = 8000.0, 1 << 14
 T = np.arange(SAMPLES) / FS
@@ -244,6 +245,50 @@ STROKES = np.array(
 )
 
 
+def in_long_double(noise: np.ndarray) -> np.ndarray:
+    """The law of STROKES; that of the verifier has an error of 1.4e-15 by rounding."""
+    places = np.c_[MODEL.speed, MODEL.force]
+    top = places.max(axis=0)
+    at = laws.texture_weights(STROKES.T / top, places / top, MODEL.triangles.astype(int))[0]
+    corners = np.concatenate([places[at].astype(LD), np.ones((*at.shape, 1), LD)], axis=2)
+    x = np.c_[STROKES.T.astype(LD), np.ones(len(at), LD)]
+    # a weight is the triangle of a place and two corners
+    w = np.stack([_volume(x, *(corners[:, k - j] for j in (2, 1))) for k in range(3)], axis=1)
+    w /= w.sum(axis=1, keepdims=True)
+    lsf, ma, variance, gain = (
+        np.einsum("nk,nk...->n...", w, v.astype(LD)[at])
+        for v in (MODEL.lsf, MODEL.ma, MODEL.variance, MODEL.gain)
+    )
+    ar, ma = (_polynomial(v)[:, ::-1] for v in (lsf, ma))
+    v = np.r_[np.zeros(ma.shape[1]), gain * np.sqrt(variance) * noise]
+    y = np.zeros(ar.shape[1] + noise.size, LD)
+    for n, (a, b) in enumerate(zip(ar, ma, strict=True)):
+        p, q = n + ar.shape[1], n + ma.shape[1]
+        y[p] = v[q] + (b * v[n:q]).sum() - (a * y[n:p]).sum()
+    return y[ar.shape[1] :].astype(float)
+
+
+def _volume(x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (np.cross(a, b) * x).sum(axis=1)
+
+
+def _polynomial(lsf: np.ndarray) -> np.ndarray:
+    """Of line spectral frequencies, an even number, without the leading 1."""
+    halves = []
+    for first, end in ((0, 1), (1, -1)):
+        half = np.ones((len(lsf), 1), LD)
+        for k in range(first, lsf.shape[1], 2):
+            half = _times(half, -2 * np.cos(lsf[:, k : k + 1]), 1)
+        halves.append(_times(half, end, 0)[:, :-1])
+    return (halves[0] + halves[1])[:, 1:-1] / 2
+
+
+def _times(p: np.ndarray, first: Any, second: float) -> np.ndarray:
+    """By 1 + first z + second z^2."""
+    one, two = (np.pad(p, ((0, 0), (k, 2 - k))) for k in (1, 2))
+    return np.pad(p, ((0, 0), (0, 2))) + first * one + second * two
+
+
 @cache
 def _direct() -> Callable[..., np.ndarray]:
     from numba import njit
@@ -268,7 +313,7 @@ def _direct() -> Callable[..., np.ndarray]:
 def textures() -> list[Method]:
     """At the model's own rate; speed and force never rest."""
     noise = laws.white(0, SEED, 0, 0, STROKES.shape[1])
-    wanted = laws.texture(MODEL, STROKES[0], STROKES[1], noise, 1)
+    wanted = in_long_double(noise)
     top = np.array([MODEL.speed.max(), MODEL.force.max()])
 
     def models(every: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -303,6 +348,15 @@ def textures() -> list[Method]:
         loop = _direct()
         return lambda x: loop(*models(every, x), noise, every)
 
+    def at_once(_: str) -> Signal:
+        """All models in columns, then all filters."""
+        t, at = MODEL.triangles.astype(int), np.c_[MODEL.speed, MODEL.force]
+        edges = np.moveaxis(at[t[:, :2]] - at[t[:, 2:]], 1, 2)
+        some = np.abs(np.linalg.det(edges)) > 1e-9
+        where = at[t[some, 2]], np.linalg.inv(edges[some])
+        columns = np.c_[MODEL.lsf, MODEL.ma, MODEL.variance, MODEL.gain][t[some]]
+        return lambda x: compiled.textured(compiled.models(x, columns, *where), noise)
+
     return on(
         STROKES,
         lambda f: apart(f(STROKES), wanted),
@@ -313,6 +367,7 @@ def textures() -> list[Method]:
             ),
             "scipy lfilter, renewed every n samples": ([1, 3, 10, 30, 100], renewed),
             "direct form 1, compiled, renewed every n samples": ([1, 3, 10, 30, 100], direct),
+            "direct form 1 and its models, compiled": ([""], at_once),
         },
     )
 
