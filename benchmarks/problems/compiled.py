@@ -99,6 +99,20 @@ def patches(x: np.ndarray, c: np.ndarray, per: float) -> np.ndarray:
 
 
 @compiled
+def planes(x: np.ndarray, z: np.ndarray, per: float) -> np.ndarray:
+    """Return what a grid of heights gives between its points, bilinear."""
+    y = np.empty(x.shape[1])
+    for n in range(x.shape[1]):
+        s, t = x[0, n] * per, x[1, n] * per
+        i, k = min(int(s), z.shape[0] - 2), min(int(t), z.shape[1] - 2)
+        s, t = s - i, t - k
+        low = z[i, k] + t * (z[i, k + 1] - z[i, k])
+        high = z[i + 1, k] + t * (z[i + 1, k + 1] - z[i + 1, k])
+        y[n] = low + s * (high - low)
+    return y
+
+
+@compiled
 def walked(x: np.ndarray, ends: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Return polynomials, rows of coefficients, between increasing ends at increasing
     places.

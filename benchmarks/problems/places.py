@@ -220,6 +220,10 @@ def maps() -> list[Method]:
 
         return make
 
+    def planes(n: int) -> Signal:
+        z = table(n)[1]
+        return lambda x: compiled.planes(x, z, (n - 1) / SIDE)
+
     return on(PLACES, lambda f: apart(f(PLACES), wanted), {
         "stimlib lut2 linear, points": (sizes, ours("linear")),
         "stimlib lut2 cubic, points": (sizes, ours("cubic")),
@@ -229,7 +233,7 @@ def maps() -> list[Method]:
         "scipy map_coordinates, order 1, points": (sizes, image(1)),
         "scipy map_coordinates, order 3, points": (sizes, image(3)),
         "scipy map_coordinates, order 5, points": (sizes, image(5)),
-        "planes, compiled, points": (sizes, cells(1)),
+        "planes, compiled, points": (sizes, planes),
         "scipy spline of order 3, compiled, points": (sizes, cells(3)),
         "scipy spline of order 5, compiled, points": (sizes, cells(5)),
     })  # fmt: skip
