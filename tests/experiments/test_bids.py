@@ -21,9 +21,8 @@ from laws import STRESS
 from refusals import refused
 from typer.testing import CliRunner
 
-from stimlib import BadValue, SinkError
+from stimlib import BadValue, RecordingError, SinkError
 from stimlib.cli import app
-from stimlib.errors import RecordingError
 from stimlib.experiments import (
     ConstantStimuli,
     Sequential,

@@ -30,8 +30,7 @@ from stimlib.experiments import (
     simulate as observe,
     status,
 )
-from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import replay
+from stimlib.files import read_log, replay
 from stimlib.system import safe_files
 
 

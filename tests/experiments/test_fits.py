@@ -462,8 +462,7 @@ def test_no_curve_is_more_likely_than_the_maximum_and_ends_are_where_it_has_fall
     rising = best.b > 0
     some, c, peak = Sets(*(v[rising] for v in sets)), c[rising], best.loglik[rising]
     z, zero = np.sqrt(chi2.ppf(0.95, 1)), np.zeros(c.shape)
-    ends_ = profile(some, model)
-    for way, (low, high) in zip(("a", "b"), ends_, strict=True):
+    for way, (low, high) in zip(("a", "b"), profile(some, model), strict=True):
         for end, out in ((low, -1), (high, 1)):
             ok = np.isfinite(end) & ((way == "a") | (end > 0))
             end = np.where(ok, end, 1.0)

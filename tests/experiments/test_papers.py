@@ -494,8 +494,7 @@ def test_places_nine_people_have_nine_orders_and_no_place_twice():
     for t in {t.condition: t for trials in seen for t in trials}.values():
         how, turn = place.SURFACES[t.condition]
         S = block(radians(turn))
-        surface = soft_surface(place.FEEDBACK[how], S=S)
-        assert experiment.scenes[t.condition].hash == surface.hash
+        assert experiment.scenes[t.condition].hash == soft_surface(place.FEEDBACK[how], S=S).hash
         levels = [S.levels[round(y / 0.002), round(x / 0.002)] for x, y in t.correct["nodules"]]
         assert levels == sorted(levels, reverse=True), "hard where it is right, A first"
         assert levels[-1] > 1.2 * S.levels[0, 0]

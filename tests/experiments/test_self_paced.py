@@ -43,8 +43,7 @@ from stimlib.experiments import (
 )
 from stimlib.experiments.bids import to_bids, to_psych_ds
 from stimlib.experiments.trial import Answer, Record, Stimulus, Trial, correct
-from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import replay
+from stimlib.files import read_log, replay
 
 AFTER = (
     choice("preferred", "Which did you prefer?", "soft", "stiff"),

@@ -37,9 +37,7 @@ import stimlib
 import stimlib.experiments.random_streams
 from stimlib.blocks import lowpass
 from stimlib.design.texture import made_up
-from stimlib.devices.calibration import Calibration
-from stimlib.devices.null import NullSink
-from stimlib.devices.sources import Live
+from stimlib.devices import Calibration, Live, NullSink
 from stimlib.errors import BadValue, SinkError, StimlibError, UnitError, UnknownName
 from stimlib.experiments import (
     Answer,
@@ -57,6 +55,8 @@ from stimlib.experiments import (
     Trial,
     blinded,
     columns,
+    folder_of,
+    measured,
     outcome,
     prepare,
     present,
@@ -70,12 +70,8 @@ from stimlib.experiments import (
     stream,
 )
 from stimlib.experiments.bids import subject
-from stimlib.experiments.presentation import measured
-from stimlib.experiments.reader import folder_of
 from stimlib.experiments.session import LOG, Session
-from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import replay
-from stimlib.files.log_writer import LogWriter
+from stimlib.files import LogWriter, read_log, replay
 from stimlib.run.safety import GAIN, Safety
 from stimlib.scenes import SHIPPED
 from stimlib.system import safe_files

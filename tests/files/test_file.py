@@ -23,9 +23,18 @@ from memory import most_memory
 from refusals import largest_file, refused
 
 import stimlib
-from stimlib import Input, Param, Scene, constant
+from stimlib import (
+    BadValue,
+    FaultError,
+    Input,
+    Param,
+    Scene,
+    SinkError,
+    UnitError,
+    UnknownName,
+    constant,
+)
 from stimlib.blocks import lut, sqrt, white_noise
-from stimlib.errors import BadValue, FaultError, SinkError, UnitError, UnknownName
 from stimlib.files import audio as file, formats
 from stimlib.files.formats import BITS, FORMATS
 from stimlib.motion.generators import minimum_jerk, sinusoid

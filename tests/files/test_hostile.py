@@ -20,18 +20,13 @@ from logged import play
 from refusals import refused, warned
 
 import stimlib
-from stimlib import Input, Param, Scene, constant
-from stimlib.analysis.draw import draw
+from stimlib import Input, Param, Scene, SinkError, StimlibError, constant, draw
 from stimlib.analysis.overview import picture
 from stimlib.blocks import white_noise
 from stimlib.checks.session import verify_log
-from stimlib.errors import SinkError, StimlibError
-from stimlib.files import audio as file
+from stimlib.files import LogWriter, audio as file, header, read_log, replay
 from stimlib.files.batch import render_set
 from stimlib.files.formats import FORMATS, stored
-from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import replay
-from stimlib.files.log_writer import LogWriter, header
 from stimlib.motion.generators import sinusoid
 from stimlib.run.safety import GAIN, Safety
 from stimlib.system import fields, safe_files

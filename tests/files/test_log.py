@@ -17,18 +17,13 @@ from logged import play
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene, constant
+from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError, UnitError, constant
 from stimlib.blocks import timeline, white_noise
-from stimlib.checks.evidence import Asked
-from stimlib.checks.session import verify_log
+from stimlib.checks import Asked, verify_log
 from stimlib.core.units import unit
-from stimlib.devices.null import NullSink
-from stimlib.devices.sources import Live
-from stimlib.errors import BadValue, FaultError, SinkError, UnitError
-from stimlib.files import audio as file
-from stimlib.files.log_reader import read_log
+from stimlib.devices import Live, NullSink
+from stimlib.files import LogWriter, audio as file, header, read_log
 from stimlib.files.log_replay import delivered, replay
-from stimlib.files.log_writer import LogWriter, header
 from stimlib.motion.generators import minimum_jerk
 from stimlib.run.processor import Change
 from stimlib.run.safety import GAIN, Safety, protect, to_device

@@ -344,8 +344,7 @@ def test_what_is_written_keeps_the_rules_of_its_format(name, suffix, rules, tmp_
 @pytest.mark.parametrize(("suffix", "most"), [(".ahap", 8.0), (".haptic", 8.0), (".hjif", -40.0)])
 def test_a_tone_comes_back_with_its_level_and_frequency(tmp_path, suffix, most):
     scene = stimlib.Scene({"a": timeline([(0, 0), (0.5, 3), (1, 0)], unit="N") * oscillator(150)})
-    made = stimlib.render(scene, fs=FS, seconds=1.0)
-    report = write_pattern(tmp_path / f"a{suffix}", made)
+    report = write_pattern(tmp_path / f"a{suffix}", stimlib.render(scene, fs=FS, seconds=1.0))
     error, envelope, bands = report.lost["a"]
     assert error < most and envelope < -45 and report.unit == "N"
     assert report.full_scale == pytest.approx(3.0, rel=0.01)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hands import DATA
 from refusals import refused
+from written import written
 
 from stimlib.errors import BadValue, RecordingError
-from stimlib.motion.recorded import parse_source, recording
-from stimlib.motion.text import parse_where
+from stimlib.motion import parse_source, parse_where, recording
 
 T = np.arange(400) * 0.004
 X = 0.01 * np.sin(5 * T)
@@ -207,8 +207,9 @@ def lost(x, *rows, by=np.nan):
 @pytest.mark.parametrize("how", ["gap", "hold", "interpolate"])
 def test_a_missing_number_is_no_contact_or_bridged(tmp_path, by, sentinels, how):
     x = lost(X, 0, 100, 101, 399, by=by)
-    path = tmp_path / "log.csv"
-    path.write_text("t_s,x\n" + "".join(f"{t},{v}\n" for t, v in zip(T, x, strict=True)))
+    path = written(
+        tmp_path / "log.csv", "t_s,x\n" + "".join(f"{t},{v}\n" for t, v in zip(T, x, strict=True))
+    )
     given = {"missing": how, "sentinels": sentinels}
     for source, first in ((table(T, x), 0), (path, 2)):
         says = f"row {first}, column x: .*missing="
@@ -271,8 +272,10 @@ def test_two_columns_at_two_rates_in_one_file(tmp_path):
 
 
 def test_a_row_without_a_time_or_contact(tmp_path):
-    path = tmp_path / "log.csv"
-    path.write_text("t_s,x,contact\n0,0,1\n,,\n0.01,1,\n0.02,2,0\n0.03,3,\n0.04,4,1\n0.05,5,1\n")
+    path = written(
+        tmp_path / "log.csv",
+        "t_s,x,contact\n0,0,1\n,,\n0.01,1,\n0.02,2,0\n0.03,3,\n0.04,4,1\n0.05,5,1\n",
+    )
     r = recording(path, {"x": "x*1e-3"}, missing="hold")
     assert r.info["reports"] == 6 and "1 rows without a time left out" in str(r)
     assert r.info["lifts"] == [(5, 0.02)] and r.contact([0.005, 0.025, 0.035, 0.045]).tolist() == [
@@ -330,8 +333,10 @@ def test_what_a_missing_number_is_not(tmp_path):
 
 def test_sentinels_in_single_precision_and_of_decimal_commas_are_found(tmp_path):
     single = np.where(T == T[7], -9.9, 0.5).astype(np.float32)
-    path = tmp_path / "log.csv"
-    path.write_text("t_s;x\n" + "".join(f"0,{i};{-9 if i == 7 else 1},9\n" for i in range(1, 10)))
+    path = written(
+        tmp_path / "log.csv",
+        "t_s;x\n" + "".join(f"0,{i};{-9 if i == 7 else 1},9\n" for i in range(1, 10)),
+    )
     for given, sentinel in ((table(T, single), -9.9), (path, "-9,9"), (path, -9.9)):
         r = recording(given, {"x": "x"}, missing="hold", sentinels=(sentinel,), max_gap=1)
         assert "x: 1 missing numbers" in str(r)

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from laws import STRESS
 from refusals import refused
+from written import written
 
 import stimlib
 from stimlib.errors import BadValue, RecordingError
 from stimlib.experiments.reader import csv_of
 from stimlib.files import audio
-from stimlib.motion import table as tables
-from stimlib.motion.recorded import recording
+from stimlib.motion import recording, table as tables
 from stimlib.motion.reports import known_in
 from stimlib.motion.table import read_table
 
@@ -235,8 +235,7 @@ def numbers(path):
 def test_a_dialect_has_the_numbers_of_pandas(tmp_path, name):
     text, options, noted = TAKEN[name]
     data = text if isinstance(text, bytes) else text.encode()
-    path = tmp_path / "log.csv"
-    path.write_bytes(data)
+    path = written(tmp_path / "log.csv", data)
     frame = pd.read_csv(BytesIO(data), **options)
     wanted = frame.rename(columns=str.strip)[["t_s", "x"]].to_numpy(float).T
     found, table = numbers(path)
@@ -251,14 +250,12 @@ def test_a_dialect_has_the_numbers_of_pandas(tmp_path, name):
 @pytest.mark.parametrize("name", REFUSED)
 def test_a_dialect_is_refused_by_name(tmp_path, name):
     text, says = REFUSED[name]
-    path = tmp_path / "log.csv"
-    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    path = written(tmp_path / "log.csv", text)
     refused(RecordingError, says, recording, path, {"x": "x"}, max_speed=None)
 
 
 def test_a_packed_file_is_unpacked_to_the_limit(tmp_path, monkeypatch):
-    path = tmp_path / "log.csv.gz"
-    path.write_bytes(gzip.compress(b"t_s,x\n" + b"0,0\n" * 100_000))
+    path = written(tmp_path / "log.csv.gz", gzip.compress(b"t_s,x\n" + b"0,0\n" * 100_000))
     monkeypatch.setattr(stimlib.limits, "recording_bytes", 100_000)
     refused(RecordingError, "unpacked bytes: .*recording_bytes", recording, path, {"x": "x"})
 
@@ -307,8 +304,9 @@ def test_any_dialect_has_its_numbers(
         )
     text = end.join([*above, *lines[: 3 + units], *within, *lines[3 + units :], ""])
     data = text.encode(encoding)
-    path = tmp_path_factory.getbasetemp() / "any.csv"
-    path.write_bytes(gzip.compress(data) if packed else data)
+    path = written(
+        tmp_path_factory.getbasetemp() / "any.csv", gzip.compress(data) if packed else data
+    )
     try:
         found, _ = numbers(path)
     except RecordingError as error:
@@ -337,8 +335,9 @@ def test_any_dialect_has_its_numbers(
     ],
 )  # fmt: skip
 def test_times_of_day(tmp_path, times, start, says):
-    path = tmp_path / "log.txt"
-    path.write_text("when\tx\n" + "".join(f"{t}\t{i}\n" for i, t in enumerate(times)))
+    path = written(
+        tmp_path / "log.txt", "when\tx\n" + "".join(f"{t}\t{i}\n" for i, t in enumerate(times))
+    )
     r = recording(path, {"x": "x*1e-3"}, time="when")
     assert r.info["start"] == pytest.approx(start) and says in str(r)
     assert r.motion["x"]._knots == pytest.approx([0, 0.01, 0.03], abs=1e-9)
@@ -369,14 +368,19 @@ def test_times_of_day(tmp_path, times, start, says):
 )
 def test_times_of_day_that_are_refused(tmp_path, monkeypatch, times, how, says):
     monkeypatch.setattr(tables, "PIECE", 16)  # each row is read by itself
-    path = tmp_path / "log.csv"
-    path.write_text("t_s,x\n" + "".join(f"{t},{i}\n" for i, t in enumerate(times)))
+    path = written(
+        tmp_path / "log.csv", "t_s,x\n" + "".join(f"{t},{i}\n" for i, t in enumerate(times))
+    )
     refused(RecordingError, says, recording, path, {"x": "x"}, **how)
 
 
 def test_names_that_are_no_expressions_are_found(tmp_path):
-    (tmp_path / "a.csv").write_text("Tracker 3.1,left\nTime (s),Force (N)\n0,1\n0.01,2\n")
-    found = recording(tmp_path / "a.csv", {"x": "Force (N)"}, time="Time (s)", max_speed=None)
+    found = recording(
+        written(tmp_path / "a.csv", "Tracker 3.1,left\nTime (s),Force (N)\n0,1\n0.01,2\n"),
+        {"x": "Force (N)"},
+        time="Time (s)",
+        max_speed=None,
+    )
     assert found.motion["x"]([0.0, 0.01]).tolist() == [1.0, 2.0]
 
 
@@ -418,8 +422,7 @@ def test_a_sidecar_has_what_was_skipped(tmp_path, monkeypatch):
     for source, notes in (("log.tsv", ["separated by tabs"]), ({"t_s": T, "x": X}, None)):
         motion = recording(source, {"x": "x"}, max_speed=None).motion_for(scene.inputs)
         audio.write("a.wav", proc, motion, 0.02, progress=False)
-        read = audio.read("a.wav")[1].get("motion_read")
-        assert read == ({"x": notes} if notes else None)
+        assert audio.read("a.wav")[1].get("motion_read") == ({"x": notes} if notes else None)
         assert stimlib.verify(scene, motion, "a.wav").passed
         proc.reset()
 

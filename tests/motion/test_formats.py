@@ -16,6 +16,7 @@ from hypothesis import given, settings, strategies as st
 from laws import STRESS
 from refusals import refused
 from typer.testing import CliRunner
+from written import written
 
 import stimlib
 from stimlib.cli import app
@@ -113,8 +114,7 @@ OPTIONS = {
 def test_every_format_gives_the_same_motion(tmp_path, form, what):
     table, columns, words = OPTIONS[what]
     wanted = recording(table, columns, **words)
-    path = write(tmp_path / f"press{form}", table)
-    found = recording(path, columns, **words)
+    found = recording(write(tmp_path / f"press{form}", table), columns, **words)
     t = np.linspace(-0.1, wanted.duration + 0.1, 3001)
     for name in columns:
         assert np.array_equal(found.motion[name](t), wanted.motion[name](t))
@@ -150,8 +150,7 @@ def test_matrices_rows_and_other_lengths_of_a_mat_file(tmp_path):
     scipy.io.savemat(path, {**kinds, "short": xy[1:], **others})
     assert read_table(path).names == ("t_s", "xy_1", "xy_2", "n")
     found = recording(path, {"x": "hypot(xy_1, xy_2)", "n": "n*1e-6"})
-    wanted = np.hypot(*xy.T)
-    assert found.motion["x"](T - T[0]).tolist() == pytest.approx(wanted, abs=1e-15)
+    assert found.motion["x"](T - T[0]).tolist() == pytest.approx(np.hypot(*xy.T), abs=1e-15)
     assert "variables skipped: z, cells, holes, short_1 (length 199)" in str(found)
     why = "column short_1: 199 values, and t_s has 200; save one-dimensional"
     refused(RecordingError, why, recording, path, {"x": "xy_1", "y": "short_1"})
@@ -165,8 +164,7 @@ def test_matrices_rows_and_other_lengths_of_a_mat_file(tmp_path):
         (path.read_bytes()[:-9], r"cannot be read as .mat \(the file is cut off\); save vectors"),
         (b"t_s,x\n0,1\n", "not a MATLAB file"),
     ):
-        path.write_bytes(data)
-        refused(RecordingError, why, read_table, path)
+        refused(RecordingError, why, read_table, written(path, data))
 
 
 @pytest.mark.parametrize("packed", [False, True])
@@ -194,8 +192,7 @@ def test_a_mat_file_of_the_other_byte_order(tmp_path):
     values = np.array([[1.5, 2.0, -3.0], [4.0, 5.0, 6.0]])
     parts = (6, struct.pack(">2I", 6, 0)), (5, struct.pack(">2i", 3, 2)), (1, b"x")
     data = b"".join(element(*part) for part in (*parts, (9, values.astype(">f8").tobytes())))
-    path = tmp_path / "m.mat"
-    path.write_bytes(b"MATLAB 5.0".ljust(124) + b"\1\0MI" + element(14, data))
+    path = written(tmp_path / "m.mat", b"MATLAB 5.0".ljust(124) + b"\1\0MI" + element(14, data))
     (batch,) = read_table(path).batches()
     assert np.array_equal(batch.numbers(["x_1", "x_2"]), values)
     assert np.array_equal(scipy.io.loadmat(path)["x"], values.T)
@@ -238,10 +235,8 @@ def test_streams_clock_offsets_and_jitter_of_an_xdf_file(tmp_path):
     for columns in ({"x": "x"}, {"x": "'Pen.x'", "y": "'Tracker.y'"}, {"x": "'Mocap.x'"}):
         why = "in 2 streams of numbers; use those of one, by name, type or number: Tracker.x"
         refused(RecordingError, why, recording, path, columns)
-    packed = tmp_path / "lab.xdfz"
-    packed.write_bytes(gzip.compress(path.read_bytes()))
-    again = recording(packed, {"x": "'Pen.x'"})
-    assert again.info["reports"] == N
+    packed = written(tmp_path / "lab.xdfz", gzip.compress(path.read_bytes()))
+    assert recording(packed, {"x": "'Pen.x'"}).info["reports"] == N
     for labels in (["", ""], ["t_s", "x"]):
         path.write_bytes(xdf(header(1, "Pen", labels), samples(1, T, np.zeros((N, 2)))))
         assert read_table(path).names[:3] == ("t_s", "channel1", "channel2")
@@ -258,8 +253,9 @@ def test_numbers_of_all_types_of_an_xdf_file(tmp_path, form, kind):
     for stamp in (lambda t: struct.pack("<Bd", 8, t), lambda t: b"\0"):
         rows = b"".join(stamp(t) + v.tobytes() for t, v in zip(T, values, strict=True))
         part = chunk(3, struct.pack("<IBI", 1, 4, N) + rows)
-        (tmp_path / "a.xdf").write_bytes(xdf(header(1, "A", ["x", "y"], form, rate=100.0), part))
-        (batch,) = read_table(tmp_path / "a.xdf").batches()
+        (batch,) = read_table(
+            written(tmp_path / "a.xdf", xdf(header(1, "A", ["x", "y"], form, rate=100.0), part))
+        ).batches()
         assert np.array_equal(batch.numbers(["x", "y"]), values.T)
 
 
@@ -286,8 +282,12 @@ def test_samples_that_pyxdf_leaves_out(tmp_path, monkeypatch):
 
 def test_without_pyxdf_the_error_says_how_to_install_it(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyxdf", None)
-    (tmp_path / "a.xdf").write_bytes(xdf())
-    refused(MissingPackage, "an XDF file needs the package pyxdf", read_table, tmp_path / "a.xdf")
+    refused(
+        MissingPackage,
+        "an XDF file needs the package pyxdf",
+        read_table,
+        written(tmp_path / "a.xdf", xdf()),
+    )
 
 
 HUGE = struct.pack("<IBQ", 1, 8, 2**40) + b"\0" * 8
@@ -321,8 +321,7 @@ BAD_XDF = {
 def test_odd_xdf_files(tmp_path, what):
     pytest.importorskip("pyxdf")
     data, why = BAD_XDF[what]
-    (tmp_path / "a.xdf").write_bytes(data)
-    refused(RecordingError, why, recording, tmp_path / "a.xdf", {"x": "x"})
+    refused(RecordingError, why, recording, written(tmp_path / "a.xdf", data), {"x": "x"})
 
 
 # C3D ----------------------------------------------------------------------------------
@@ -407,8 +406,7 @@ def _plain(values, integer):
 @pytest.mark.parametrize("integer", [False, True])
 def test_points_and_channels_of_a_c3d_file(tmp_path, order, integer):
     pytest.importorskip("c3d")
-    path = tmp_path / "hand.c3d"
-    path.write_bytes(c3d_of(order, integer))
+    path = written(tmp_path / "hand.c3d", c3d_of(order, integer))
     names = [f"{n}.{axis}" for n in ("P1:Tip", "point2", "point3") for axis in "XYZ"]
     assert read_table(path).names == ("t_s", *names, "Fz", "channel2")
     table = {"t_s": np.arange(N) / RATE, "x": np.where(HIDDEN, np.nan, TIP[:, 0])}
@@ -424,8 +422,7 @@ def test_points_and_channels_of_a_c3d_file(tmp_path, order, integer):
         "3 points in mm, 200 frames at 100 Hz",
         "2 channels in N, Nm at 1000 Hz",
     ]
-    why = "(nan is not finite|no number).*missing="
-    refused(RecordingError, why, recording, path, columns)
+    refused(RecordingError, "(nan is not finite|no number).*missing=", recording, path, columns)
     # a channel has a row for each of its samples, and a point one in ten
     force = (PLATE.reshape(-1, 2) - (3, -5)) * (0.5, 1.0)
     both = {"x": "'P1:Tip.X'*1e-3", "f": "Fz", "g": "channel2"}
@@ -433,14 +430,12 @@ def test_points_and_channels_of_a_c3d_file(tmp_path, order, integer):
     at = np.arange(N * STEP) / (RATE * STEP)
     assert np.array_equal(found.motion["f"](at), force[:, 0])
     assert np.array_equal(found.motion["g"](at), force[:, 1])
-    frames = at[::STEP][~HIDDEN]
-    assert np.array_equal(found.motion["x"](frames), TIP[~HIDDEN, 0] * 1e-3)
+    assert np.array_equal(found.motion["x"](at[::STEP][~HIDDEN]), TIP[~HIDDEN, 0] * 1e-3)
 
 
 def test_c3d_files_of_points_or_channels_alone(tmp_path):
     pytest.importorskip("c3d")
-    path = tmp_path / "a.c3d"
-    path.write_bytes(c3d_of(labels=()))
+    path = written(tmp_path / "a.c3d", c3d_of(labels=()))
     found = recording(path, {"f": "Fz"}, max_speed=None)
     assert found.info["reports"] == N * STEP and "0 points" in str(found)
     path.write_bytes(c3d_of(channels=("t_s", "Fz")))
@@ -467,14 +462,12 @@ BAD_C3D = {
 def test_odd_c3d_files(tmp_path, what):
     pytest.importorskip("c3d")
     data, why = BAD_C3D[what]
-    (tmp_path / "a.c3d").write_bytes(data)
-    refused(RecordingError, why, recording, tmp_path / "a.c3d", {"x": "'P1:Tip.X'"})
+    refused(RecordingError, why, recording, written(tmp_path / "a.c3d", data), {"x": "'P1:Tip.X'"})
 
 
 def test_many_rows_and_columns_of_a_c3d_file_are_refused(tmp_path, monkeypatch):
     pytest.importorskip("c3d")
-    path = tmp_path / "a.c3d"
-    path.write_bytes(c3d_of())
+    path = written(tmp_path / "a.c3d", c3d_of())
     for limit, most, columns in (
         ("recording_columns", 10, {"x": "'P1:Tip.X'"}),
         ("recording_rows", N - 1, {"x": "'P1:Tip.X'"}),

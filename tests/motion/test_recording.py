@@ -14,12 +14,9 @@ from refusals import refused
 from scipy.interpolate import PchipInterpolator
 
 import stimlib
-from stimlib import Input
-from stimlib.errors import BadValue, RecordingError, UnknownName
+from stimlib import BadValue, Input, RecordingError, UnknownName
 from stimlib.files import audio as file
-from stimlib.motion import pchip
-from stimlib.motion.recorded import Recording, parse_source, recording
-from stimlib.motion.text import parse_map, parse_where
+from stimlib.motion import Recording, parse_map, parse_source, parse_where, pchip, recording
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 FS = 8000.0
@@ -63,8 +60,7 @@ def test_position_is_pchip_through_the_reports_and_held_outside(csv):
     t = t - t[0]
     at = np.concatenate([t, np.linspace(0, t[-1], 5001)])
     for name, values in (("x", x), ("y", y), ("z", 2 * x)):
-        wanted = PchipInterpolator(t, values)(at)
-        assert_allclose(r.motion[name](at), wanted, rtol=0, atol=1e-15)
+        assert_allclose(r.motion[name](at), PchipInterpolator(t, values)(at), rtol=0, atol=1e-15)
     assert r.motion["x"]([-5.0, 1e9]).tolist() == [x[0], x[-1]] and r.duration == t[-1]
     assert r.info["jumps"] == r.info["lifts"] == r.info["gaps"] == []
 
@@ -832,8 +828,7 @@ def test_a_table_in_memory_or_an_archive_is_what_its_file_is(csv, kind, where):
 
 
 def test_a_frame_of_pandas_with_two_columns_of_one_name_is_refused():
-    frame = DataFrame(steady() | {"y": np.zeros(50)})
-    table = frame.set_axis(["t_s", "x", "x"], axis=1)
+    table = DataFrame(steady() | {"y": np.zeros(50)}).set_axis(["t_s", "x", "x"], axis=1)
     refused(RecordingError, "DataFrame in memory, column x", recording, table, {"x": "x"})
 
 

@@ -11,11 +11,11 @@ from hypothesis import given, settings, strategies as st
 from laws import STRESS
 from memory import most_memory
 from refusals import refused
+from written import written
 
 import stimlib
 from stimlib.errors import RecordingError
-from stimlib.motion import table as tables
-from stimlib.motion.recorded import recording
+from stimlib.motion import recording, table as tables
 from stimlib.motion.table import read_table
 
 
@@ -58,10 +58,10 @@ def test_a_quote_anywhere_changes_nothing(tmp_path_factory, rows, end, large):
 def compare_readers(tmp_path_factory, rows, end):
     path = tmp_path_factory.getbasetemp() / "either.csv"
     text = "a,b,c" + end + "".join(f"{a},{b},kind{end}" for a, b in rows)
-    path.write_bytes(text.encode())
-    kind, numbers, values = rows_of(path, ["b", "a"])
-    path.write_bytes(text.replace("kind", '"kind"').encode())
-    other, exact_numbers, exact = rows_of(path, ["b", "a"])
+    kind, numbers, values = rows_of(written(path, text), ["b", "a"])
+    other, exact_numbers, exact = rows_of(
+        written(path, text.replace("kind", '"kind"').encode()), ["b", "a"]
+    )
     assert (kind, other) == ("_Plain", "_Exact")
     assert numbers == exact_numbers == list(range(2, len(rows) + 2))
     assert np.array_equal(values, exact, equal_nan=True)
@@ -73,8 +73,7 @@ def test_pieces_and_batches_do_not_show(path, monkeypatch):
     lines = [f"{v:.2f},{np.sin(v) * 1e-3:.6f},{i % 7}\n" for i, v in enumerate(t)]
     quotes = '"' + lines[300].replace(",", '","').replace("\n", '"\n')
     quoted = [*lines[:300], quotes, *lines[301:]]
-    path.write_text("t_s,x,kind\n" + "".join(lines))
-    whole = recording(path, {"x": "x"}).motion["x"](at)
+    whole = recording(written(path, "t_s,x,kind\n" + "".join(lines)), {"x": "x"}).motion["x"](at)
     monkeypatch.setattr(tables, "PIECE", 100)
     monkeypatch.setattr(tables, "BATCH", 7)
     for rows in (lines, quoted):
@@ -99,8 +98,7 @@ def test_decimal_commas_of_a_spreadsheet(path):
     refused(RecordingError, "one report", recording, path, {"x": "'x (mm)'"}, where=where)
     # no thousand begins with 0, and none has a comma between semicolons
     for text in ("t_s\tx\n0,000\t0,125\n0,010\t0,500\n", 't_s;x\n0,000;"1,125"\n0,010;2,500\n'):
-        path.write_text(text)
-        found = recording(path, {"x": "x"}, max_speed=None).motion["x"]
+        found = recording(written(path, text), {"x": "x"}, max_speed=None).motion["x"]
         assert found([0.0, 0.01]) % 1.0 == pytest.approx([0.125, 0.5])
 
 
@@ -119,11 +117,16 @@ def test_decimal_commas_of_a_spreadsheet(path):
 )
 def test_a_hint_of_excel_and_comments_stand_above_the_names(path, above, end, quote):
     lines = [*above, "t_s;x", "0,00;1", f"{quote}0,01{quote};2"]
-    path.write_bytes(end.join(lines).encode())
-    assert recording(path, {"x": "x*1e-3"}).motion["x"]([0.0, 0.01]).tolist() == [0.001, 0.002]
-    path.write_bytes(end.join([*lines, "0,02;c"]).encode())
-    says = f"row {len(lines) + 1}, column x: 'c'"
-    refused(RecordingError, says, recording, path, {"x": "x"})
+    assert recording(written(path, end.join(lines)), {"x": "x*1e-3"}).motion["x"](
+        [0.0, 0.01]
+    ).tolist() == [0.001, 0.002]
+    refused(
+        RecordingError,
+        f"row {len(lines) + 1}, column x: 'c'",
+        recording,
+        written(path, end.join([*lines, "0,02;c"])),
+        {"x": "x"},
+    )
 
 
 @pytest.mark.parametrize(
@@ -140,8 +143,7 @@ def test_a_hint_of_excel_and_comments_stand_above_the_names(path, above, end, qu
     ],
 )
 def test_names_after_a_hint_or_with_a_number_sign(path, text, names):
-    path.write_text(text)
-    assert read_table(path).names == names
+    assert read_table(written(path, text)).names == names
 
 
 # -- limits
@@ -189,8 +191,7 @@ def saved(**arrays) -> bytes:
 )
 def test_limits_of_a_table(path, monkeypatch, limit, most, text, says):
     monkeypatch.setattr(stimlib.limits, f"recording_{limit}", most)
-    path.write_text(text)
-    refused(RecordingError, says, recording, path, {"x": "x"})
+    refused(RecordingError, says, recording, written(path, text), {"x": "x"})
 
 
 def test_a_small_archive_of_much_is_refused_without_unpacking(tmp_path):
@@ -280,14 +281,12 @@ def test_only_the_columns_in_use_are_unpacked(tmp_path):
     """Damage in an array that is not used does not matter."""
     t, path = np.arange(4000) * 0.01, tmp_path / "log.npz"
     data = saved(t_s=t, x=t, other=t + 5).replace((t + 5).tobytes(), (t + 6).tobytes(), 1)
-    path.write_bytes(data)
-    assert recording(path, {"x": "x"}, max_speed=None).info["reports"] == 4000
+    assert recording(written(path, data), {"x": "x"}, max_speed=None).info["reports"] == 4000
     refused(RecordingError, "column other: .*read as npz", recording, path, {"x": "other"})
 
 
 def test_a_name_with_an_escape_is_shown_as_a_code(tmp_path):
-    path = tmp_path / "a\x1b[31m.csv"
-    path.write_text("t_s,x\x1b[2J\n0,0\n0.01,0\n")
+    path = written(tmp_path / "a\x1b[31m.csv", "t_s,x\x1b[2J\n0,0\n0.01,0\n")
     error = refused(RecordingError, None, recording, path, {"x": "x"})
     r = recording(path, {"x": "'x\x1b[2J'"})
     for text in (str(error), str(r), repr(r), repr(r.motion["x"])):
@@ -312,6 +311,5 @@ def test_plain_decimals_have_the_bits_of_float(ending, large, tmp_path, monkeypa
         rows = [f"{k},{cell}" for k, cell in enumerate([*cells, *more])]
         path.write_bytes(ending.join(["t,x", *rows, ""]).encode())
         found = np.concatenate([b.numbers(["t", "x"]) for b in read_table(path).batches()], axis=1)
-        want = np.array([float(cell) for cell in [*cells, *more]])
-        assert found[1].tobytes() == want.tobytes()
+        assert found[1].tobytes() == np.array([float(cell) for cell in [*cells, *more]]).tobytes()
         assert found[0].tolist() == list(range(len(rows)))
