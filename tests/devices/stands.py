@@ -247,8 +247,7 @@ def is_exact(frames, s, log, seconds):
     """Captured frames are the offline render, from their first sound on."""
     fs, outputs, safety = s.rate, len(s.scene.outputs), Safety(50.0)
     hands = {name: HAND[name] for name in s.scene.inputs}
-    n = round(seconds * fs)
-    expected = offline(s.scene, safety, hands, fs, n, log.events, s.map, seed=7)
+    expected = offline(s.scene, safety, hands, fs, round(seconds * fs), log.events, s.map, seed=7)
     got, head = aligned(frames, expected), safety.samples(fs)
     assert np.array_equal(got, expected)
     plain = (stimlib.render(s.scene, hands, fs, seconds, seed=7).y / 50.0).astype(np.float32).T

@@ -9,12 +9,10 @@ from devices.stands import STANDS
 from refusals import refused
 
 import stimlib
-from stimlib import devices
-from stimlib.devices import ControlLoop, available
+from stimlib import BadValue, devices
+from stimlib.devices import ControlLoop, Sink, available
 from stimlib.devices.available import SINKS
 from stimlib.devices.crossfade import Following
-from stimlib.devices.sink import Sink
-from stimlib.errors import BadValue
 
 ROOT = Path(__file__).parents[2]
 WHERE = "stimlib/devices/available.py, SINKS"

@@ -11,7 +11,17 @@ from devices.servers import Seen, begun, faded, kept, offline, until
 from devices.stands import FS, STANDS
 from refusals import refused
 
-from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError, blocks, constant
+from stimlib import (
+    BadValue,
+    FaultError,
+    Input,
+    Param,
+    Scene,
+    SinkError,
+    StimlibError,
+    blocks,
+    constant,
+)
 from stimlib.blocks.oscillators import carrier
 from stimlib.devices import (
     Calibration,
@@ -20,15 +30,15 @@ from stimlib.devices import (
     Recorded,
     Signal,
     Signals,
+    Sink,
     Stream,
     crossfade,
 )
 from stimlib.devices.process import open_sinks
-from stimlib.devices.sink import Sink
-from stimlib.errors import StimlibError
 from stimlib.run.safety import Safety
 
 SPRING = Scene({"y": Param("k", 3.0) * Input("x")})
+LEVEL = Scene({"y": constant(0.5)})
 FAILS = blocks.sqrt(1 - constant(2.0, "1/s") * blocks.elapsed())  # after half a second
 
 
@@ -124,7 +134,7 @@ def test_parameters_and_a_motion_of_time_go_on(monkeypatch):
     monkeypatch.setattr(crossfade, "AHEAD", 0.5)  # in time on a busy machine, too
     motion = {"x": lambda t: 0.01 + 0.1 * t}
     sink = NullSink(SPRING, 1.0, motion=motion, params={"k": 2.0}, realtime=False)
-    with begun(sink, None, block=64):
+    with begun(sink, block=64):
         sink.set("k", 1.0, ramp=0.0)
         until(lambda: sink.pump.index > 800)
         log = Seen()
@@ -142,8 +152,7 @@ def test_parameters_and_a_motion_of_time_go_on(monkeypatch):
 def test_a_recorded_motion_goes_on_to_its_end():
     x = np.linspace(0.0, 0.5, 4000)
     log = Seen()
-    sink = NullSink(SPRING, 5.0, motion={"x": x}, realtime=False)
-    with begun(sink, None, block=64):
+    with begun(NullSink(SPRING, 5.0, motion={"x": x}, realtime=False), block=64) as sink:
         until(lambda: sink.pump.index > 400)
         new = sink.crossfade(SPRING, motion={"x": x}, log=log)
         new.wait(60)
@@ -171,8 +180,7 @@ def test_what_a_device_and_its_user_have_set_goes_on():
 
 
 def test_live_motion_is_pushed_into_the_newest():
-    sink = NullSink(SPRING, 5.0, motion=Live(), realtime=False)
-    with begun(sink, None, block=64):
+    with begun(NullSink(SPRING, 5.0, motion=Live(), realtime=False), block=64) as sink:
         sink.push([[0.5]])
         until(lambda: sink.pump.index > 400)
         new = sink.crossfade(Scene({"y": Input("z") * Input("x")}), motion=Live())
@@ -182,30 +190,31 @@ def test_live_motion_is_pushed_into_the_newest():
 
 
 def test_what_cannot_follow_is_refused_and_the_session_goes_on(stand):
-    level = Scene({"y": constant(0.5)})
-    sink = stand.make(level)
-    refused(SinkError, "start the sink first", sink.crossfade, level)
+    sink = stand.make(LEVEL)
+    refused(SinkError, "start the sink first", sink.crossfade, LEVEL)
     with begun(sink, None, block=64):
-        other = Scene({"y": constant(0.5, "N")})
-        refused(SinkError, r"outputs y \[N\] .* one with y \[1\]: end", sink.crossfade, other)
-        refused(BadValue, "fade = 0.1 must be 0.02", sink.crossfade, level, Safety(1.0, fade=0.1))
-        refused(BadValue, r"full_scale = \[2.0\] must be \[1.0\]", sink.crossfade, level, 2.0)
-        refused(BadValue, "takes a Scene, got function", sink.crossfade, followed)
-        refused(BadValue, "needs the motion of x", sink.crossfade, SPRING)
+        in_newton = Scene({"y": constant(0.5, "N")})
+        for error, says, *given in (
+            (SinkError, r"outputs y \[N\] .* one with y \[1\]: end", in_newton),
+            (BadValue, "fade = 0.1 must be 0.02", LEVEL, Safety(1.0, fade=0.1)),
+            (BadValue, r"full_scale = \[2.0\] must be \[1.0\]", LEVEL, 2.0),
+            (BadValue, "takes a Scene, got function", followed),
+            (BadValue, "needs the motion of x", SPRING),
+        ):
+            refused(error, says, sink.crossfade, *given)
         before = sink.pump.index
         until(lambda: sink.pump.index > before)
         assert sink.newest is sink and not sink.error
-    refused(SinkError, "session was stopped", sink.crossfade, level)
+    refused(SinkError, "session was stopped", sink.crossfade, LEVEL)
 
 
 def test_a_scene_that_fails_can_be_followed_by_another():
-    sink = NullSink(Scene({"y": constant(0.5)}), 1.0, realtime=False)
+    sink = NullSink(LEVEL, 1.0, realtime=False)
     with ExitStack() as ends:
         ends.enter_context(pytest.raises(FaultError, match="output y was not finite"))
         ends.enter_context(begun(sink, None, block=64))
         fails = sink.crossfade(Scene({"y": FAILS}))
-        with pytest.raises(FaultError):
-            fails.wait(60)
+        refused(FaultError, None, fails.wait, 60)
         until(lambda: fails.finished)
         good = sink.crossfade(Scene({"y": constant(0.25)}))
         until(lambda: good.pump.index > 400)
@@ -214,8 +223,7 @@ def test_a_scene_that_fails_can_be_followed_by_another():
 
 
 def test_a_device_that_goes_takes_all_with_it_and_the_end_fades(stand):
-    level = Scene({"y": constant(1.0)})
-    logs = [Seen(), Seen()]
+    level, logs = Scene({"y": constant(1.0)}), [Seen(), Seen()]
     sessions = followed(stand.make(level, log=logs[0]), [level], log=logs[1])
     faded(np.concatenate(logs[1].frames), logs[1].events)
     assert logs[1].end["produced"] == sessions[1].report().produced
@@ -228,33 +236,31 @@ def test_a_device_that_goes_takes_all_with_it_and_the_end_fades(stand):
 
 
 def test_many_follow_and_few_are_kept():
-    level = Scene({"y": constant(0.5)})
-    sink = NullSink(level, 1.0, realtime=False)
-    sessions = followed(sink, 8 * [level])
+    sink = NullSink(LEVEL, 1.0, realtime=False)
+    sessions = followed(sink, 8 * [LEVEL])
     assert len(sink.kept) == 3 and sink.newest is sessions[-1]
     assert all(s._closed for s in sessions) and all(not s._worker.is_alive() for s in sessions)
 
 
 def test_whoever_asks_at_once_takes_turns_and_the_first_ends_all():
-    level = Scene({"y": constant(0.5)})
-    sink = NullSink(level, 1.0, realtime=False)
-    with begun(sink, None, block=64), ThreadPoolExecutor(4) as pool:
-        made = [f.result() for f in [pool.submit(sink.crossfade, level) for _ in range(6)]]
+    with (
+        begun(NullSink(LEVEL, 1.0, realtime=False), block=64) as sink,
+        ThreadPoolExecutor(4) as pool,
+    ):
+        made = [f.result() for f in [pool.submit(sink.crossfade, LEVEL) for _ in range(6)]]
         assert len({*map(id, made)}) == 6 and sink.newest in made
-        sink.newest.crossfade(level)  # not begun yet
+        sink.newest.crossfade(LEVEL)  # not begun yet
         sink.stop()
         assert sink.finished and sink.newest.finished
-        refused(SinkError, "session was stopped", sink.crossfade, level)
+        refused(SinkError, "session was stopped", sink.crossfade, LEVEL)
 
 
 @pytest.mark.parametrize("part", [0.25, 0.5, 0.75])
 def test_an_end_within_the_crossfade_adds_nothing(part):
     """The session before ends by itself: the gains add up to 1, or less, not 1.25."""
-    level = Scene({"y": constant(0.5)})
-    sink = Taken(level, 1.0, realtime=False)
-    with begun(sink, 0.2, block=16):
+    with begun(Taken(LEVEL, 1.0, realtime=False), 0.2, block=16) as sink:
         until(lambda: sink.pump.index > 100)
-        made = sink.crossfade(level)
+        made = sink.crossfade(LEVEL)
         sink.pump.write("END", made.at + round(part * 160))
         until(lambda: made.pump.index > 400)
     got = np.concatenate(sink.got, axis=1)[0]
@@ -276,17 +282,15 @@ class Stepped(Taken):
 
 def test_at_a_natural_end_the_other_begins_there_and_a_loss_counts_once():
     """The fade would not end before it; blocks are longer than what is made at once."""
-    level = Scene({"y": constant(0.5)})
-    sink = Stepped(level, 1.0, realtime=False)
-    with begun(sink, 0.1, block=850):
+    with begun(Stepped(LEVEL, 1.0, realtime=False), 0.1, block=850) as sink:
         sink.step(850)  # up to sample 690 of 800
-        made = sink.crossfade(level)
-        refused(SinkError, "the session before has not faded out", made.crossfade, level)
+        made = sink.crossfade(LEVEL)
+        refused(SinkError, "the session before has not faded out", made.crossfade, LEVEL)
         assert np.abs(sink.step(700) - 0.5).max() <= 0.5 / 160 + 1e-7
         assert made.pump.index == 700 - 110 and sink.report().produced == 800
         sink.step(700, lost=10)
         assert made.report().lost == 10 and made.pump.index == 1300
-        last = sink.crossfade(level)
+        last = sink.crossfade(LEVEL)
         last.stop()
         assert last.finished  # it has not begun
 
@@ -361,8 +365,7 @@ def test_what_cannot_start_leaves_the_session_before_as_it_was(tmp_path):
     with begun(sink, None, block=64):
         until(lambda: sink.pump.index > 800)
         for wrong in ({"log": tmp_path / "there"}, {"seconds": -1.0}):
-            with pytest.raises(StimlibError):
-                sink.crossfade(sink.scene, **wrong)
+            refused(StimlibError, None, sink.crossfade, sink.scene, **wrong)
         at, rows_then = sink.pump.index, sink.report().rows
         until(lambda: sink.pump.index > at + 800 and sink.report().rows > rows_then)
         assert sink.newest is sink and open_sinks == {sink}
@@ -376,7 +379,6 @@ def test_what_a_device_loop_says_reaches_the_newest():
                 self._let_go.wait(0.004)
             raise OSError("unplugged")
 
-    level = Scene({"y": constant(0.5)})
-    sink = Unplugged(level, 1.0, realtime=False)
+    sink = Unplugged(LEVEL, 1.0, realtime=False)
     with pytest.raises(SinkError, match="unplugged"), begun(sink, None, block=64):
-        sink.crossfade(level).wait(60)
+        sink.crossfade(LEVEL).wait(60)

@@ -13,8 +13,7 @@ from devices.servers import begun
 from laws import mostly
 
 from stimlib import Input, Scene, SinkError, constant
-from stimlib.devices import Sink
-from stimlib.devices.null import NullSink
+from stimlib.devices import NullSink, Sink
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import delivered, replay
 from stimlib.live.sink import PageSink

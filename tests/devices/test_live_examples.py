@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import replay
+from stimlib.files import read_log, replay
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

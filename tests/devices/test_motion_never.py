@@ -16,16 +16,18 @@ from live.test_server import greeted
 
 from stimlib import Input, MotionError, Param, Scene
 from stimlib.checks import verify_log
-from stimlib.devices import (
-    Calibration,
-    Live,
-    NullSink,
-    Signal,
-    Signals,
-    Stream,
+from stimlib.devices import Calibration, Live, NullSink, Signal, Signals, Stream
+from stimlib.experiments import (
+    ConstantStimuli,
+    Session,
+    Simulated,
+    Timing,
+    columns,
+    present,
+    run,
+    sessions,
+    status,
 )
-from stimlib.experiments import ConstantStimuli, Session, Simulated, Timing, present, run
-from stimlib.experiments.reader import columns, sessions, status
 from stimlib.files import read_log
 from stimlib.live.server import Server
 from stimlib.live.stream import Stream as Site

@@ -17,9 +17,7 @@ from refusals import refused, warned
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError
-from stimlib.devices import null, words
-from stimlib.devices.null import NullSink
-from stimlib.devices.sink import Sink
+from stimlib.devices import NullSink, Sink, null, words
 from stimlib.files.log_reader import read_log
 from stimlib.run.safety import Safety
 from stimlib.scenes import pulse

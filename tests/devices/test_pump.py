@@ -10,9 +10,8 @@ from devices.servers import kept, replayed
 
 import stimlib
 from stimlib import Input, Param, Scene
-from stimlib.devices import words
+from stimlib.devices import Live, Recorded, Scripted, Signal, Signals, words
 from stimlib.devices.engine import Pump
-from stimlib.devices.sources import Live, Recorded, Scripted, Signal, Signals
 from stimlib.run.safety import Safety, protect
 from stimlib.scenes import squeeze
 
@@ -189,8 +188,7 @@ def test_lost_frames_are_produced_and_told_from_sample_0_on():
         bench.block(n, gone)
     assert [(at, e["frames"]) for at, kind, e in bench.events if kind == "lost"] == lost
     there = kept(bench.events, at)
-    whole = bench.reference(x[:, :at])
-    assert np.array_equal(bench.heard()[64 + 160 :], whole[there])
+    assert np.array_equal(bench.heard()[64 + 160 :], bench.reference(x[:, :at])[there])
     assert np.array_equal(np.concatenate(bench.motion), x[:, :at].T), (
         "the motion of what was lost is in the log too"
     )
@@ -296,8 +294,7 @@ def test_a_log_that_is_not_read_says_what_it_lacks():
     assert told.max() == 1 and not told[: size - 300].any() and told[size - 300 :].all()
     assert bench.pump.read("LOST") == 1000 and sum(k for _, k in lost) == 256
     assert logged == size - 300
-    unlogged = bench.pump.read("UNLOGGED")
-    assert sum(map(len, bench.motion)) == size - 300 + 256 == n - unlogged
+    assert sum(map(len, bench.motion)) == size - 300 + 256 == n - bench.pump.read("UNLOGGED")
     bench.block(1000)
     assert sum(map(len, bench.logged)) == logged + 1000
 

@@ -11,11 +11,8 @@ from refusals import refused
 from scipy.signal import cont2discrete, lfilter
 
 import stimlib
-from stimlib import Input, Scene
-from stimlib.devices.null import NullSink
-from stimlib.devices.resonance import record_sweep
-from stimlib.devices.sources import Signal
-from stimlib.errors import BadValue, RecordingError, SinkError
+from stimlib import BadValue, Input, RecordingError, Scene, SinkError
+from stimlib.devices import NullSink, Signal, record_sweep
 from stimlib.plate import Plate, identify, plate, read_sweep
 
 FS = 2000

@@ -7,8 +7,7 @@ from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Scene, SinkError, UnknownName
-from stimlib.devices.control import ControlLoop
-from stimlib.devices.null import NullSink
+from stimlib.devices import ControlLoop, NullSink
 from stimlib.devices.sources import (
     Live,
     Recorded,

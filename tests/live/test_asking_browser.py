@@ -216,8 +216,7 @@ def test_the_focus_is_at_the_question_and_goes_through_its_answers(browser, tmp_
         rating("r5", "How rough?", "smooth", "rough", 5),
         analogue("line", "How nice?", "not", "very"),
     )
-    task = Rate("c", ("r5", "line"), Stimulus("spring"))
-    design = ConstantStimuli(((task, None),))
+    design = ConstantStimuli(((Rate("c", ("r5", "line"), Stimulus("spring")), None),))
     made = experiment(design=design, questions=questions, replays=1)
     with opened(browser, tmp_path, made) as (running, page):
         state = awaited(running, page)
@@ -279,8 +278,7 @@ def test_a_server_that_freezes_or_goes_is_told_and_found_again(browser, tmp_path
             page.click("#retry")
     tries = page.js("new Promise(done => setTimeout(() => done(tries), 1000))")
     assert tries <= 1 and page.js("!document.querySelector('#retry').hidden")
-    port = running.server.port
-    with asked(tmp_path, made, resume=True, port=port, token="another") as running:
+    with asked(tmp_path, made, resume=True, port=running.server.port, token="another") as running:
         page.go(running.server.url)  # in the same tab: only what follows # is new
         state = awaited(running, page)
         assert page.js("same") and page.js(STATE) == "Connected"

@@ -89,8 +89,10 @@ def test_a_pointer_that_never_comes_is_no_trial(tmp_path):
     """The stimulus comes again, and then the session ends, to be resumed.  A pointer
     has a place to move in where nothing is drawn.
     """
-    made = seen(0.1, drawing=None)
-    with asked(tmp_path, made, "page") as running, welcome(running.server) as client:
+    with (
+        asked(tmp_path, seen(0.1, drawing=None), "page") as running,
+        welcome(running.server) as client,
+    ):
         for text in ("Trial 1 of 1", "Once more", "Once more"):
             asks = client.until(phase="ask")
             assert (asks["text"], asks["trial"]) == (text, "Trial 1 of 1")

@@ -14,8 +14,7 @@ from refusals import refused
 from scipy.signal import butter, sosfilt
 from waiting import until
 
-from stimlib import Input, Param, Scene, blocks, constant, render
-from stimlib.errors import BadValue, UnknownName
+from stimlib import BadValue, Input, Param, Scene, UnknownName, blocks, constant, render
 from stimlib.files import read_log, replay
 from stimlib.live.describe import description, ranges_of
 from stimlib.live.experiment import FIELDS
@@ -355,8 +354,7 @@ def test_a_stream_drives_an_input_within_its_range():
 
 def test_a_page_is_told_of_the_surface_and_its_avatars():
     def view(scene):
-        full = dict.fromkeys(scene.outputs, 1.0)
-        return description(scene, ranges_of(scene), full, {})["view"]
+        return description(scene, ranges_of(scene), dict.fromkeys(scene.outputs, 1.0), {})["view"]
 
     soft, mouse = view(soft_surface("multipoint")), view(soft_surface("cursor", device="mouse"))
     assert (soft["columns"], soft["rows"], soft["width"]) == (61, 61, 0.12)

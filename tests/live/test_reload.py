@@ -9,11 +9,9 @@ from live.test_server import BLOCK, FULL, SPRING, serving
 from refusals import refused
 from waiting import until
 
-from stimlib import Input, Param, Scene, blocks, constant
+from stimlib import BadValue, Input, Param, Scene, SinkError, blocks, constant
 from stimlib.devices.process import open_sinks
-from stimlib.errors import BadValue, SinkError
-from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import replay
+from stimlib.files import read_log, replay
 
 STIFFER = Scene({"force": Param("k", 3000.0, "N/m") * Input("x", "m")})
 SOFTER = Scene({"force": Param("k", 1000.0, "N/m") * Input("x", "m") * Param("more", 1.0)})
@@ -151,8 +149,7 @@ def test_inputs_of_the_same_name_and_unit_keep_their_source(tmp_path):
         assert [*inputs.sources] == ["x", "contact"] == inputs.names
         assert inputs.sources["x"]["value"] == 0.004
         assert inputs.columns(0, 200)[0, -1] == pytest.approx(0.004)
-        in_newton = Scene({"force": Input("x", "N")})
-        server.stream.reload(in_newton)
+        server.stream.reload(Scene({"force": Input("x", "N")}))
         assert inputs.sources["x"]["value"] != 0.004 and inputs.columns(0, 20).shape == (1, 20)
         server.stream.reload(Scene({"force": Input("y", "N")}))
         assert inputs.names == ["y"]
@@ -199,7 +196,6 @@ def test_a_motion_that_fails_after_a_reload_ends_the_session(tmp_path):
         client.start()
         client.hear(5)
         server.stream.reload(STIFFER)
-        state = client.until(phase="idle")
-        assert "feed failed: motion of x is not finite" in state["why"]
+        assert "feed failed: motion of x is not finite" in client.until(phase="idle")["why"]
         assert np.diff(samples_of(client)[1][0]).min() >= 0  # it has gone on
     refused(SinkError, "the page has ended", server.stream.reload, SPRING)

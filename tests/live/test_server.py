@@ -21,9 +21,8 @@ from refusals import refused
 from waiting import until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from stimlib import Input, Param, Scene, constant
+from stimlib import Input, Param, Scene, SinkError, constant
 from stimlib.blocks import burst
-from stimlib.errors import SinkError
 from stimlib.files.log_reader import read_log
 from stimlib.files.log_replay import delivered, replay
 from stimlib.live.server import Server, _closed_terminal_ends
@@ -66,8 +65,10 @@ def test_a_page_marks_where_somebody_listens(tmp_path):
     told = []
     pulses = Scene({"force": SPRING.outputs["force"], "on": burst(0.05, 0.02)})
     how = {"markers": ["on"], "send": [told.append]}
-    full = {"force": FULL, "on": 1.0}
-    with serving(pulses, full, tmp_path, **how) as running, greeted(running) as client:
+    with (
+        serving(pulses, {"force": FULL, "on": 1.0}, tmp_path, **how) as running,
+        greeted(running) as client,
+    ):
         assert client.hello["marks"] and not client.hello["stream"]
         client.say("mark")
         assert "no session runs" in client.until(**{"is": "error"})["text"]
@@ -269,8 +270,7 @@ def test_control_is_kept_for_a_page_that_is_loaded_again(server, monkeypatch):
         first.until(**{"is": "alive"})  # so that a page knows that it has a server
         other, seen = named(stack, server, "b")
         assert (state["role"], seen["role"], seen["controlled"]) == ("control", "watch", True)
-        session = first.start()["session"]
-        goes_on = {"role": "control", "phase": "running", "session": session}
+        goes_on = {"role": "control", "phase": "running", "session": first.start()["session"]}
         again, state = named(stack, server, "a")  # though two pages are here already
         assert goes_on.items() <= state.items() and first.ended() == 4410
         again.ws.send(MOVE)
@@ -308,8 +308,10 @@ def test_a_server_that_stood_still_sends_no_page_away(server, client):
 def test_a_server_that_ends_fades_and_its_recording_is_whole(tmp_path):
     """Of a scene without inputs, which nobody has to drive."""
     told = []
-    level = Scene({"y": Param("level", 0.5) * constant(1.0)})
-    with serving(level, 1.0, tmp_path) as server, greeted(server) as client:
+    with (
+        serving(Scene({"y": Param("level", 0.5) * constant(1.0)}), 1.0, tmp_path) as server,
+        greeted(server) as client,
+    ):
         server.stream.say = told.append
         folder = client.start("record")["log"]
         client.hear(12)
