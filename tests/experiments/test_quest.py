@@ -147,16 +147,17 @@ def test_it_ends_as_soon_as_all_are_known_precisely_and_not_before():
         assert len(list(observed(least, 1, observer, stream(1, "observer")))) == n
 
 
-@pytest.mark.parametrize("left_at", [5, 21])
-def test_a_session_that_ends_on_precision_is_resumed(tmp_path, left_at):
+def test_a_session_that_ends_on_precision_is_resumed(tmp_path):
     """And has the trials, through a sink, that it has without one."""
     made = experiment(design=PRECISE, bounds={"k": (0.1, 8.0)})
-    whole = simulate(tmp_path / "whole", made)
-    some(tmp_path, left_at, made)
-    with Session(made, tmp_path, "P01", resume=True) as left:
-        run(left, Simulated(left, observer), "offline")
-    facts = [[(r.number, r.trial, r.answer.values) for r in s.records] for s in (left, whole)]
-    assert facts[0] == facts[1] and 20 <= len(facts[0]) < 90
+    found = [simulate(tmp_path / "whole", made)]
+    for left_at in (5, 21):
+        some(tmp_path / str(left_at), left_at, made)
+        with Session(made, tmp_path / str(left_at), "P01", resume=True) as left:
+            run(left, Simulated(left, observer), "offline")
+        found.append(left)
+    facts = [[(r.number, r.trial, r.answer.values) for r in s.records] for s in found]
+    assert facts[0] == facts[1] == facts[2] and 20 <= len(facts[0]) < 90
 
 
 @pytest.mark.filterwarnings("error")
