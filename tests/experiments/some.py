@@ -72,10 +72,12 @@ def nothing(trial, folder):
     return {"lost": 0, "clips": {"clip": {"force": 2}}}
 
 
-def simulate(data, made=None, **options):
-    with Session(made or experiment(), data, "P01", **options) as session:
-        run(session, Simulated(session, observer), nothing)
-    return session
+def simulate(data, made=None, by=observer, show=nothing, code="P01", session=1, **options):
+    """A whole session, of an observer or of a scripted front end."""
+    resume = options.pop("resume", False)
+    with Session(made or experiment(), data, code, session, resume=resume) as held:
+        run(held, Simulated(held, by) if callable(by) else by, show, **options)
+    return held
 
 
 def trials_of(made, person, code, session=1, seed=1):

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from experiments.some import TASK, experiment, observer, some
+from experiments.some import TASK, experiment, observer, simulate, some
 from hypothesis import given, settings, strategies as st
 from laws import STRESS
 from refusals import refused
@@ -26,11 +26,8 @@ from stimlib.cli import app
 from stimlib.experiments import (
     ConstantStimuli,
     Sequential,
-    Session,
-    Simulated,
     bids,
     columns,
-    run,
     sessions,
 )
 from stimlib.experiments.bids import label, to_bids, to_psych_ds
@@ -54,8 +51,7 @@ MADE = experiment(
 def data(tmp_path_factory):
     """A short session whose trials have logs, three of them training."""
     folder = tmp_path_factory.mktemp("data")
-    with Session(MADE, folder, "P01") as session:
-        run(session, Simulated(session, observer), "file")
+    simulate(folder, MADE, show="file")
     return folder
 
 

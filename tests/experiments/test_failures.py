@@ -61,14 +61,11 @@ def test_a_full_disk_keeps_the_answer_and_stops_before_the_next_stimulus(tmp_pat
     monkeypatch.setattr(safe_files, "publish", no_room)
     monkeypatch.setattr("stimlib.experiments.session.os.write", short)
     for resume in (False, True):
-        with pytest.raises(SinkError, match="no room for an answer.*resume"):
-            with Session(experiment(), tmp_path, "P01", resume=resume) as session:
-                run(session, Simulated(session, observer), show)
-        assert len(shown) == 3 == len(read(session.folder).records)
+        says = "no room for an answer.*resume"
+        refused(SinkError, says, simulate, tmp_path, show=show, resume=resume)
+        assert len(shown) == 3 == len(read(tmp_path / "pair" / "P01-s1").records)
     monkeypatch.undo()
-    with Session(experiment(), tmp_path, "P01", resume=True) as session:
-        run(session, Simulated(session, observer), nothing)
-    answers = [r.answer.values for r in session.records]
+    answers = [r.answer.values for r in simulate(tmp_path, resume=True).records]
     assert answers == [r.answer.values for r in simulate(tmp_path / "again").records]
 
 
@@ -77,14 +74,9 @@ def test_a_trial_whose_log_has_no_room_is_not_begun(mounted):
     with its whole log, and goes on.
     """
     disk = mounted("size=1200k")
-    with pytest.raises(
-        SinkError,
-        match="bytes are free",
-    ):
-        with Session(experiment(), disk, "P01") as session:
-            run(session, Simulated(session, observer))
-    kept = read(session.folder).records
-    logs = sorted(session.folder.glob("*.stimlog"))
+    refused(SinkError, "bytes are free", simulate, disk, show="offline")
+    folder = disk / "pair" / "P01-s1"
+    kept, logs = read(folder).records, sorted(folder.glob("*.stimlog"))
     assert 0 < len(kept) == len(logs) < 8 and all(replay(read_log(log)).matches for log in logs)
 
 
@@ -107,19 +99,15 @@ def test_a_device_that_goes_in_the_middle_of_a_trial_leaves_it_to_be_repeated(tm
                     threading.Timer(0.2, server.process.kill).start()
                 return present(made, trial, "jack", folder, server=server.name, realtime=False)
 
-            with (
-                pytest.raises(SinkError, match=r"server has ended|Error connecting") as info,
-                Session(made, data, "P01") as session,
-            ):
-                run(session, Simulated(session, observer), show)
-        if "connecting" in str(info.value):
+            says = r"server has ended|Error connecting"
+            error = refused(SinkError, says, simulate, data, made, show=show)
+        if "connecting" in str(error):
             return False  # it was killed before the client was connected
-        left = read(session.folder)
+        left = read(data / "pair" / "P01-s1")
         assert len(left.records) == 2 and status(left)["unanswered"] == 1
-        partly = read_log(session.folder / "trial-0003-1.stimlog")
+        partly = read_log(left.folder / "trial-0003-1.stimlog")
         assert partly.frames < 3120 and replay(partly).matches, "known to the sample"
-        with Session(made, data, "P01", resume=True) as again:
-            run(again, Simulated(again, observer), lambda trial, folder: {"log": folder.name})
+        again = simulate(data, made, show=lambda trial, folder: {"log": folder.name}, resume=True)
         assert again.records[2].displayed[0]["log"] == "trial-0003-2.stimlog"
         assert [(r.trial, r.answer.values) for r in again.records] == whole
         return partly.frames > 0  # else it was killed before the first sample

@@ -5,7 +5,7 @@ from math import isnan
 
 import numpy as np
 import pytest
-from experiments.some import trials_of
+from experiments.some import simulate, trials_of
 from refusals import refused
 from scipy.stats import norm, t as student, ttest_rel
 
@@ -15,15 +15,12 @@ from stimlib.experiments import (
     ConstantStimuli,
     OneInterval,
     Roved,
-    Session,
-    Simulated,
     Stimulus,
     Timing,
     Trial,
     TwoInterval,
     check_graeco_latin,
     columns,
-    run,
     sessions,
     stream,
     write_report,
@@ -136,8 +133,7 @@ def test_from_the_session_to_the_report(tmp_path):
     timing = Timing(interval=2.0, gap=0.0, before=0.0)
     made = dataclasses.replace(firmness(), design=short, timing=timing)
     for number in range(1, 16):
-        with Session(made, tmp_path, "P01", number) as session:
-            run(session, Simulated(session, person(weber=0.01)), "offline")
+        simulate(tmp_path, made, person(weber=0.01), "offline", session=number)
     saved = sessions("firmness", tmp_path)
     told = firm.analysis(saved)
     assert told.count("Weber fraction") == 5 and "k_S" in told and "normalised distance" in told

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from experiments.some import trials_of
+from experiments.some import simulate as answered, trials_of
 from laws import STRESS
 from refusals import refused
 from typer.testing import CliRunner
@@ -544,8 +544,7 @@ OVER_ALL = {  # once around, over all three nodules
 
 def test_places_are_displayed_and_analysed_from_their_log(tmp_path):
     quick = dataclasses.replace(place.nodule_places(), timing=Timing(interval=2.0), motion=OVER_ALL)
-    with Session(quick, tmp_path, "P01") as session:
-        run(session, Simulated(session, quick.observer))
+    answered(tmp_path, quick, quick.observer, "offline")
     (saved,) = sessions(quick.name, tmp_path)
     shown = {}
     for r in saved.records:

@@ -18,12 +18,9 @@ from scipy.stats import norm
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
     Quest,
-    Session,
-    Simulated,
     Stimulus,
     TwoInterval,
     observed,
-    run,
     stream,
 )
 from stimlib.experiments.designs import trials_of
@@ -153,9 +150,7 @@ def test_a_session_that_ends_on_precision_is_resumed(tmp_path):
     found = [simulate(tmp_path / "whole", made)]
     for left_at in (5, 21):
         some(tmp_path / str(left_at), left_at, made)
-        with Session(made, tmp_path / str(left_at), "P01", resume=True) as left:
-            run(left, Simulated(left, observer), "offline")
-        found.append(left)
+        found.append(simulate(tmp_path / str(left_at), made, show="offline", resume=True))
     facts = [[(r.number, r.trial, r.answer.values) for r in s.records] for s in found]
     assert facts[0] == facts[1] == facts[2] and 20 <= len(facts[0]) < 90
 

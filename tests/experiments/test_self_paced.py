@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from experiments.some import QUESTION, TASK, Scripted, experiment
+from experiments.some import QUESTION, TASK, Scripted, experiment, simulate
 from experiments.test_experiment_cli import Pty
 from refusals import refused
 
@@ -26,7 +26,6 @@ from stimlib.experiments import (
     OneInterval,
     Rate,
     Session,
-    Simulated,
     Timing,
     choice,
     columns,
@@ -139,8 +138,7 @@ def test_a_stimulus_lasts_until_all_questions_are_answered(tmp_path):
         replays=1,
     )
     front = Front("second", None, "first", "no")
-    with Session(made, tmp_path, "P01") as session:
-        run(session, front, "null")
+    session = simulate(tmp_path, made, front, "null")
     asked = [n for n in front.noted if n[0] in both.questions]
     assert asked == [(name, True) for name in both.questions * 2]
     (record,) = session.records
@@ -168,9 +166,7 @@ def test_answers_to_a_stimulus_that_was_missed_do_not_count(tmp_path):
         meanwhile()
         return {"missed": True} if missed.pop(0) else {}
 
-    with Session(made, tmp_path, "P01") as session:
-        run(session, front := Front("first", "second"), show)
-    (record,) = session.records
+    (record,) = simulate(tmp_path, made, front := Front("first", "second"), show).records
     assert [what for what, _ in front.noted[1:3]] == ["When you are done", "softer"]
     assert record.answer.values == {"softer": "second"} and len(record.displayed) == 3
 
@@ -207,9 +203,8 @@ def test_right_and_wrong_are_a_column(tmp_path):
 def test_a_simulated_observer_ends_a_stimulus_at_its_own_time(tmp_path, sink, seconds, long):
     """Or with it, if that takes longer."""
     timing = Timing(0.15, gap=0.0, before=0.0, ramp=0.01, until="answer")
-    with Session(experiment(design=ONE, timing=timing, after=AFTER), tmp_path, "P01") as session:
-        fake = Simulated(session, lambda trial, rng: Answer({"softer": "first"}, seconds))
-        run(session, fake, sink)
+    made = experiment(design=ONE, timing=timing, after=AFTER)
+    session = simulate(tmp_path, made, lambda t, rng: Answer({"softer": "first"}, seconds), sink)
     record, after = session.records
     assert [np.diff(d["intervals"][0])[0] for d in record.displayed] == [long, long]
     assert all(log.report for _, log in logs(session))
@@ -347,9 +342,7 @@ def test_an_interrupted_session_of_self_paced_intervals_is_resumed(tmp_path):
     row = {name: column[0] for name, column in columns(sessions("pair", tmp_path)).items()}
     at = [row[f"interval_{k}_{what}"] for k in (1, 2) for what in ("started", "stopped")]
     assert row["preferred"] == "soft" and row["softer_rt"] > 0.14 and sorted(at) == at != at[:1] * 4
-    front = Front()
-    with Session(made, tmp_path, "P01", resume=True) as session:
-        run(session, front, "null")
+    simulate(tmp_path, made, front := Front(), "null", resume=True)
     assert front.noted == ["All trials of this session are done."]
 
 
@@ -378,8 +371,8 @@ def test_questions_after_a_session_are_asked_once_at_its_end(tmp_path):
 
 def test_a_dataset_has_a_run_of_each_self_paced_interval(tmp_path):
     made = experiment(design=ONE, timing=DONE, after=AFTER)
-    with Session(made, tmp_path / "data", "P01") as session:
-        run(session, Simulated(session, lambda t, rng: Answer({"softer": "first"}, 0.1)), "offline")
+    first = lambda t, rng: Answer({"softer": "first"}, 0.1)  # noqa: E731
+    simulate(tmp_path / "data", made, first, "offline")
     found = sessions("pair", tmp_path / "data")
     to_bids(made, found, tmp_path / "bids")
     beh, name = tmp_path / "bids/sub-P01/ses-1/beh", "sub-P01_ses-1_task-pair"

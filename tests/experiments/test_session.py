@@ -761,8 +761,7 @@ def test_what_the_experimenter_sees_is_blinded(tmp_path):
     shown = {"first": Stimulus("spring"), "second": Stimulus("spring", {"k": 3.0})}
     task = OneInterval("secret", "softer", shown)
     made = experiment(design=ConstantStimuli(((task, "first"), (task, "second")), 2, training=True))
-    with Session(made, tmp_path, "P01") as session:
-        run(session, Simulated(session, lambda t, rng: Answer({"softer": "first"})), nothing)
+    session = simulate(tmp_path, made, lambda t, rng: Answer({"softer": "first"}))
     saved = read(session.folder)
     told = status(saved)
     assert told["trials"] == told["training"] == 4 and saved.data == [] and told["limited"] == 8
@@ -775,9 +774,8 @@ def test_times_of_a_sink_without_a_clock_are_unknown(tmp_path, sink):
     """Trial 1 would end at 1.7 s and trial 2 begin at 0.7 s, because nobody waits."""
     made = experiment(design=ConstantStimuli(((TASK, 4.0), (TASK, 1.0))))
     how = {"realtime": False} if sink == "null" else {}
-    with Session(made, tmp_path, "P01") as session:
-        show = sink if isinstance(sink, str) else lambda trial, at: present(made, trial, sink, at)
-        run(session, Simulated(session, observer), show, **how)
+    show = sink if isinstance(sink, str) else lambda trial, at: present(made, trial, sink, at)
+    simulate(tmp_path, made, show=show, **how)
     (saved,) = sessions("pair", tmp_path)
     times = [t for r in saved.records for _, *t in r.intervals(saved.header["started"])]
     if sink == "null":
@@ -808,8 +806,7 @@ def test_a_session_has_simulated_answers_or_those_of_a_participant(tmp_path):
     assert not empty.simulated and all(columns([saved, empty])["simulated"])
     assert saved.simulated and status(saved)["simulated"]
     assert (saved.folder / "trials.jsonl").read_text().count('"simulated": true') == len(saved.data)
-    with Session(experiment(), person, "P02") as session:
-        run(session, Simulated(session, observer), nothing)
+    simulate(person, code="P02")
     refused(BadValue, "P02-s1 has simulated answers, .*P01", sessions, "pair", person)
 
 
@@ -831,8 +828,7 @@ def test_rests_replays_familiarisation_and_feedback(tmp_path):
         folder.mkdir()
         return {"log": folder.name}
 
-    with Session(made, tmp_path, "P01") as session:
-        run(session, face, show)
+    session = simulate(tmp_path, made, face, show)
     trials = ["trial-0001-1", "trial-0001-2", "trial-0002-1"]
     assert logs == ["familiarisation-1", "familiarisation-2", *trials]
     asked = [("softer", 1), ("softer", 0), ("softer", 0)]  # the second replay is not there

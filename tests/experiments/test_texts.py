@@ -9,7 +9,7 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
-from experiments.some import QUESTION, TASK, Scripted, experiment
+from experiments.some import QUESTION, TASK, Scripted, experiment, simulate
 from refusals import refused
 
 import stimlib.experiments.texts
@@ -66,8 +66,8 @@ def own(tmp_path, **changed):
 def test_texts_of_your_own_are_read_and_logged(tmp_path, monkeypatch, capsys):
     made = experiment(design=SHORT, language=own(tmp_path))
     monkeypatch.setattr(terminal.sys, "stdin", StringIO("\n1\n\n1\n"))
-    with Session(made, tmp_path, "P01") as session, terminal.terminal(made.texts) as face:
-        run(session, face, lambda trial, folder: {})
+    with terminal.terminal(made.texts) as face:
+        session = simulate(tmp_path, made, face)
     assert "Ronde 1 van 2: any key = Continue\n" in capsys.readouterr().out
     header = json.loads((session.folder / "session.json").read_text())
     assert header["texts"]["language"] == "nl" and header["texts"]["trial_of"][:5] == "Ronde"
@@ -109,8 +109,8 @@ def test_a_german_session_in_a_terminal(tmp_path, monkeypatch, capsys):
         language="de",
     )
     monkeypatch.setattr(terminal.sys, "stdin", StringIO("\n12\n7\n\n8\n"))
-    with Session(made, tmp_path, "P01") as session, terminal.terminal(made.texts) as face:
-        run(session, face, lambda trial, folder: {})
+    with terminal.terminal(made.texts) as face:
+        simulate(tmp_path, made, face)
     assert capsys.readouterr().out.splitlines() == [
         "Durchgang 1 von 2, zur Übung: beliebige Taste = Weiter",
         "Wie rau? 1 = glatt, 11 = rau",
@@ -144,8 +144,7 @@ def test_the_total_is_told_where_answers_do_not_change_it(tmp_path):
         ("z", "Trial 1", {"design": stairs}),
     ):
         face = Scripted(*["first"] * 99)
-        with Session(experiment(name=name, **told), tmp_path, "P01") as session:
-            run(session, face, lambda trial, folder: {})
+        simulate(tmp_path, experiment(name=name, **told), face)
         assert face.noted[0] == first
 
 
