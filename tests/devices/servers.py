@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from waiting import ENDS_TOO
+from waiting import ENDS_TOO, until as until
 
 import stimlib
 from stimlib import SinkError, blocks
@@ -55,14 +55,6 @@ def played(sink, seconds=None, *, patience=None, **how):
     with begun(sink, seconds, **how):
         sink.wait(patience)
     return sink
-
-
-def until(happens, patience=60.0):
-    """Wait for it; the limit only ends a hang."""
-    end = time.monotonic() + patience
-    while not happens():
-        assert time.monotonic() < end, "it has not happened"
-        time.sleep(0.002)
 
 
 def textured(outputs=2, scale=1.0):

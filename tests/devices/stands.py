@@ -12,12 +12,15 @@ import pytest
 from devices.servers import Jackd, Seen, aligned, needs_jack, offline, textured
 
 import stimlib
+from stimlib import blocks
 from stimlib.devices import ControlLoop, NidaqSink, NullSink
 from stimlib.motion.generators import minimum_jerk
 from stimlib.run.safety import Safety
 from stimlib.system import cache_folder
 
 FS = 8000
+STEADY = stimlib.Scene({"y": stimlib.Param("level", 1.0) * 1})
+FAILS = blocks.sqrt(1 - stimlib.constant(2.0, "1/s") * blocks.elapsed())  # after half a second
 HAND = {"x1": minimum_jerk(0.02), "x2": minimum_jerk(0.01)}
 
 

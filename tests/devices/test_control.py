@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from devices.servers import Seen, begun
+from devices.servers import Seen, begun, played
 from refusals import refused
 
 import stimlib
@@ -36,9 +36,7 @@ def passed(made):
 def test_it_writes_what_the_scene_is_of_what_it_reads(tmp_path):
     """In the output's unit, at most its full scale, with a rise along the samples."""
     hand = iter(np.linspace(0.0, 0.12, 400).tolist() + [0.12] * 10_000)
-    made = loop(lambda: [next(hand)], log=tmp_path / "a.stimlog")
-    with begun(made, 1.0, fs=1000):
-        made.wait()
+    made = played(loop(lambda: [next(hand)], log=tmp_path / "a.stimlog"), 1.0, fs=1000)
     log = read_log(tmp_path / "a.stimlog")
     assert replay(log).matches and log.frames == 1000
     y = stimlib.render(SPRING, {"x": np.asarray(log.motion)[:, 0]}, fs=1000)["force"]
@@ -76,9 +74,7 @@ def test_deadlines_are_absolute_and_what_is_missed_is_told():
         return [0.01]
 
     began = time.monotonic()
-    made = loop(read, log=log)
-    with begun(made, 1.0, fs=1000):
-        made.wait()
+    made = played(loop(read, log=log), 1.0, fs=1000)
     assert time.monotonic() - began > 1.0
     missed = sum(frames for _, frames in made.misses)
     assert missed >= 30 and made.report().lost == missed
@@ -121,8 +117,7 @@ def test_a_read_that_hangs_is_written_zeros_by_the_watchdog():
 )
 def test_a_read_that_fails_fades_and_is_named(read, says):
     made = loop(read)
-    with pytest.raises(SinkError, match=says), begun(made, 60.0, fs=1000):
-        made.wait()
+    refused(SinkError, says, played, made, 60.0, fs=1000)
     assert made.written[-1][0] == 0.0
 
 

@@ -8,7 +8,7 @@ from itertools import count
 import numpy as np
 import pytest
 from devices.servers import Seen, begun, faded, kept, offline, until
-from devices.stands import FS, STANDS
+from devices.stands import FAILS, FS, STANDS
 from refusals import refused
 
 from stimlib import (
@@ -19,7 +19,6 @@ from stimlib import (
     Scene,
     SinkError,
     StimlibError,
-    blocks,
     constant,
 )
 from stimlib.blocks.oscillators import carrier
@@ -39,7 +38,6 @@ from stimlib.run.safety import Safety
 
 SPRING = Scene({"y": Param("k", 3.0) * Input("x")})
 LEVEL = Scene({"y": constant(0.5)})
-FAILS = blocks.sqrt(1 - constant(2.0, "1/s") * blocks.elapsed())  # after half a second
 
 
 class Taken(Sink):

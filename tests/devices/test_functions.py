@@ -9,8 +9,10 @@ import warnings
 
 import numpy as np
 import pytest
+from devices import servers
 from devices.servers import begun
 from laws import mostly
+from refusals import refused
 
 from stimlib import Input, Scene, SinkError, constant
 from stimlib.devices import NullSink, Sink
@@ -249,10 +251,8 @@ def test_a_function_as_slow_as_the_device_is_no_function_that_does_not_return(mo
         time.sleep(0.005)
         return 0.01 * np.sin(t)
 
-    with NullSink(SCENE, 1.0, motion={"x": slow}, clocked=False) as sink:
-        sink.open(rate=8000)
-        sink.start(seconds=300 * 1024 / 8000)
-        sink.wait()
+    sink = NullSink(SCENE, 1.0, motion={"x": slow}, clocked=False)
+    servers.played(sink, 300 * 1024 / 8000)
     assert sink.report().delivered >= 300 * 1024
 
 
@@ -291,11 +291,8 @@ def test_what_take_writes_into_its_samples_is_not_held_when_feed_fails():
         seen.append(y.copy())
         x *= 1000.0
 
-    with (
-        pytest.raises(SinkError, match="feed failed"),
-        begun(PageSink(SCENE, 1.0, feed=feed, take=take), fs=FS, block=BLOCK) as sink,
-    ):
-        sink.wait()
+    sink = PageSink(SCENE, 1.0, feed=feed, take=take)
+    refused(SinkError, "feed failed", servers.played, sink, fs=FS, block=BLOCK)
     y = np.concatenate(seen, axis=1)[0]
     assert y.max() == 0.25 and np.abs(np.diff(y[200:])).max() < 0.01
 
@@ -331,7 +328,4 @@ class Slips(Sink):
 def test_a_slip_in_a_sink_of_ones_own_is_named(slip, says):
     """And writes no sample beyond its buffers."""
     sink = type("Mine", (Slips,), slip)(Scene({"y": constant(0.5)}), 1.0, realtime=False)
-    with pytest.raises(SinkError, match=says), sink:
-        sink.open(FS)
-        sink.start(1.0)
-        sink.wait(60)
+    refused(SinkError, says, servers.played, sink, 1.0, patience=60, fs=FS)

@@ -22,18 +22,15 @@ from devices.servers import (
     unjudged,
     until,
 )
-from devices.stands import HAND, is_exact, textured_sink
+from devices.stands import FS, HAND, STEADY, is_exact, textured_sink
 from refusals import refused
 
 import stimlib
-from stimlib import BadValue, Param, Scene, SinkError
+from stimlib import BadValue, Scene, SinkError
 from stimlib.devices import available
 from stimlib.scenes import squeeze
 
 pytestmark = needs_jack
-
-FS = 8000
-STEADY = Scene({"y": Param("level", 1.0) * 1})
 
 
 @pytest.fixture(scope="module")

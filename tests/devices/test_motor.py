@@ -5,6 +5,7 @@ import os
 import numpy as np
 import pytest
 from refusals import refused
+from written import written
 
 import stimlib
 from stimlib import BadValue, RecordingError, UnitError, constant
@@ -31,6 +32,7 @@ def rig(rng, n=300, noise=NOISE, shape=gamma, even=False):
     return {"current": i, "position": x, "force": f}
 
 
+NAMES = {"current": "i_mA", "position": "x_mm", "force": "F_N"}
 MILLI = {"current": "mA", "position": "mm", "force": "N"}
 
 
@@ -57,11 +59,10 @@ def test_the_interval_holds_in_95_of_100_rigs():
 
 def test_a_file_in_other_units_gives_the_same(tmp_path):
     rows = rig(np.random.default_rng(1))
-    names = {"current": "i_mA", "position": "x_mm", "force": "F_N"}
     columns = 1e3 * rows["current"], 1e3 * rows["position"], rows["force"]
-    told = {"delimiter": ",", "header": ",".join(names.values()), "comments": "", "fmt": "%.9g"}
+    told = {"delimiter": ",", "header": ",".join(NAMES.values()), "comments": "", "fmt": "%.9g"}
     np.savetxt(path := tmp_path / "cell.csv", np.column_stack(columns), **told)
-    found = calibrate_motor(path, **names, units=MILLI)
+    found = calibrate_motor(path, **NAMES, units=MILLI)
     same = calibrate_motor(rows)
     np.testing.assert_allclose(found.table, same.table, rtol=1e-7)
     assert found.unit == "N/A" and found.position[-1] == pytest.approx(0.04)
@@ -86,10 +87,8 @@ def test_without_noise_it_is_the_motor():
 
 
 def test_more_than_noise_is_seen_in_the_residuals():
-    def bent(x):
-        return 1 - 0.1 * np.sin(np.asarray(x) * 2 * np.pi / 0.008)
-
-    rows = rig(np.random.default_rng(4), n=600, shape=bent)
+    bent = {"shape": lambda x: 1 - 0.1 * np.sin(np.asarray(x) * 2 * np.pi / 0.008)}
+    rows = rig(np.random.default_rng(4), n=600, **bent)
     assert calibrate_motor(rows).pattern > 8
     assert abs(calibrate_motor(rows, knots=40).pattern) < 4
     rows = rig(np.random.default_rng(4), n=600)
@@ -124,10 +123,8 @@ def test_the_blocks_take_it_as_it_is():
     ],
 )
 def test_a_bad_file_is_refused_with_its_place(tmp_path, text, says):
-    path = tmp_path / "cell.csv"
-    path.write_text(text)
-    names = {"current": "i_mA", "position": "x_mm", "force": "F_N"}
-    error = refused(RecordingError, says, calibrate_motor, path, **names, units=MILLI)
+    path = written(tmp_path / "cell.csv", text)
+    error = refused(RecordingError, says, calibrate_motor, path, **NAMES, units=MILLI)
     assert str(path) in str(error)
 
 
@@ -150,11 +147,17 @@ def test_readings_that_say_too_little_are_refused(change, says):
     refused(RecordingError, f"(?s){says}", calibrate_motor, rows | change(rows))
 
 
-def test_units_of_another_quantity_are_refused():
+@pytest.mark.parametrize(
+    ("error", "says", "how"),
+    [
+        (UnitError, "force in 'mm'", {"units": MILLI | {"force": "mm"}}),
+        (UnitError, "unknown unit", {"units": MILLI | {"force": "newt0n"}}),
+        (BadValue, "units of force", {"units": {"force": "N"}}),
+        (BadValue, "knots = 3", {"knots": 3}),
+        (RecordingError, "cannot be read", {"source": "nowhere.csv"}),
+    ],
+)
+def test_units_of_another_quantity_are_refused(error, says, how):
     rows = rig(np.random.default_rng(8))
-    refused(UnitError, "force in 'mm'", calibrate_motor, rows, units=MILLI | {"force": "mm"})
-    refused(UnitError, "unknown unit", calibrate_motor, rows, units=MILLI | {"force": "newt0n"})
-    refused(BadValue, "units of force", calibrate_motor, rows, units={"force": "N"})
-    refused(BadValue, "knots = 3", calibrate_motor, rows, knots=3)
-    refused(RecordingError, "cannot be read", calibrate_motor, "nowhere.csv")
+    refused(error, says, calibrate_motor, **{"source": rows} | how)
     assert constant(1.0, calibrate_motor(rows).unit).dim is not None

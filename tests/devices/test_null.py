@@ -13,6 +13,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 from devices.servers import Seen, begun, played, until
+from devices.stands import FS, STEADY
 from refusals import refused, warned
 
 import stimlib
@@ -21,9 +22,6 @@ from stimlib.devices import NullSink, Sink, null, words
 from stimlib.files.log_reader import read_log
 from stimlib.run.safety import Safety
 from stimlib.scenes import pulse
-
-FS = 8000
-STEADY = Scene({"y": Param("level", 1.0) * 1})
 
 
 def fast(scene=STEADY, full_scale=50.0, **options):
@@ -241,9 +239,8 @@ def test_a_device_that_never_calls_is_lost_or_closed(monkeypatch):
     assert sink.report().produced == 0 and 0 < Sink.silent_for < 10
     monkeypatch.setattr(Dead, "clock", True)
     monkeypatch.setattr(Sink, "silent_for", 0.2)
-    with pytest.raises(SinkError, match=r"dead: the device has taken no samples for 0\.2 s"):
-        with begun(Dead(STEADY, 1.0, realtime=False)) as sink:
-            sink.wait(60)
+    says = r"dead: the device has taken no samples for 0\.2 s"
+    refused(SinkError, says, played, Dead(STEADY, 1.0, realtime=False), patience=60)
 
 
 def test_a_device_that_cannot_be_opened_is_let_go_and_can_be_opened_later():

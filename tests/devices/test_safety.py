@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from devices.servers import played
 from laws import lawful
 from refusals import refused
 
@@ -509,13 +510,9 @@ def test_a_session_says_and_proves_what_the_controller_did(tmp_path):
     """In its report and its log, from which every sample is computed again."""
     scene = Scene({"F": -1.0 * spring(X, 300.0), "G": 1.0 * wall(X, 100.0)})
     motion = {"x": minimum_jerk(0.0, 0.03)}
-    with NullSink(
-        scene, Safety(9.0, passivity=GIVES), motion=motion, clocked=False, log=tmp_path / "a"
-    ) as sink:
-        sink.open(rate=1000)
-        sink.start(seconds=2.0)
-        sink.wait()
-    report = sink.report()
+    how = {"motion": motion, "clocked": False, "log": tmp_path / "a"}
+    sink = NullSink(scene, Safety(9.0, passivity=GIVES), **how)
+    report = played(sink, 2.0, fs=1000).report()
     told = report.energy["F"]
     assert report.clips["passivity"]["F"] > 100 and 1e-3 < told["given"] <= GIVES.bound
     said = f"F gave at most {1e3 * told['given']:.3g} mJ to motions of up to 1 m/s; its passivity"

@@ -28,7 +28,17 @@ from devices.servers import (
     until,
     without,
 )
-from devices.stands import FS, STANDS, Task, alsa, from_file, needs_portaudio, nidaqmx
+from devices.stands import (
+    FAILS,
+    FS,
+    STANDS,
+    STEADY,
+    Task,
+    alsa,
+    from_file,
+    needs_portaudio,
+    nidaqmx,
+)
 from refusals import refused
 
 import stimlib
@@ -39,8 +49,6 @@ from stimlib.run.safety import Safety
 
 WAVE = Param("level", 1.0) * (0.5 * carrier(110.0, phase=0.3) + 0.05 * blocks.white_noise(3))
 SCENE = Scene({"wave": WAVE, "other": 0.25 * carrier(60.0)})
-STEADY = Scene({"y": Param("level", 1.0) * 1})
-FAILS = blocks.sqrt(1 - constant(2.0, "1/s") * blocks.elapsed())  # after half a second
 
 
 @pytest.fixture(params=STANDS)
@@ -161,9 +169,8 @@ def test_an_output_that_fails_ends_the_session_with_its_name(stand):
     """
     log = Seen()
     sink = stand.make(Scene({"good": constant(1.0), "bad": FAILS}), log=log)
-    with pytest.raises(FaultError, match="output bad was not finite at sample 4001"):
-        with begun(sink, 60.0, block=64):
-            sink.wait(60)
+    says = "output bad was not finite at sample 4001"
+    refused(FaultError, says, played, sink, 60.0, patience=60, block=64)
     y = np.concatenate(log.frames)
     assert np.isfinite(y).all() and largest_step(y[:, :1], log.events) < 0.01
     assert min(at for at, kind, _ in log.events if kind == "stop") >= 4001 + FS // 50 + 1
@@ -173,11 +180,14 @@ def test_an_output_that_fails_ends_the_session_with_its_name(stand):
 
 def test_life_in_the_wrong_order_is_told(stand):
     sink = stand.make(STEADY)
-    refused(SinkError, "open the sink first", sink.start)
-    refused(SinkError, "open the sink first", sink.set, "level", 1.0)
-    refused(SinkError, "never open", sink.report)
-    refused(SinkError, "wait: start the sink first", sink.wait)
-    refused(SinkError, "start the sink first", sink.mark, "x")
+    for says, call, *given in (
+        ("open the sink first", sink.start),
+        ("open the sink first", sink.set, "level", 1.0),
+        ("never open", sink.report),
+        ("wait: start the sink first", sink.wait),
+        ("start the sink first", sink.mark, "x"),
+    ):
+        refused(SinkError, says, call, *given)
     sink.close()
     refused(SinkError, "make a new one", sink.open, FS)
     sink = stand.make(STEADY)
@@ -185,12 +195,11 @@ def test_life_in_the_wrong_order_is_told(stand):
     refused(SinkError, "opened before", sink.open, FS)
     sink.start(0.1)
     refused(SinkError, "plays once", sink.start)
-    sink.stop()
-    sink.stop()
-    sink.close()
-    sink.close()
-    refused(SinkError, "closed", sink.start)
-    refused(SinkError, "closed", sink.set, "level", 1.0)
+    for end in (sink.stop, sink.close):
+        end()
+        end()
+    for call, *given in ((sink.start,), (sink.set, "level", 1.0)):
+        refused(SinkError, "closed", call, *given)
     assert type(sink).__name__ in repr(sink)
 
 
@@ -213,13 +222,14 @@ def test_what_no_device_takes_is_refused_before_it_opens(stand):
 def test_what_cannot_be_set_or_started(stand):
     with stand.make(STEADY) as sink:
         sink.open(FS)
-        refused(UnknownName, "there are level", sink.set, "sink_gain", 0.5)
-        for value in (np.nan, "loud"):
-            refused(BadValue, "level = .*finite|must be a number", sink.set, "level", value)
-        for ramp in (-1, np.inf, 1e18, None):
-            refused(BadValue, "ramp", sink.set, "level", 1.0, ramp=ramp)
-        for seconds in (0, -1, 1e-5, np.nan, np.inf, "long"):
-            refused(BadValue, "seconds", sink.start, seconds)
+        for error, says, call, *given in (
+            (UnknownName, "there are level", sink.set, "sink_gain", 0.5),
+            (BadValue, "level = nan .*finite", sink.set, "level", np.nan),
+            (BadValue, "must be a number", sink.set, "level", "loud"),
+            *((BadValue, "ramp", sink.set, "level", 1.0, v) for v in (-1, np.inf, 1e18, None)),
+            *((BadValue, "seconds", sink.start, v) for v in (0, -1, 1e-5, np.nan, np.inf, "long")),
+        ):
+            refused(error, says, call, *given)
         for k in range(256):
             sink.set("level", k)
         refused(SinkError, "256 changes", sink.set, "level", 1.0)

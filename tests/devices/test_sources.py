@@ -82,20 +82,20 @@ def test_rows_of_several_inputs_are_pushed_and_read_by_name(order, one):
     )
     with NullSink(scene, 50.0, motion=Live(), clocked=False) as sink:
         sink.open(FS)
-        refused(BadValue, "push: .* no names; give {'a': .., 'b': ..}", sink.push, np.ones((2, 4)))
-        refused(UnknownName, "push: b is missing", sink.push, {"a": 1.0})
-        refused(UnknownName, "push: there is no input c", sink.push, given | {"c": 0.0})
-        for bad in ([1.0, 2.0, 3.0], np.ma.array([1, 2], mask=[0, 1]), [[1.0], [2.0, 3.0]]):
-            refused(BadValue, "push: x must be numbers", sink.push, {"a": [1.0, 2.0], "b": bad})
-        for bad in ([2, np.nan], np.ma.array([2, 3], mask=[0, 1], dtype=float)):
-            refused(BadValue, "push: b is nan in column 1", sink.push, {"a": [0, 1], "b": bad})
+        odd = [1.0, 2.0, 3.0], np.ma.array([1, 2], mask=[0, 1]), [[1.0], [2.0, 3.0]]
+        lost = [2, np.nan], np.ma.array([2, 3], mask=[0, 1], dtype=float)
+        for error, says, pushed in (
+            (BadValue, "push: .* no names; give {'a': .., 'b': ..}", np.ones((2, 4))),
+            (UnknownName, "push: b is missing", {"a": 1.0}),
+            (UnknownName, "push: there is no input c", given | {"c": 0.0}),
+            *((BadValue, "push: x must be numbers", {"a": [1.0, 2.0], "b": bad}) for bad in odd),
+            *((BadValue, "push: b is nan in column 1", {"a": [0, 1], "b": bad}) for bad in lost),
+        ):
+            refused(error, says, sink.push, pushed)
         assert sink.push(given) == (1 if one else 4)
     written = []
     loop = ControlLoop(scene, 50.0, lambda: given, written.append, realtime=False)
-    with loop:
-        loop.open(1000)
-        loop.start(seconds=0.3)
-        loop.wait()
+    played(loop, 0.3, fs=1000)
     assert max(float(y[0]) for y in written) == pytest.approx(1.0, abs=1e-6)
 
 

@@ -109,8 +109,7 @@ def test_a_motion_in_real_time_begins_with_its_newest():
 
 @pytest.mark.parametrize("seconds", [-1.0, 0.0, 0.1])
 def test_a_time_that_cannot_be_kept_is_refused_with_the_reason(seconds):
-    sink = NullSink(STEADY, 1.0, realtime=False)
-    with sink:
+    with NullSink(STEADY, 1.0, realtime=False) as sink:
         sink.open(FS)
         at = time.monotonic() + seconds
         said = refused(BadValue, "on its clock: give a time at least 0.1", sink.start, at=at)
@@ -135,8 +134,7 @@ def test_a_time_that_cannot_be_kept_is_refused_with_the_reason(seconds):
 def test_any_clock_gives_the_time():
     pylsl = pytest.importorskip("pylsl")
     for clock in (pylsl.local_clock, time.time, lambda: time.monotonic() - 1e4):
-        sink = NullSink(STEADY, 1.0, realtime=False)
-        with sink:
+        with NullSink(STEADY, 1.0, realtime=False) as sink:
             sink.open(FS)
             at = clock() + 0.4
             sink.start(0.05, at=at, clock=clock)

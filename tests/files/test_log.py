@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 import pytest
 import soundfile as sf
+from devices import servers
 from devices.servers import begun
 from logged import play
 from refusals import refused
@@ -495,8 +496,7 @@ def test_a_stimulus_with_ramps_of_its_own_is_not_faded_again(tmp_path):
     """
     ramps = timeline([(0.0, 0.0), (0.01, 1.0), (0.04, 1.0), (0.05, 0.0)])
     burst, folder = Scene({"y": ramps * (0.5 + white_noise(seed=1))}), tmp_path / "a.stimlog"
-    with begun(NullSink(burst, 8.0, clocked=False, log=folder), 0.05) as sink:
-        sink.wait()
+    sink = servers.played(NullSink(burst, 8.0, clocked=False, log=folder), 0.05)
     log = read_log(folder)
     assert replay(log, tmp_path / "a.wav").matches
     y = stimlib.render(burst, {}, FS, 0.05)["y"]
@@ -532,8 +532,7 @@ def test_a_sink_whose_motion_is_not_finite(tmp_path, clocked, before):
     scene = Scene({"force": Param("k", 1000.0, "N/m") * Input("x", "m")})
     how = {"clocked": clocked, "realtime": False, "log": tmp_path / "a.stimlog"}
     sink = NullSink(scene, 50.0, motion={"x": x}, **how)
-    with pytest.raises(FaultError), begun(sink, 1.0, block=64):
-        sink.wait(30)
+    refused(FaultError, None, servers.played, sink, 1.0, patience=30, block=64)
     log = read_log(tmp_path / "a.stimlog")
     assert "fault" in {e.kind for e in log.events} and log.frames == sink.report().produced
     assert np.isnan(log.motion[5000:5001, 0]).all() and replay(log).matches
