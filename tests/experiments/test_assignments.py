@@ -85,10 +85,13 @@ def test_a_participant_is_assigned_once(tmp_path):
     order = assign(path, "P01", ["A", "B"], seed=1)
     before = path.read_bytes()
     why = f"participant P01 has the order '{order}' already; read it with assigned"
-    refused(BadValue, why, assign, path, "P01", ["A", "B"], seed=1)
-    refused(BadValue, "begun with seed = 1 and orders", assign, path, "P02", ["A", "B"], seed=2)
-    refused(BadValue, r"orders = \['A', 'B'\]; give these", assign, path, "P02", ["A"], seed=1)
-    refused(BadValue, "there is 'P01'", assign, path, "p01", ["A", "B"], seed=1)
+    for says, who, orders, seed in (
+        (why, "P01", ["A", "B"], 1),
+        ("begun with seed = 1 and orders", "P02", ["A", "B"], 2),
+        (r"orders = \['A', 'B'\]; give these", "P02", ["A"], 1),
+        ("there is 'P01'", "p01", ["A", "B"], 1),
+    ):
+        refused(BadValue, says, assign, path, who, orders, seed=seed)
     refused(UnknownName, "'P02' has no order yet; call assign first", assigned, path, "P02")
     assert path.read_bytes() == before
 

@@ -73,16 +73,16 @@ def answers(design, people, observer=PERSON):
 
 
 @pytest.mark.parametrize(
-    ("made", "observer", "most"),
+    ("made", "observer", "most", "few"),
     [
-        pytest.param(lambda: EXAMPLE["design"], PERSON, 200, id="QUEST+"),
-        pytest.param(mirrored, PERSON, 60, id="mirrored"),
-        pytest.param(staircase, notices, 60, id="difference"),
+        pytest.param(lambda: EXAMPLE["design"], PERSON, 200, 8, id="QUEST+"),
+        pytest.param(mirrored, PERSON, 60, 6, id="mirrored"),
+        pytest.param(staircase, notices, 60, 6, id="difference"),
     ],
 )
-def test_recipes_find_the_jnd_of_simulated_people(made, observer, most):
+def test_recipes_find_the_jnd_of_simulated_people(made, observer, most, few):
     """All are usable, the median is near, and 95 % intervals hold 16 Hz."""
-    people = most if STRESS else most // 10
+    people = most if STRESS else few
     found = list(
         difference_thresholds(answers(made(), people, observer), 200.0, ["participant"]).values()
     )

@@ -173,13 +173,15 @@ def test_a_known_middle_starts_a_curve_of_differences_at_chance():
     fit = psychometric(answers, pse=0.0)
     assert fit.problems == () and fit(0.0) == 0.5
     assert fit.sigma == pytest.approx(8.0 / ndtri(0.7), rel=1e-6)
-    assert psychometric([8.0] * 9, [1] * 9, pse=0.0).problems == ("separated",)
-    assert psychometric([8.0, -8.0], [9, 0], [9, 9], pse=0.0).problems == ("separated",)
-    # whose mirror image is no image about 0
-    assert psychometric([-17.0] * 9, [1] * 9, pse=-20.0).problems == ("separated",)
-    assert psychometric([8.0] * 9, [0] * 9, pse=0.0).problems == ("falling",)
-    assert psychometric([0.0] * 9, [0] * 5 + [1] * 4, pse=0.0).problems == ("few",)
-    assert psychometric([8.0] * 30, [1, 0] * 15, pse=0.0).problems == ("flat",)
+    for pse, problem, *given in (
+        (0.0, "separated", [8.0] * 9, [1] * 9),
+        (0.0, "separated", [8.0, -8.0], [9, 0], [9, 9]),
+        (-20.0, "separated", [-17.0] * 9, [1] * 9),  # whose mirror image is no image about 0
+        (0.0, "falling", [8.0] * 9, [0] * 9),
+        (0.0, "few", [0.0] * 9, [0] * 5 + [1] * 4),
+        (0.0, "flat", [8.0] * 30, [1, 0] * 15),
+    ):
+        assert psychometric(*given, pse=pse).problems == (problem,)
 
 
 def test_ends_are_infinite_where_there_are_none_and_only_what_is_looked_for_is_computed():
@@ -426,7 +428,7 @@ def test_no_curve_is_more_likely_than_the_maximum_and_ends_are_where_it_has_fall
     """Of a lattice of curves and rates, also with the middle or the slope held; answers
     that rise, fall, are all of one kind, separated or random, a few at each level.
     """
-    rng, people = np.random.default_rng(LINKS.index(link)), 40 if STRESS else 2
+    rng, people = np.random.default_rng(LINKS.index(link)), 40 if STRESS else 1
     at = np.sort(rng.normal(size=(people, 6)), axis=1)
     p = [
         ndtr(3 * at),

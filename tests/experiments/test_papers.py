@@ -152,10 +152,12 @@ def test_cues_are_weighed_by_their_reliability():
     (mean, sum_of_weights) = np.average(values, weights=sds**-2.0, returned=True)
     assert (found.value, found.sd) == pytest.approx((mean, sum_of_weights**-0.5), rel=1e-12)
     assert sum(found.weights) == pytest.approx(1.0) and integrated([1.0], [1e-300]).sd == 1e-300
-    for wrong in ([], [0.0], [1.0, 2.0], [np.inf]):
-        refused(BadValue, "one above 0 for each cue", integrated, [1.0], wrong)
-    refused(BadValue, "one above 0 for each cue", integrated, [[1.0]], [[1.0]])
-    refused(BadValue, r"values\[1\] = nan must be finite", integrated, [1.0, np.nan], [1.0, 1.0])
+    for says, *given in (
+        *(("one above 0 for each cue", [1.0], v) for v in ([], [0.0], [1.0, 2.0], [np.inf])),
+        ("one above 0 for each cue", [[1.0]], [[1.0]]),
+        (r"values\[1\] = nan must be finite", [1.0, np.nan], [1.0, 1.0]),
+    ):
+        refused(BadValue, says, integrated, *given)
 
 
 def test_bounciness_has_the_thesis_square_and_its_sessions():

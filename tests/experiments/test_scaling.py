@@ -167,8 +167,7 @@ def test_items_without_a_finite_ability_are_named(pairs, groups):
     if groups is None:
         assert np.isfinite([c.error for c in bradley_terry(pairs)]).all()
     else:
-        with pytest.raises(BadValue, match=f"the groups {groups} have".replace("|", r"\|")):
-            bradley_terry(pairs)
+        refused(BadValue, f"the groups {groups} have".replace("|", r"\|"), bradley_terry, pairs)
 
 
 @pytest.mark.parametrize(

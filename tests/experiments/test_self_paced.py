@@ -318,8 +318,8 @@ def test_a_hand_moves_while_a_key_is_awaited():
     ((a, b),) = shown["intervals"]
     assert 20 < b - a < 30_000
     wrong = experiment(motion=Live(), hand=lambda sink: 1 / 0, timing=DONE)
-    with pytest.raises(ZeroDivisionError):
-        present(wrong, part, "null", meanwhile=lambda: None, realtime=False)
+    how = {"meanwhile": lambda: None, "realtime": False}
+    refused(ZeroDivisionError, None, present, wrong, part, "null", **how)
 
 
 def test_an_interrupted_session_of_self_paced_intervals_is_resumed(tmp_path):

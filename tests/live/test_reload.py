@@ -1,6 +1,7 @@
 """A scene that is edited while its page is open: it plays on the page, crossfaded."""
 
 import threading
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -32,13 +33,20 @@ def running(tmp_path):
             yield client, server.stream
 
 
+@contextmanager
+def reloading(stream, scene):
+    """A new scene comes meanwhile, and is there afterwards."""
+    thread = threading.Thread(target=stream.reload, args=(scene,))
+    thread.start()
+    yield
+    thread.join(60)
+
+
 def reloaded(client, stream, scene):
     """What the page heard of a new scene, from the sample on at which it was there."""
-    thread = threading.Thread(target=stream.reload, args=(scene,))
     client.data.clear()
-    thread.start()
-    state = client.until(session=client.state["session"] + 1, phase="running")
-    thread.join(60)
+    with reloading(stream, scene):
+        state = client.until(session=client.state["session"] + 1, phase="running")
     client.hear(20)
     client.state = state
     return samples_of(client)
@@ -94,10 +102,8 @@ def test_other_outputs_begin_a_new_session(running):
     client, stream = running
     stream._made_by = (None, *stream._made_by[1:])  # full scales of its own
     client.texts.clear()
-    thread = threading.Thread(target=stream.reload, args=(OTHER,))
-    thread.start()
-    client.state = client.until(session=client.state["session"] + 1, phase="running")
-    thread.join(60)
+    with reloading(stream, OTHER):
+        client.state = client.until(session=client.state["session"] + 1, phase="running")
     client.data.clear()
     client.hear(40)
     assert client.state["log"] == str(stream.log) and stream.log.exists()
@@ -161,11 +167,9 @@ def test_a_stop_during_a_reload_is_a_stop(running, scene):
     client, stream = running
     stream._made_by = (None, *stream._made_by[1:])  # full scales of its own
     for what, phase in (("stop", "idle"), ("start", "running")):
-        thread = threading.Thread(target=stream.reload, args=(scene,))
-        thread.start()
-        client.say(what)
-        client.until(phase=phase)
-        thread.join(60)
+        with reloading(stream, scene):
+            client.say(what)
+            client.until(phase=phase)
         until(lambda phase=phase: stream.phase == phase)
         until(lambda what=what: len(playing()) == (what == "start"))
         assert [stream._sink] == (playing() or [None])
@@ -179,11 +183,9 @@ def playing():
 def test_a_slider_that_is_moved_during_a_reload_counts(running):
     client, stream = running
     for k in range(8):
-        thread = threading.Thread(target=stream.reload, args=((SOFTER, SPRING)[k % 2],))
-        thread.start()
-        client.say("set", name="k", value=100.0 + k)
-        client.settled()
-        thread.join(60)
+        with reloading(stream, (SOFTER, SPRING)[k % 2]):
+            client.say("set", name="k", value=100.0 + k)
+            client.settled()
         client.hear(15)
         assert stream.params["k"] == 100.0 + k
         heard = samples_of(client)[1][1, -1]
