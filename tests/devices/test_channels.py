@@ -55,15 +55,18 @@ def test_a_file_of_alsa_has_them_silent(tmp_path):
 @needs_portaudio()
 @pytest.mark.parametrize("kind", ["jack", "portaudio"])
 def test_a_server_has_ports_for_them(tmp_path, kind):
-    with Jackd(FS, 64) as server, portaudio({"JACK_DEFAULT_SERVER": server.name}):
-        with Capture(server.name, 4, 60 * FS) as capture:
-            words = ["--device", "system"]
-            if kind == "jack":
-                words = ["--device", server.name]
-                for name in capture.names:
-                    words += ["--connect", name]
-            expected = played(tmp_path, ["--sink", kind, *words])
-            frames = capture.frames.copy()
+    with (
+        Jackd(FS, 64) as server,
+        portaudio({"JACK_DEFAULT_SERVER": server.name}),
+        Capture(server.name, 4, 60 * FS) as capture,
+    ):
+        words = ["--device", "system"]
+        if kind == "jack":
+            words = ["--device", server.name]
+            for name in capture.names:
+                words += ["--connect", name]
+        expected = played(tmp_path, ["--sink", kind, *words])
+        frames = capture.frames.copy()
     assert not frames[:, :2].any()
     if kind == "jack":  # PortAudio's ports go to the physical ones alone
         assert frames[:, 2:].any(axis=0).all()

@@ -204,9 +204,11 @@ def test_motion_that_never_comes_is_no_success(setting, silences, tmp_path):
 def test_nothing_pushed_and_nothing_connected_are_no_success(motion, says, clocked, tmp_path):
     how = {"clocked": clocked, "realtime": False, "log": tmp_path / "a"}
     sink = NullSink(SPRING, 50.0, motion=motion, **how)
-    with pytest.raises(MotionError, match=f"null: no motion was received: .*{says}"):
-        with begun(sink, 0.1, fs=1000):
-            sink.wait()
+    with (
+        pytest.raises(MotionError, match=f"null: no motion was received: .*{says}"),
+        begun(sink, 0.1, fs=1000),
+    ):
+        sink.wait()
     assert says in sink.report().silent and says in str(sink.report())
     assert verify_log(read_log(tmp_path / "a")).checks[0].name == "no motion was received"
 
@@ -229,11 +231,11 @@ def test_a_stream_that_stops_awaits_its_first_row_for_longer_than_the_next():
         over.set()
         time.sleep(0.15)  # a session that has ended awaits none
     assert sink.report().rows > 1 and not sink.report().silent
-    with pytest.raises(MotionError, match="no row came at the receiver: is the sender running"):
-        with streamed(
-            lambda timeout: time.sleep(timeout) or ([], []), None, silence="stop"
-        ) as sink:
-            sink.wait(30)
+    with (
+        pytest.raises(MotionError, match="no row came at the receiver: is the sender running"),
+        streamed(lambda timeout: time.sleep(timeout) or ([], []), None, silence="stop") as sink,
+    ):
+        sink.wait(30)
     assert sink.report().produced < 30_000
 
 
@@ -291,9 +293,11 @@ def test_a_trial_without_motion_is_presented_again_and_the_session_can_be_resume
         hand=shown.append,
         timing=Timing(interval=0.1, gap=0.05, before=0.2, ramp=0.0),
     )
-    with pytest.raises(MotionError, match="3 presentations in a row: null: no motion"):
-        with Session(made, tmp_path, "P01") as session:
-            run(session, told_to(session, monkeypatch)[0], "null", realtime=False)
+    with (
+        pytest.raises(MotionError, match="3 presentations in a row: null: no motion"),
+        Session(made, tmp_path, "P01") as session,
+    ):
+        run(session, told_to(session, monkeypatch)[0], "null", realtime=False)
     assert session.records == [] and len(shown) == 3
     there = 5  # the second of the next session
     with Session(made, tmp_path, "P01", resume=True) as again:

@@ -153,10 +153,12 @@ WAYS = {
 @pytest.mark.parametrize("way", WAYS)
 def test_every_way_out_fades(stand, way):
     log = Seen()
-    with suppress(ZeroDivisionError, KeyboardInterrupt):
-        with begun(stand.make(STEADY, log=log), 0.2 if way == "end" else None, block=64) as sink:
-            until(lambda: sink.pump.index > 1000)
-            WAYS[way](sink)
+    with (
+        suppress(ZeroDivisionError, KeyboardInterrupt),
+        begun(stand.make(STEADY, log=log), 0.2 if way == "end" else None, block=64) as sink,
+    ):
+        until(lambda: sink.pump.index > 1000)
+        WAYS[way](sink)
     faded(np.concatenate(log.frames), log.events)
     assert sink.finished and log.end["produced"] == sink.report().produced
     if (heard := stand.heard()) is not None and not sink.report().lost:

@@ -165,26 +165,29 @@ def begun_at(sink, ahead, seconds=None):
 @needs_portaudio()
 @pytest.mark.parametrize("kind", ["jack", "portaudio"])
 def test_a_real_server_plays_sample_0_in_the_frame_that_is_told(kind):
-    with Jackd(FS, 64) as server, portaudio({"JACK_DEFAULT_SERVER": server.name}):
-        with Capture(server.name, 1, 30 * FS) as capture:
-            if kind == "jack":
-                how = {"server": server.name, "connect": capture.names}
-                sink = JackSink(STEADY, 1.0, realtime=False, **how)
-            else:
-                sink = PortAudioSink(STEADY, 1.0, name="system", realtime=False)
-            sink.open(FS)
-            with sink:
-                if kind == "portaudio":
-                    (port,) = capture.client.get_ports("PortAudio:out_.*")
-                    capture.client.connect(port, capture.names[0])
-                at = time.monotonic() + 2.0
-                sink.start(0.5, at=at)
-                assert time.monotonic() < at
-                sink.wait()
-                until(lambda: capture.frames.any() and not capture.frames[-1].any())
-            full = np.flatnonzero(capture.frames[:, 0] == 1.0)
-            report = sink.report()
-            if kind == "jack" and not report.lost and not capture.xruns:
-                assert capture.times[full[0]] == sink.pump.read("ORIGIN")
-            assert abs(report.start_error) < 0.2  # a starved server moves its clock
-            assert (report.rise, report.delivered + report.lost) == (160, 4000)
+    with (
+        Jackd(FS, 64) as server,
+        portaudio({"JACK_DEFAULT_SERVER": server.name}),
+        Capture(server.name, 1, 30 * FS) as capture,
+    ):
+        if kind == "jack":
+            how = {"server": server.name, "connect": capture.names}
+            sink = JackSink(STEADY, 1.0, realtime=False, **how)
+        else:
+            sink = PortAudioSink(STEADY, 1.0, name="system", realtime=False)
+        sink.open(FS)
+        with sink:
+            if kind == "portaudio":
+                (port,) = capture.client.get_ports("PortAudio:out_.*")
+                capture.client.connect(port, capture.names[0])
+            at = time.monotonic() + 2.0
+            sink.start(0.5, at=at)
+            assert time.monotonic() < at
+            sink.wait()
+            until(lambda: capture.frames.any() and not capture.frames[-1].any())
+        full = np.flatnonzero(capture.frames[:, 0] == 1.0)
+        report = sink.report()
+        if kind == "jack" and not report.lost and not capture.xruns:
+            assert capture.times[full[0]] == sink.pump.read("ORIGIN")
+        assert abs(report.start_error) < 0.2  # a starved server moves its clock
+        assert (report.rise, report.delivered + report.lost) == (160, 4000)

@@ -260,27 +260,28 @@ def test_a_page_is_told_when_the_condition_of_an_interval_holds(tmp_path):
 
 def test_a_rest_is_the_servers(tmp_path):
     design, timing = ConstantStimuli(((TASK, 4.0), (TASK, 1.0))), Timing(0.1, 0.05, 0.0, 0.0, 0.5)
-    with asked(tmp_path, experiment(design=design, timing=timing)) as running:
-        with welcome(running.server) as client:
-            client.whole(["", "1"])
-            rest, began = client.until(phase="rest"), time.monotonic()
-            assert 0.3 < rest["seconds"] <= 0.5 and 0 <= rest["since"]
-            client.answer("", rest["number"])
-            assert "nothing is asked now" in client.until(about="answer")["text"]
-            with welcome(running.server) as other:  # loaded again: what is left, no more
-                assert other.until(phase="rest")["since"] > rest["since"]
-                other.whole(["", "1"])
-                assert time.monotonic() - began > rest["seconds"] - rest["since"] - 0.1
-                other.until(phase="end")
+    with (
+        asked(tmp_path, experiment(design=design, timing=timing)) as running,
+        welcome(running.server) as client,
+    ):
+        client.whole(["", "1"])
+        rest, began = client.until(phase="rest"), time.monotonic()
+        assert 0.3 < rest["seconds"] <= 0.5 and 0 <= rest["since"]
+        client.answer("", rest["number"])
+        assert "nothing is asked now" in client.until(about="answer")["text"]
+        with welcome(running.server) as other:  # loaded again: what is left, no more
+            assert other.until(phase="rest")["since"] > rest["since"]
+            other.whole(["", "1"])
+            assert time.monotonic() - began > rest["seconds"] - rest["since"] - 0.1
+            other.until(phase="end")
     assert "rest of 0 s" in running.notes
 
 
 def test_a_server_that_ends_before_the_session_is_told(tmp_path):
     """Whoever sends answers that are too long is shut out."""
     long = json.dumps({"do": "answer", "number": 1, "text": (LONGEST + 1) * "1"})
-    with asked(tmp_path, LONG) as running:
-        with page(running.server) as client:
-            assert client.ended(HELLO, *[long] * 25) == 4400
+    with asked(tmp_path, LONG) as running, page(running.server) as client:
+        assert client.ended(HELLO, *[long] * 25) == 4400
     assert "the server of the page has ended before the session" in str(running.errors[0])
     assert read(tmp_path / FOLDER).records == []
 

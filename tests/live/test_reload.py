@@ -23,14 +23,16 @@ MARKED = []
 @pytest.fixture
 def running(tmp_path):
     """A page of a spring on which a finger rests at 10 mm, and its stream."""
-    with serving(
-        SPRING, FULL, tmp_path, ranges={"x": (0, 0.01)}, seed=7, send=[MARKED.append]
-    ) as server:
-        with greeted(server) as client:
-            client.state = client.start("record")
-            client.ws.send(MOVE)
-            client.hear(40)  # the hand is followed
-            yield client, server.stream
+    with (
+        serving(
+            SPRING, FULL, tmp_path, ranges={"x": (0, 0.01)}, seed=7, send=[MARKED.append]
+        ) as server,
+        greeted(server) as client,
+    ):
+        client.state = client.start("record")
+        client.ws.send(MOVE)
+        client.hear(40)  # the hand is followed
+        yield client, server.stream
 
 
 @contextmanager
