@@ -21,6 +21,18 @@ import numpy as np
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
+from stimlib.blocks import (
+    bump,
+    carrier,
+    compliance_generalized_kelvin_voigt,
+    compliance_kelvin_voigt,
+    compliance_maxwell,
+    generalized_maxwell,
+    maxwell,
+    standard_linear_solid,
+    track,
+    track_velocity,
+)
 from stimlib.blocks.actuator import (
     ForceLimit,
     Passive,
@@ -31,18 +43,9 @@ from stimlib.blocks.actuator import (
     slew_limit,
     static_limit,
 )
-from stimlib.blocks.bumps import bump
-from stimlib.blocks.creep import (
-    compliance_generalized_kelvin_voigt,
-    compliance_kelvin_voigt,
-    compliance_maxwell,
-)
 from stimlib.blocks.noise import PinkNoise, White
 from stimlib.blocks.onset import First
-from stimlib.blocks.oscillators import carrier
 from stimlib.blocks.springpots import PathLength
-from stimlib.blocks.tracking import track, track_velocity
-from stimlib.blocks.viscoelastic import generalized_maxwell, maxwell, standard_linear_solid
 from stimlib.core.graph import Block, registry
 from stimlib.core.guard import Guard
 from stimlib.design import responses as law

@@ -9,9 +9,8 @@ import numpy as np
 
 import stimlib
 from stimlib import Block, Input, Param, Scene, blocks as b, constant
-from stimlib.blocks.tracking import track
-from stimlib.blocks.viscoelastic import maxwell
-from stimlib.motion.generators import (
+from stimlib.blocks import maxwell, track
+from stimlib.motion import (
     constant_speed,
     jittered,
     minimum_jerk,

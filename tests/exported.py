@@ -9,13 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from contract import TABLE
 
-from stimlib import Block, Input, Scene
+from stimlib import Block, Input, Scene, SceneError
 from stimlib.blocks.noise import deviates
 from stimlib.core import maths
 from stimlib.core.maths import each, pairs
-from stimlib.errors import SceneError
 from stimlib.export import export_c
-from stimlib.motion.text import parse_motion
+from stimlib.motion import parse_motion
 from stimlib.scenes import ROWS, SHIPPED
 
 FAST = ["gcc", "-std=c99", "-O0"]

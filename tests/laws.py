@@ -12,10 +12,9 @@ import pytest
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Scene
+from stimlib import BadValue, Input, Scene
 from stimlib.checks import local
 from stimlib.core.graph import Block, kind, reach
-from stimlib.errors import BadValue
 
 STRESS = "STIMLIB_STRESS" in os.environ
 

@@ -11,8 +11,7 @@ from laws import assert_same
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Scene
-from stimlib.errors import BadValue
+from stimlib import BadValue, Input, Scene
 from stimlib.targets.llvm import entry_points
 
 

@@ -19,9 +19,8 @@ from laws import mostly
 from refusals import largest_file, refused
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, SinkError, enabled
+from stimlib import BadValue, Input, Param, Scene, SinkError, UnitError, enabled
 from stimlib.blocks import pink_noise, pinking, springpot, velocity, wall, white_noise
-from stimlib.errors import UnitError
 from stimlib.export import INCLUDE, export_c
 from stimlib.export.program import comment
 from stimlib.run.safety import Inverse, Passivity, Safety, Watch, protect

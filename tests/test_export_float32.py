@@ -13,13 +13,12 @@ from exported import GCC, same, shipped
 from refusals import refused
 
 import stimlib
-from stimlib import Block, Input, Param, Scene, SinkError
+from stimlib import Block, Input, MissingPackage, Param, Scene, SceneError, SinkError
 from stimlib.blocks import carrier, elapsed, friction, lowpass, pink_noise, white_noise
 from stimlib.core import maths
-from stimlib.errors import MissingPackage, SceneError
 from stimlib.export import export_c
 from stimlib.export.c99 import differences
-from stimlib.run.safety import Safety, protect
+from stimlib.run import Safety, protect
 from stimlib.scenes import SHIPPED
 
 pytestmark = pytest.mark.skipif(not shutil.which("gcc"), reason="gcc is not installed")

@@ -11,10 +11,9 @@ from exported import GCC, EveryNodeOfAStep, EveryNodeOfATile, same
 from refusals import refused
 
 import stimlib
-from stimlib import Block, Input, Scene, compile
+from stimlib import Block, Input, Scene, SceneError, compile
 from stimlib.blocks import delay, lut, springpot
 from stimlib.core import maths
-from stimlib.errors import SceneError
 from stimlib.export import export_c
 from stimlib.export.translate import Unit
 

@@ -16,11 +16,9 @@ from scipy import optimize, stats
 from scipy.special import gamma
 
 import stimlib
-from stimlib import Input, Scene
+from stimlib import BadValue, Input, Scene, SinkError
+from stimlib.blocks import generalized_maxwell, springpot_series
 from stimlib.blocks.fractional import relaxation_modulus, springpot
-from stimlib.blocks.series import springpot_series
-from stimlib.blocks.viscoelastic import generalized_maxwell
-from stimlib.errors import BadValue, SinkError
 from stimlib.fitting.closed_form import (
     Sampled,
     arm_forces,

@@ -12,11 +12,20 @@ from laws import STRESS
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.blocks.oscillators import carrier
+from stimlib import (
+    BadValue,
+    Input,
+    Param,
+    Scene,
+    SceneError,
+    StimlibError,
+    UnitError,
+    blocks,
+    constant,
+)
+from stimlib.blocks import carrier
 from stimlib.core.graph import Block, Mul, reach, registry
 from stimlib.core.units import ONE, pretty, unit
-from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
 
 x, v, n = Input("x", "m"), Input("v", "m/s"), Input("n")
 

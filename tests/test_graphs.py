@@ -11,14 +11,13 @@ from hypothesis import Phase, given, settings, strategies as st
 from laws import STRESS, Set, assert_same, guarded, mostly, pair, raw, rows, run, twins
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks as b, constant
+from stimlib import Input, Param, Scene, SceneError, blocks as b, constant
 from stimlib.blocks.noise import PinkNoise, White
 from stimlib.core.graph import Block, reach
 from stimlib.core.guard import Guard
 from stimlib.core.loop_code import Cycle
 from stimlib.core.program import lower
 from stimlib.core.subsystems import Enabled
-from stimlib.errors import SceneError
 
 LENGTH = 130
 S = constant(0.125, "s")

@@ -13,12 +13,11 @@ from laws import STRESS, assert_same, cut_at, pair, run, twins
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene
+from stimlib import Input, Param, Scene, SceneError
 from stimlib.blocks import enabled, lowpass, white_noise
 from stimlib.core import steps
 from stimlib.core.graph import Block, Map, signals
 from stimlib.core.maths import as_float, flush, fma, settle, where
-from stimlib.errors import SceneError
 from stimlib.targets.llvm import lanes
 from stimlib.targets.llvm.rows import OPERATIONS, SEGMENT
 

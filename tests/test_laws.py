@@ -29,11 +29,10 @@ from laws import (
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks as b
+from stimlib import BadValue, Input, Param, Scene, SceneError, blocks as b
 from stimlib.core.graph import Block, reach, registry, signals
 from stimlib.core.guard import Guard
 from stimlib.core.subsystems import Enabled
-from stimlib.errors import BadValue, SceneError
 
 # where the engine does something else, too; others have the same step and other numbers
 VARIED = re.compile("contact|nested|live|param|enabled|gated|segment")

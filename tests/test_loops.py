@@ -14,14 +14,23 @@ from refusals import refused
 from test_outputs import Halves
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks as b, constant
+from stimlib import (
+    BadValue,
+    Input,
+    Param,
+    Scene,
+    SceneError,
+    StimlibError,
+    UnitError,
+    blocks as b,
+    constant,
+)
 from stimlib.blocks import loop
 from stimlib.blocks.impedance import FirstOrder
 from stimlib.core.graph import Block, reach
 from stimlib.core.loop_code import Cycle
 from stimlib.core.loops import Last, Loop, Tap
 from stimlib.core.maths import sqrt
-from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
 
 x, c, k = Input("x"), Input("c"), Param("k", 0.1)
 FS, N = 1000.0, 200

@@ -13,12 +13,10 @@ from laws import mostly, twins
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, constant
+from stimlib import Input, Param, Scene, SceneError, blocks, constant, limits
 from stimlib.core.graph import Block, Const, Map, reach
 from stimlib.core.guard import Guard
 from stimlib.core.program import lower
-from stimlib.errors import SceneError
-from stimlib.system.limits import limits
 
 x = Input("x")
 NOISE, WHITE, THREE = blocks.pink_noise(1.0, 1), blocks.white_noise(1), constant(1.0) + 2.0

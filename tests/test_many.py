@@ -13,8 +13,7 @@ from laws import Set, assert_same, run
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.errors import BadValue, UnknownName
+from stimlib import BadValue, Input, Param, Scene, UnknownName, blocks, constant
 
 FS, N = 1000, 400
 both = pytest.mark.parametrize("target", ["llvm", "python"])

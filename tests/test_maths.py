@@ -15,11 +15,10 @@ from refusals import refused
 from walked import compiled
 
 import stimlib
-from stimlib import Scene
+from stimlib import Scene, SceneError
 from stimlib.blocks import noise, white_noise
 from stimlib.blocks.tables import EVEN, evenness
 from stimlib.core import maths
-from stimlib.errors import SceneError
 from stimlib.targets.llvm import known, walk
 from stimlib.targets.llvm.engine import SLOW_MODES, _part, runtime
 

@@ -9,9 +9,8 @@ import pytest
 from refusals import refused
 
 import stimlib
-from stimlib import Input, MissingPackage, Param, Scene
-from stimlib.checks.evidence import Check
-from stimlib.errors import FaultError, UnknownName
+from stimlib import FaultError, Input, MissingPackage, Param, Scene, UnknownName
+from stimlib.checks import Check
 from stimlib.files import audio
 
 x = Input("x", "m")

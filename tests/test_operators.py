@@ -9,11 +9,10 @@ import pytest
 from laws import assert_same, played
 from refusals import refused
 
-from stimlib import Input, Param, blocks, constant
+from stimlib import BadValue, Input, Param, SceneError, StimlibError, UnitError, blocks, constant
 from stimlib.core import maths
 from stimlib.core.graph import Block, Equal, NotEqual
 from stimlib.core.units import ONE, unit
-from stimlib.errors import BadValue, SceneError, StimlibError, UnitError
 
 x, n, m = Input("x", "m"), Input("n"), Input("m")
 U = np.array([[0.0, -0.0, 1.0, -2.5, 0.1 + 0.2, 0.3, 5e-324, np.inf, np.nan, 7.0]])

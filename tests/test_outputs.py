@@ -13,11 +13,10 @@ from laws import twins
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks as b
+from stimlib import BadValue, Input, Param, Scene, SceneError, blocks as b
 from stimlib.core import units as un
 from stimlib.core.graph import Block, Map
 from stimlib.core.maths import where
-from stimlib.errors import BadValue, SceneError
 
 x, c = Input("x"), Input("c")
 FS = 1000.0

@@ -11,10 +11,19 @@ from laws import assert_same
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, constant
-from stimlib.core.graph import Block
+from stimlib import (
+    BadValue,
+    Block,
+    Input,
+    Param,
+    Scene,
+    SceneError,
+    StimlibError,
+    UnknownName,
+    blocks,
+    constant,
+)
 from stimlib.core.program import lead
-from stimlib.errors import BadValue, SceneError, StimlibError, UnknownName
 
 x, z = Input("x"), Input("z")
 both = pytest.mark.parametrize("target", ["llvm", "python"])

@@ -18,20 +18,32 @@ from experiments.some import QUESTION, SPRING, TASK, experiment, observer, simul
 from laws import STRESS
 
 import stimlib
-from stimlib import Input, blocks as b, constant
-from stimlib.core.graph import Block
+from stimlib import (
+    Block,
+    Input,
+    RecordingError,
+    SceneFileError,
+    SinkError,
+    StimlibError,
+    blocks as b,
+    constant,
+)
 from stimlib.design.texture import made_up
-from stimlib.errors import RecordingError, SceneFileError, SinkError, StimlibError
-from stimlib.experiments.assignments import assign
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Cursor
+from stimlib.experiments import (
+    Answer,
+    ConstantStimuli,
+    Cursor,
+    Stimulus,
+    Trial,
+    assign,
+    columns,
+    read,
+)
 from stimlib.experiments.likelihood import Sets
 from stimlib.experiments.papers import roughness
-from stimlib.experiments.reader import columns, read
-from stimlib.experiments.trial import Answer, Stimulus, Trial
-from stimlib.fitting.closed_form import maxwell_force
+from stimlib.fitting import maxwell_force
 from stimlib.plate import Patch, Plate
-from stimlib.run.safety import Safety
+from stimlib.run import Safety
 
 DOCS = Path(__file__).parent.parent / "docs"
 

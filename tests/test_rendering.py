@@ -12,11 +12,9 @@ import pytest
 from refusals import refused, warned
 
 import stimlib
-from stimlib import Input, Scene, blocks, render
-from stimlib.errors import BadValue, FaultError, StimlibError, UnknownName
+from stimlib import BadValue, FaultError, Input, Scene, StimlibError, UnknownName, blocks, render
 from stimlib.files import audio
-from stimlib.motion.recorded import recording
-from stimlib.motion.text import parse_motion
+from stimlib.motion import parse_motion, recording
 from stimlib.run import rendering
 
 x = Input("x", "m")

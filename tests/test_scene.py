@@ -16,10 +16,19 @@ from laws import STRESS, assert_same, mostly, rows
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, constant, load
+from stimlib import (
+    Input,
+    Param,
+    Scene,
+    SceneError,
+    SceneFileError,
+    StimlibError,
+    blocks,
+    constant,
+    load,
+)
 from stimlib.core import program
 from stimlib.core.graph import Block, reach, registry
-from stimlib.errors import SceneError, SceneFileError, StimlibError
 
 x = Input("x")
 

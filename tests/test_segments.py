@@ -8,10 +8,9 @@ from contract import EACH, TABLE
 from laws import assert_same, mostly, random_cuts, rows, run
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks as b, constant
+from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, blocks as b, constant
 from stimlib.core.program import first_states
 from stimlib.core.subsystems import Segment
-from stimlib.errors import BadValue, SceneError, UnknownName
 
 SEEDS = (None, 5, None)
 # each class on one target; the interpreter takes its time

@@ -17,13 +17,11 @@ from laws import assert_same, cut_at, played, rows, run
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Scene, constant
+from stimlib import Block, Input, Scene, SceneError, UnitError, constant
 from stimlib.core import steps
-from stimlib.core.graph import Block
 from stimlib.core.loop_code import Cycle
 from stimlib.core.maths import where
 from stimlib.core.program import design_of, program_of
-from stimlib.errors import SceneError, UnitError
 
 x = Input("x")
 

@@ -31,11 +31,10 @@ from stimlib import (
     UnknownName,
     constant,
 )
-from stimlib.analysis.physical_cues import cues
+from stimlib.analysis import cues
 from stimlib.blocks import fir, pink_noise, white_noise
 from stimlib.cli import app
-from stimlib.motion.generators import minimum_jerk, sinusoid
-from stimlib.motion.recorded import recording
+from stimlib.motion import minimum_jerk, recording, sinusoid
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid, measure, measured, rendering, sweep
 from stimlib.sweep.rows import table_of

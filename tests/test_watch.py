@@ -14,15 +14,13 @@ from commands import ran
 from waiting import until
 
 import stimlib
-from stimlib import Input, Param, Scene, constant
+from stimlib import Input, Param, Scene, StimlibError, constant
 from stimlib.blocks import elapsed, sqrt
 from stimlib.cli import watching
 from stimlib.cli.watching import Watched
+from stimlib.devices import Sink
 from stimlib.devices.process import open_sinks
-from stimlib.devices.sink import Sink
-from stimlib.errors import StimlibError
-from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import replay
+from stimlib.files import read_log, replay
 
 SCENE = """from stimlib import Input, Param, Scene
 K = 100.0

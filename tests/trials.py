@@ -1,8 +1,7 @@
 """A trial of two intervals, for what verifies it."""
 
-from stimlib.experiments import Experiment, Stimulus, Timing, Trial, choice
-from stimlib.experiments.presentation import program
-from stimlib.run.safety import Safety
+from stimlib.experiments import Experiment, Stimulus, Timing, Trial, choice, program
+from stimlib.run import Safety
 
 
 def pair(scene, first, ramp=0.02):

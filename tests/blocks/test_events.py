@@ -8,11 +8,10 @@ from laws import lawful, played, refuses
 from refusals import refused
 
 import stimlib
-from stimlib import Input, Param, Scene, UnitError, blocks as b
+from stimlib import BadValue, Input, Param, Scene, UnitError, blocks as b
 from stimlib.blocks.clock import Every
 from stimlib.blocks.events import is_event
 from stimlib.design.filters import resampled
-from stimlib.errors import BadValue
 
 X, E = Input("x"), Input("e")
 

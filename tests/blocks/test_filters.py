@@ -13,12 +13,11 @@ from laws import assert_same, compiled, lawful, played, refuses, run
 from refusals import refused
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, UnitError, blocks as b, constant
+from stimlib import BadValue, Input, Param, Scene, SceneError, UnitError, blocks as b, constant
+from stimlib.blocks import track, track_velocity
 from stimlib.blocks.filters import Filter
-from stimlib.blocks.tracking import track, track_velocity
 from stimlib.checks import linear
 from stimlib.design.filters import KINDS, ORDERS
-from stimlib.errors import SceneError
 
 X, M, FREQ = Input("x"), Input("x", "m"), Input("f", "Hz")
 FS = 8000.0

@@ -18,12 +18,11 @@ from laws import assert_same, compiled, lawful, mostly, played, raw, refuses, ro
 from scipy.special import rgamma
 
 import stimlib
-from stimlib import Input, Param, Scene, constant
+from stimlib import BadValue, Input, Param, Scene, SceneError, UnitError, constant
 from stimlib.blocks import equal_force, springpot, springpot_stiffness
 from stimlib.blocks.springpots import SpringpotLive, reweigh
 from stimlib.checks.laws import springpot_convolution, springpot_sum
 from stimlib.design import fractional as soe
-from stimlib.errors import BadValue, SceneError, UnitError
 
 ROOT = Path(__file__).parents[2]
 LONG = bool(os.environ.get("STIMLIB_LONG"))

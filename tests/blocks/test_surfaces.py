@@ -7,13 +7,11 @@ import pytest
 from laws import alias, assert_same, bits, lawful, played, refuses
 
 import stimlib
-from stimlib import Input, Param, Scene, constant
-from stimlib.blocks import grating, spatial_noise
+from stimlib import BadValue, Input, Param, Scene, UnitError, constant
+from stimlib.blocks import equalize, grating, spatial_noise
 from stimlib.blocks.bumps import WAVEFORMS, bump
-from stimlib.blocks.equalization import equalize
 from stimlib.blocks.surfaces import lattice
 from stimlib.design.noise import octaves
-from stimlib.errors import BadValue, UnitError
 
 FS = 8000.0
 U, X, VOLTS = Input("u"), Input("x", "m"), Input("v", "V")

@@ -5,10 +5,9 @@ import pytest
 from laws import lawful, played, refuses
 
 import stimlib
-from stimlib import Input, Param, Scene, blocks, constant
+from stimlib import Input, Param, Scene, UnitError, blocks, constant
 from stimlib.blocks import lut, lut2
 from stimlib.core.units import unit
-from stimlib.errors import UnitError
 
 U, W, X, Y = Input("u"), Input("w"), Input("x", "m"), Input("y", "s")
 KINDS = ["linear", "pchip", "cubic", "polynomial"]

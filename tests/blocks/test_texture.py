@@ -10,12 +10,10 @@ import pytest
 from laws import compiled, played, refuses
 
 import stimlib
-from stimlib import BadValue, Input, Scene, constant
+from stimlib import BadValue, Input, Scene, SceneFileError, UnitError, constant, limits
 from stimlib.blocks import load_texture, save_texture, texture
 from stimlib.blocks.texture import Texture, predictor
 from stimlib.design.texture import TextureModel, frequencies, made_up, polynomial, upsampler
-from stimlib.errors import SceneFileError, UnitError
-from stimlib.system.limits import limits
 
 # as in contract.py, so that it is compiled once
 MODEL = made_up(2, (0.0, 0.05, 0.15), (0.0, 1.0, 2.5))

@@ -13,11 +13,18 @@ from refusals import refused, warned
 
 import stimlib
 from stimlib import Input, Param, Scene, UnitError, constant
-from stimlib.blocks import compliance, integrate, spring, springpot, springpot_series
-from stimlib.blocks.creep import (
+from stimlib.blocks import (
+    compliance,
     compliance_generalized_kelvin_voigt,
     compliance_kelvin_voigt,
     compliance_maxwell,
+    generalized_maxwell,
+    integrate,
+    maxwell,
+    spring,
+    springpot,
+    springpot_series,
+    standard_linear_solid,
 )
 from stimlib.blocks.fractional import (
     creep_compliance,
@@ -26,7 +33,6 @@ from stimlib.blocks.fractional import (
     relaxation_modulus,
 )
 from stimlib.blocks.impedance import sampled
-from stimlib.blocks.viscoelastic import generalized_maxwell, maxwell, standard_linear_solid
 from stimlib.checks import linear
 from stimlib.core.graph import reach
 from stimlib.files import audio

@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from stimlib import Input, Param, Scene, compile, constant, enabled
-from stimlib.analysis.draw import draw
+from stimlib import BadValue, Input, Param, Scene, SinkError, compile, constant, draw, enabled
 from stimlib.analysis.layout import SPACE, Layout
 from stimlib.blocks import delay, loading, lut, pink_noise, velocity, where, white_noise
 from stimlib.core.program import lower
-from stimlib.errors import BadValue, SinkError
 from stimlib.scenes import squeeze
 
 

@@ -11,13 +11,20 @@ import pytest
 import stimlib
 from stimlib.analysis import spectra
 from stimlib.blocks.noise import PinkNoise
-from stimlib.checks import evidence, laws, linear, noise, scenes, sidecar, verification
-from stimlib.checks.evidence import Check
+from stimlib.checks import (
+    Check,
+    Report,
+    evidence,
+    laws,
+    linear,
+    noise,
+    scenes,
+    sidecar,
+    verification,
+)
 from stimlib.checks.page import GROUPS
-from stimlib.checks.report import Report
 from stimlib.files import audio as file
-from stimlib.motion.generators import minimum_jerk
-from stimlib.motion.recorded import recording
+from stimlib.motion import minimum_jerk, recording
 from stimlib.run.driver import samples
 from stimlib.run.processor import Change
 from stimlib.scenes import squeeze

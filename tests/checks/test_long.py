@@ -15,10 +15,9 @@ from trials import pair
 
 import stimlib
 from stimlib import Input, Scene, blocks
-from stimlib.checks import evidence, local, scenes
-from stimlib.checks.session import verify_log
-from stimlib.files.log_reader import read_log
-from stimlib.motion.generators import sinusoid
+from stimlib.checks import evidence, local, scenes, verify_log
+from stimlib.files import read_log
+from stimlib.motion import sinusoid
 from stimlib.run.safety import GAIN, Safety
 from stimlib.scenes import SHIPPED
 

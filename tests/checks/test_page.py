@@ -18,13 +18,12 @@ from scipy import stats
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.blocks import white_noise
-from stimlib.checks import figures
+from stimlib.checks import Shows, figures
 from stimlib.checks.evidence import Check, gather
 from stimlib.checks.page import GROUPS, alike, headline, page
-from stimlib.checks.power import Shows
 from stimlib.core.definitions import definitions
 from stimlib.core.parts import Part
-from stimlib.motion.generators import constant_speed, minimum_jerk
+from stimlib.motion import constant_speed, minimum_jerk
 from stimlib.run.processor import Change
 from stimlib.scenes import ROWS
 from stimlib.scenes.about import meanings

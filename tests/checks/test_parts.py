@@ -27,17 +27,14 @@ from stimlib import (
     blocks,
     constant,
 )
-from stimlib.checks import scenes
+from stimlib.checks import scenes, verify_log
 from stimlib.checks.evidence import asked, gather
 from stimlib.checks.scenes import scene_law
-from stimlib.checks.session import verify_log
 from stimlib.cli import app
 from stimlib.core.parts import OWN, Part, Span, parts_of, plain
-from stimlib.devices.null import NullSink
-from stimlib.files.log_reader import read_log
-from stimlib.files.log_replay import replay
-from stimlib.motion.generators import sinusoid
-from stimlib.motion.text import parse_motion
+from stimlib.devices import NullSink
+from stimlib.files import read_log, replay
+from stimlib.motion import parse_motion, sinusoid
 from stimlib.scenes import ROWS, SHIPPED
 
 FS = 4000

@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib import BadValue, Input, Scene
-from stimlib.analysis import passivity
-from stimlib.analysis.passivity import damping_of, needed_damping
+from stimlib.analysis import damping_of, needed_damping, passivity
 from stimlib.blocks import (
     active,
     button,
@@ -29,7 +28,7 @@ from stimlib.blocks import (
 )
 from stimlib.checks import evidence
 from stimlib.cli import app
-from stimlib.run.safety import Passivity, Safety, protect
+from stimlib.run import Passivity, Safety, protect
 
 X = Input("x", "m")
 

@@ -14,15 +14,14 @@ from scipy import stats
 from typer.testing import CliRunner
 
 import stimlib
-from stimlib import Input, Scene, blocks as b, constant
+from stimlib import Input, Scene, SinkError, blocks as b, constant
 from stimlib.analysis import spectra
 from stimlib.checks import power
 from stimlib.checks.evidence import Check, gather
 from stimlib.checks.noise import noise
 from stimlib.checks.power import pairs, tells
 from stimlib.cli import app
-from stimlib.errors import SinkError
-from stimlib.motion.generators import minimum_jerk, sinusoid
+from stimlib.motion import minimum_jerk, sinusoid
 
 ROOT = Path(__file__).parents[2]
 F, ALARM = np.linspace(10.0, 1000.0, 150), 2e-7

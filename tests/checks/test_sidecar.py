@@ -12,11 +12,10 @@ from logged import play
 
 import stimlib
 from stimlib import Input, Param, Scene, StimlibError, constant
-from stimlib.checks import sidecar as checked
-from stimlib.checks.session import verify_log
+from stimlib.checks import sidecar as checked, verify_log
 from stimlib.files import audio as file
 from stimlib.files.log_reader import FIELDS, read_log
-from stimlib.motion.generators import minimum_jerk
+from stimlib.motion import minimum_jerk
 from stimlib.run.safety import GAIN, Safety
 from stimlib.scenes import squeeze
 

@@ -16,13 +16,12 @@ from typer.testing import CliRunner
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, blocks
-from stimlib.checks import verification
-from stimlib.checks.session import verify_log
+from stimlib.checks import verification, verify_log
 from stimlib.cli import app
-from stimlib.devices.null import NullSink
+from stimlib.devices import NullSink
 from stimlib.files import audio as file, read_log
-from stimlib.motion.generators import minimum_jerk, ramp_and_hold, sinusoid
-from stimlib.run.safety import Safety
+from stimlib.motion import minimum_jerk, ramp_and_hold, sinusoid
+from stimlib.run import Safety
 
 MOTION = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.01)}
 

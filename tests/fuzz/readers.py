@@ -19,16 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 import stimlib
-from stimlib import files
+from stimlib import StimlibError, files
 from stimlib.blocks import equalize, load_texture, lut, save_texture, texture
 from stimlib.design.texture import made_up
-from stimlib.devices.null import NullSink
-from stimlib.errors import StimlibError
-from stimlib.files import audio as file
-from stimlib.files.log_reader import read_log
+from stimlib.devices import NullSink
+from stimlib.files import audio as file, read_log
 from stimlib.files.log_replay import processor, replay
-from stimlib.motion.generators import minimum_jerk
-from stimlib.motion.recorded import recording
+from stimlib.motion import minimum_jerk, recording
 from stimlib.scenes import squeeze, viscoelastic
 
 SECONDS = 20.0  # of CPU time for one input, on any machine

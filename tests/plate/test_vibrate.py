@@ -11,9 +11,8 @@ from refusals import refused
 from scipy.integrate import solve_ivp
 
 import stimlib
-from stimlib import Input, Scene
+from stimlib import BadValue, Input, Scene, UnitError
 from stimlib.blocks import amplifier, equalize, mode, mode_shape, pole_swap
-from stimlib.errors import BadValue, UnitError
 from stimlib.plate import Finger, Plate, best_gain, envelope_behind, half_sine, mode_fit, plate
 
 GLASS = replace(Plate.paper(measured=True), terms=12)

@@ -14,15 +14,13 @@ from scipy.special import lambertw
 from trials import pair
 
 import stimlib
-from stimlib import Scene, blocks as b
+from stimlib import BadValue, Scene, blocks as b
 from stimlib.blocks.actuator import PLACEHOLDER_GAMMA
 from stimlib.blocks.fir_filters import Differentiator
 from stimlib.blocks.impedance import Loading
 from stimlib.blocks.noise import PinkNoise
 from stimlib.checks import laws
-from stimlib.errors import BadValue
-from stimlib.motion.generators import minimum_jerk, ramp_and_hold
-from stimlib.motion.recorded import recording
+from stimlib.motion import minimum_jerk, ramp_and_hold, recording
 from stimlib.scenes import squeeze
 
 TAU = 1 / 8000  # the paper's sample period

@@ -9,13 +9,12 @@ import pytest
 from refusals import refused
 
 import stimlib
-from stimlib import BadValue, Input, Scene
+from stimlib import BadValue, Input, Scene, verify
 from stimlib.blocks import save_texture, texture
 from stimlib.checks import laws, scenes
 from stimlib.checks.evidence import asked
-from stimlib.checks.verification import verify
 from stimlib.design.texture import TextureModel, made_up
-from stimlib.motion.generators import constant_speed, sinusoid
+from stimlib.motion import constant_speed, sinusoid
 
 MODEL = made_up(2, (0.0, 0.05, 0.15), (0.0, 1.0, 2.5))  # as in contract.py
 HAND = {"x": sinusoid(0.03, 1.0), "force": sinusoid(0.8, 3.0, mean=1.0)}

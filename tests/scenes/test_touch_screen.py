@@ -10,11 +10,10 @@ import pytest
 from refusals import refused
 
 import stimlib
-from stimlib import Scene
+from stimlib import BadValue, Scene
 from stimlib.checks.evidence import gather
 from stimlib.checks.scenes import scene_law
-from stimlib.errors import BadValue
-from stimlib.motion.generators import constant_speed
+from stimlib.motion import constant_speed
 from stimlib.plate import Patch, Plate
 from stimlib.scenes import touch_screen
 

@@ -23,14 +23,9 @@ from live.drawn import outputs_of, seen
 from live.shared import need_compiler
 from playwright.sync_api import Error, sync_playwright
 
-from stimlib.experiments.designs import ConstantStimuli
-from stimlib.experiments.experiment import Timing
-from stimlib.experiments.questions import rating
-from stimlib.experiments.reader import read
-from stimlib.experiments.tasks import Rate
-from stimlib.experiments.trial import Stimulus
+from stimlib.experiments import ConstantStimuli, Rate, Stimulus, Timing, rating, read
 from stimlib.live.share import share
-from stimlib.motion.text import parse_motion
+from stimlib.motion import parse_motion
 from stimlib.scenes import ROWS, SHIPPED
 
 pytestmark = [pytest.mark.stress, pytest.mark.xdist_group("browsers")]

@@ -30,9 +30,8 @@ from laws import (
 )
 
 import stimlib
-from stimlib import blocks as b
+from stimlib import StimlibError, blocks as b
 from stimlib.checks import laws
-from stimlib.errors import StimlibError
 
 pytestmark = pytest.mark.stress
 DRIVEN = [pytest.param(e, id=e.name) for e in TABLE if e.inputs]
