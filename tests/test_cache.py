@@ -20,6 +20,7 @@ from unittest import mock
 
 import llvmlite
 import pytest
+from refusals import warned
 
 from stimlib import Input, Scene
 from stimlib.blocks import envelope, friction, oscillator
@@ -245,8 +246,9 @@ def test_a_folder_that_cannot_be_made_or_goes_away_is_a_warning(twice, tmp_path,
     (tmp_path / "file").write_text("in the way")
     folder = tmp_path / "cache" if gone else tmp_path / "file" / "cache"
     says = "cannot be written.*No such file" if gone else "cannot be written.*STIMLIB_CACHE"
-    with pytest.warns(RuntimeWarning, match=says):
-        assert twice(folder, folder.rmdir if gone else lambda: None) == 42.0
+    assert (
+        warned(RuntimeWarning, says, twice, folder, folder.rmdir if gone else lambda: None) == 42.0
+    )
 
 
 @pytest.mark.parametrize(
@@ -264,8 +266,7 @@ def test_a_full_or_read_only_folder_is_a_warning(twice, mounted, options, filled
         with suppress(OSError):
             (folder / "others").write_bytes(b"0" * filled)
 
-    with pytest.warns(RuntimeWarning, match=says):
-        assert twice(folder, fill) == 42.0
+    assert warned(RuntimeWarning, says, twice, folder, fill) == 42.0
     assert not list(folder.glob("twice_*"))
 
 

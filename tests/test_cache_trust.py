@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws import STRESS
+from refusals import warned
 from test_cache import finish, give_runtime, run, runtime_entry, start
 
 from stimlib.system import cache_folder
@@ -120,8 +121,7 @@ def give_away(path, to):
 def test_a_folder_that_is_not_private_is_not_used(folder, anew, to, words):
     give_away(folder, to)
     anew(folder)
-    with pytest.warns(RuntimeWarning, match=f"{words}.*set STIMLIB_CACHE"):
-        place = cache.folder()
+    place = warned(RuntimeWarning, f"{words}.*set STIMLIB_CACHE", cache.folder)
     assert place != folder and not stat.S_IMODE(place.stat().st_mode) & 0o077
 
 
@@ -129,8 +129,9 @@ def test_a_folder_that_others_may_replace_is_not_used(tmp_path, anew):
     (tmp_path / "open").mkdir()
     (tmp_path / "open").chmod(0o777)
     anew(tmp_path / "open" / "cache")
-    with pytest.warns(RuntimeWarning, match="everybody may replace the contents of .*open"):
-        assert cache.folder().name.startswith("stimlib-tmp-")
+    assert warned(
+        RuntimeWarning, "everybody may replace the contents of .*open", cache.folder
+    ).name.startswith("stimlib-tmp-")
 
 
 @pytest.mark.parametrize("to", [0o777, 0o770, "a stranger", "a link"])

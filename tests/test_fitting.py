@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from laws import mostly
 from matplotlib.figure import Figure
-from refusals import refused
+from refusals import refused, warned
 from scipy import optimize, stats
 from scipy.special import gamma
 
@@ -280,8 +280,7 @@ def test_a_block_is_found_again_and_played_again(scheme, onset, alpha):
 def test_the_exact_law_says_what_the_scheme_adds(alpha):
     """A delay of alpha/2 samples looks like a lower order."""
     t, y, f = pressed("gl", alpha=alpha)
-    with pytest.warns(RuntimeWarning, match="give scheme='gl'"):
-        fit = fit_springpot(t, y, f)
+    fit = warned(RuntimeWarning, "give scheme='gl'", fit_springpot, t, y, f)
     late = alpha / 2 / 1000 * 10 * math.pi  # rad
     assert 0 < (math.pi / 2) * (alpha - fit.alpha) < late
     assert fit.chi == pytest.approx(300.0, rel=0.02)
@@ -292,8 +291,16 @@ def test_relative_errors_of_a_force_through_zero():
     """Noise of 1 % of the largest force, as a sensor has it."""
     t, y, f = pressed("gl")
     noisy = f + 0.01 * np.abs(f).max() * np.random.default_rng(3).standard_normal(f.size)
-    with pytest.warns(RuntimeWarning, match="changes its sign .* times.*state the noise"):
-        wrong = fit_springpot(t, y, noisy, sigma="relative", scheme="gl")
+    wrong = warned(
+        RuntimeWarning,
+        "changes its sign .* times.*state the noise",
+        fit_springpot,
+        t,
+        y,
+        noisy,
+        sigma="relative",
+        scheme="gl",
+    )
     right = fit_springpot(t, y, noisy, scheme="gl")
     for name, (low, high) in right.intervals.items():
         assert low < {"chi": 300.0, "alpha": 0.25}[name] < high

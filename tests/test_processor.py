@@ -129,8 +129,7 @@ def test_the_address_gives_the_same_bits():
     )
     assert_same(out, wanted)
     assert proc.index == 300
-    with pytest.raises(SceneError, match="llvm"):
-        _ = make(target="python").address
+    refused(SceneError, "llvm", getattr, make(target="python"), "address")
 
 
 # compile ------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from contract import EACH, TABLE
 from laws import assert_same, mostly, random_cuts, rows, run
+from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, blocks as b, constant
@@ -95,8 +96,12 @@ def test_parts_of_one_run_share_it_and_others_do_not():
         k = round(1000 * start)
         assert sum(q.block.noise_key is not None for q in apart.program.instances) == 2
         assert np.array_equal(y[:100], z[k : k + 100]) == (seed is None)
-    with pytest.raises(SceneError, match="two noise sources have the key seed=3"):
-        Scene({"y": b.segment(noise, 0.0, 0.1), "z": b.segment(b.white_noise(3), 0.0, 0.1)})
+    refused(
+        SceneError,
+        "two noise sources have the key seed=3",
+        Scene,
+        {"y": b.segment(noise, 0.0, 0.1), "z": b.segment(b.white_noise(3), 0.0, 0.1)},
+    )
 
 
 def test_a_segment_begins_and_lasts_to_the_nearest_sample():
@@ -173,8 +178,7 @@ def test_a_parameter_moves_within_a_segment_and_copies_are_apart():
     ],
 )
 def test_what_makes_no_sense(make, error, why):
-    with pytest.raises(error, match=why):
-        make()
+    refused(error, why, make)
 
 
 def test_renamed_parameters_keep_a_loop_and_its_samples():

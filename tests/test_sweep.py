@@ -471,8 +471,7 @@ def test_damaged_parts_run_again_and_failed_rows_when_asked(tmp_path, monkeypatc
         return swept({"k": [1.0, 2.0, 3.0, 4.0]}, measures=[touchy], out=tmp_path, **more)
 
     def is_damaged():
-        with pytest.warns(RuntimeWarning, match="damaged"):
-            assert done().equals(whole)
+        assert warned(RuntimeWarning, "damaged", done).equals(whole)
 
     whole = done()
     part = next(tmp_path.glob("*.parquet"))  # a slow machine makes several

@@ -11,6 +11,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from logged import play
+from refusals import warned
 from trials import pair
 
 import stimlib
@@ -85,8 +86,7 @@ def test_what_is_counted_is_counted_over_all_stretches(short, tmp_path, monkeypa
     scene = stimlib.scenes.squeeze(fingers=2, limits=True)
     motion = {"x1": sinusoid(0.02, 1.0), "x2": sinusoid(0.06, 1.0)}
     made = stimlib.render(scene, motion, FS, SECONDS)
-    with pytest.warns(RuntimeWarning, match="full scale"):
-        made.save(tmp_path / "a.flac", full_scale=90.0)
+    warned(RuntimeWarning, "full scale", made.save, tmp_path / "a.flac", full_scale=90.0)
     report = stimlib.verify(tmp_path / "a.flac")
     assert report.passed, str(report)
     e, told = report.evidence, json.loads((tmp_path / "a.flac.json").read_text())
@@ -162,8 +162,13 @@ def test_a_limit_that_is_passed_late_is_seen(short, squeezed, more, bad):
 def test_what_a_sidecar_says_of_late_samples_is_seen(short, tmp_path, what, wrong):
     x = np.where(np.arange(12000) == 11900, 2.0, np.sin(np.arange(12000) / 7))
     scene, motion = Scene({"y": 1.0 * stimlib.Input("x")}), {"x": x}
-    with pytest.warns(RuntimeWarning, match="full scale"):
-        stimlib.render(scene, motion, FS).save(tmp_path / "a.flac", full_scale=1.5)
+    warned(
+        RuntimeWarning,
+        "full scale",
+        stimlib.render(scene, motion, FS).save,
+        tmp_path / "a.flac",
+        full_scale=1.5,
+    )
     path = tmp_path / "a.flac.json"
     told = json.loads(path.read_text())
     (channel,) = told["channels"]

@@ -154,8 +154,7 @@ def test_knots_that_are_too_few_or_another_shape_are_told(soft):
         (lambda: mode_fit(model, clamp="free"), "one of fit, known"),
         (lambda: mode_fit(model, y=1.0), "outside the plate"),
     ):
-        with pytest.raises(BadValue, match=match):
-            ask()
+        refused(BadValue, match, ask)
 
 
 def test_the_swap_gives_back_the_depth_of_modulation_at_its_price():

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from refusals import refused
+from refusals import refused, warned
 
 import stimlib
 from stimlib import BadValue, Scene
@@ -80,8 +80,7 @@ def test_the_warning_says_which_amplitude_fits(more):
         touch_screen(model=GLASS, amplitude=9.0, **more)
     (fits,) = re.findall(r"up to ([\d.]+) V", str(told[0].message))
     touch_screen(model=GLASS, amplitude=0.99 * float(fits), **more)  # every warning is an error
-    with pytest.warns(RuntimeWarning):
-        touch_screen(model=GLASS, amplitude=1.01 * float(fits), **more)
+    warned(RuntimeWarning, None, touch_screen, model=GLASS, amplitude=1.01 * float(fits), **more)
 
 
 @pytest.mark.parametrize(
