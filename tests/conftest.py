@@ -35,8 +35,10 @@ except OSError:
 
 # most of the time goes into XLA's and LLVM's work on code that is run but a few times
 if not os.environ.get("STIMLIB_STRESS"):
-    flags = "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true "
-    flags += "--xla_cpu_parallel_codegen_split_count=1"
+    flags = (
+        "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true"
+        " --xla_cpu_parallel_codegen_split_count=1"
+    )
     if version("jaxlib").split(".")[:2] == ["0", "10"]:  # later ones end at a flag they do not know
         flags += " --xla_cpu_use_fusion_emitters=false"
     os.environ.setdefault("XLA_FLAGS", flags)
@@ -177,14 +179,13 @@ def mounted(tmp_path):
 # servers refuse.  So a run has a /dev/shm of its own where that is permitted, and all
 # tests of JACK are done by one worker.
 def pytest_configure(config):
-    config.addinivalue_line("markers", "jack: needs a JACK server")
-    config.addinivalue_line("markers", "systems: in an emulation of Windows or macOS")
-    config.addinivalue_line(
-        "markers", "stress: more of what another test tries too; make stress alone"
-    )
-    config.addinivalue_line(
-        "markers", "longer: tries more in make stress; tests of hypothesis do without it"
-    )
+    for marker in (
+        "jack: needs a JACK server",
+        "systems: in an emulation of Windows or macOS",
+        "stress: more of what another test tries too; make stress alone",
+        "longer: tries more in make stress; tests of hypothesis do without it",
+    ):
+        config.addinivalue_line("markers", marker)
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups

@@ -66,8 +66,7 @@ def loaded(place, text):
 def swept(of, out=None, workers=0):
     """Return the table of what such a module has."""
     words = {"motion": of.hand, "measures": ["rms(y)", of.figure], "fs": 1000, "seconds": 0.1}
-    rows = {"a": [1.0, 2.0]}
-    return sweep(of.make, rows, out=out, workers=workers, progress=False, **words)
+    return sweep(of.make, {"a": [1.0, 2.0]}, out=out, workers=workers, progress=False, **words)
 
 
 def before(place, text, workers):

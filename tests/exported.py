@@ -61,8 +61,7 @@ def compared(folder, name, compiler, run=(), options=("-lm",)):
     sources = [f"{name}.c", f"{name}_test.c"]
     program = folder / f"{name}.exe"
     subprocess.run([*compiler, *sources, "-o", program, *options], cwd=folder, check=True)
-    ran = subprocess.run([*run, program], cwd=folder, capture_output=True, text=True)
-    return ran.stdout
+    return subprocess.run([*run, program], cwd=folder, capture_output=True, text=True).stdout
 
 
 def same(folder, name, samples, compiler=FAST, run=(), options=("-lm",)):

@@ -373,8 +373,7 @@ def test_errors_are_measured_as_asked():
         (1e300, absolute),
         (np.full(t.size, 1e-300), absolute),
     ):
-        values = fit_springpot(t, y, f, sigma=words).values
-        assert values == pytest.approx(same.values, rel=1e-9)
+        assert fit_springpot(t, y, f, sigma=words).values == pytest.approx(same.values, rel=1e-9)
     between = fit_springpot(t, y, f, sigma=(0.05, 0.02))
     assert relative.relative_error < between.relative_error < absolute.relative_error
     some = fit_springpot(t, y, f, where=np.arange(t.size) >= 40)
@@ -423,8 +422,7 @@ def test_muscle(name):
     chi, alpha, percent = SEEN[name]
     assert fit.chi == pytest.approx(chi, rel=2e-3) and fit.alpha == pytest.approx(alpha, abs=6e-4)
     assert 100 * fit.relative_error == pytest.approx(percent, abs=0.06)
-    arms = fit_generalized_maxwell(t, y, f, arms=2, where=hold)
-    assert arms.relative_error < 0.045
+    assert fit_generalized_maxwell(t, y, f, arms=2, where=hold).relative_error < 0.045
 
 
 @recorded

@@ -190,8 +190,10 @@ CASES = {
 }
 LIKE_OTHERS = {"low-pass", "start", "two poles", "carrier", "table", "noise", "fir", "velocity"}
 # the table and generated graphs have others
-JAX = {"comb", "contact", "enabled", "enabled by noise", "pendulum", "outputs"}
-JAX |= {"an output heard outside alone"}
+JAX = {
+    *("comb", "contact", "enabled", "enabled by noise", "pendulum", "outputs"),
+    "an output heard outside alone",
+}
 TILES = {"gate", "fir", "tiles in a nest", "outputs of a tile", "contact beside a tile"}
 
 

@@ -447,9 +447,12 @@ def test_vectors_say_what_they_take():
     q, s, _ = stages(3, np.random.default_rng(0))
     x = np.ones(6)
     refused(SceneError, "^settled cannot .*unbits, .* write a loop", series_settled, q, s, x, x)
-    for wrong in (((), s, x, x), (q, Gains(s.u, 1.0), x, x)):
-        refused(SceneError, r"series\(f, .* write a loop", compiled_series, *wrong)
-    refused(SceneError, r"series\(f, .* write a loop", series_of_words, q, s, x, x)
+    for wrong in (
+        (compiled_series, (), s, x, x),
+        (compiled_series, q, Gains(s.u, 1.0), x, x),
+        (series_of_words, q, s, x, x),
+    ):
+        refused(SceneError, r"series\(f, .* write a loop", *wrong)
     refused(walk.Unknown, "slice .* step", series_of_gaps, q, s, x, x[:3])
 
 
@@ -490,9 +493,12 @@ def test_fir(size):
 
 def test_long_sums_take_no_other_numbers_than_multiples_of_8():
     a, b = np.zeros(12), np.zeros(200)
-    refused(ValueError, "12 is no multiple of 8", maths.fir, a, b, b)
-    refused(ValueError, "12 is no multiple of 8", maths.modes, a, a, a, 0.0, b, b, b)
-    refused(ValueError, "no multiple of 8", maths.memory, b, b, b, a[:4], b, b, b)
+    for size, *given in (
+        (12, maths.fir, a, b, b),
+        (12, maths.modes, a, a, a, 0.0, b, b, b),
+        (4, maths.memory, b, b, b, a[:4], b, b, b),
+    ):
+        refused(ValueError, f"{size} is no multiple of 8", *given)
 
 
 @pytest.mark.parametrize("size", range(8, 137, 8))
@@ -506,10 +512,14 @@ def test_modes(size):
         alike("modes", poles, r, q * (1e-199 if n == 31 else 1.0), 0.3, x, np.empty(n))
 
 
-LIMIT = maths.SILENT * np.array([1.0, -1.0, 0.9])
-
-
-SMALL = [*LIMIT, np.nextafter(maths.SILENT, 1), -1e-189, 5e-324, -0.0, 1e-190]
+SMALL = [
+    *maths.SILENT * np.array([1.0, -1.0, 0.9]),
+    np.nextafter(maths.SILENT, 1),
+    -1e-189,
+    5e-324,
+    -0.0,
+    1e-190,
+]
 
 
 @pytest.mark.parametrize(
@@ -603,13 +613,8 @@ def test_philox_known_answers(counter, key, result):
 @pytest.mark.longer
 def test_radius_is_right_to_a_few_ulps():
     top, near_1 = U(2**64 - 1), np.arange(0, 4096, 1 if STRESS else 5, dtype=U)
-    a = [
-        integers(6000 if STRESS else 600, 5),
-        top - integers(300, 6) // U(2**40),
-        top - near_1,
-        integers(300, 7) // U(2**50),
-    ]
-    a = np.concatenate(a)
+    all_sizes, near_0 = integers(6000 if STRESS else 600, 5), integers(300, 7) // U(2**50)
+    a = np.r_[all_sizes, top - integers(300, 6) // U(2**40), top - near_1, near_0]
     with mpmath.workprec(200):
         u = [(mpmath.mpf(int(v)) + 0.5) / 2**64 for v in a]
         exact = [mpmath.sqrt(-2 * mpmath.log(v)) for v in u]

@@ -216,9 +216,12 @@ def test_a_scene_without_inputs_needs_no_motion():
         refused(BadValue, "process: ", proc.process, wrong)
         refused(BadValue, "process: ", runs.process, wrong)
     refused(BadValue, "x must be an array", stimlib.compile(SCENE, 1000).process, 64)
-    refused(BadValue, "no end; give the number of seconds", render, NOISE, fs=1000)
-    refused(BadValue, "fs is missing", render, NOISE, seconds=1.0)
-    refused(UnknownName, "x is missing", render, SCENE, fs=1000, seconds=1.0)
+    for error, says, scene, given in (
+        (BadValue, "no end; give the number of seconds", NOISE, {"fs": 1000}),
+        (BadValue, "fs is missing", NOISE, {"seconds": 1.0}),
+        (UnknownName, "x is missing", SCENE, {"fs": 1000, "seconds": 1.0}),
+    ):
+        refused(error, says, render, scene, **given)
 
 
 def test_a_stream_takes_what_render_takes_and_its_arrays_stay():
@@ -289,7 +292,6 @@ def test_first_guesses_of_a_call_are_told_what_to_write():
     refused(TypeError, r"'a'; a parameter of the scene .* params=\{'a': ..\}", call, a=2.0)
     y = call({"x": lambda t: t})
     assert np.array_equal(np.asarray(y), y.y) and np.asarray(y, np.float32).dtype == np.float32
-    copy = np.array(y)
-    copy[:] = 0.0
+    np.array(y)[:] = 0.0
     assert y.y.any()
     refused(BadValue, "give full_scale, the largest value", y.save, "a.wav", subtype="PCM_24")

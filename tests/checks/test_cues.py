@@ -36,12 +36,10 @@ def test_springpot_of_any_length(alpha, periods, phase, n, offset, push):
     w = 2 * np.pi * periods * fs / n
     y, _ = movement(w, n, fs, phase, offset)
     c = cues(y, springpot(w, n, fs, chi, alpha, phase) + push, fs)
-    size = chi * w**alpha
+    size, angle = chi * w**alpha, alpha * np.pi / 2
     assert c.frequency == pytest.approx(w / (2 * np.pi), rel=1e-9)
-    assert c.k_S == pytest.approx(size * np.cos(alpha * np.pi / 2), abs=1e-7 * size)
-    assert c.k_L == pytest.approx(size * np.sin(alpha * np.pi / 2), abs=1e-7 * size)
-    assert c.b_L == pytest.approx(size / w * np.sin(alpha * np.pi / 2), abs=1e-7 * size / w)
-    assert c.phi == pytest.approx(alpha * np.pi / 2, abs=1e-7)
+    wanted = [np.cos(angle), np.sin(angle), np.sin(angle), angle]
+    assert [c.k_S / size, c.k_L / size, c.b_L * w / size, c.phi] == pytest.approx(wanted, abs=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -79,8 +77,8 @@ def test_both_ratios():
     w = 2 * np.pi * 1.3
     y, _ = movement(w, n, fs)
     c = cues(y, springpot(w, n, fs, 100.0, 0.25), fs)
-    assert c.loss_factor == pytest.approx(np.tan(np.pi / 8), rel=1e-9)
-    assert c.eta_as_printed == pytest.approx(1 / np.tan(np.pi / 8), rel=1e-9)
+    loss = np.tan(np.pi / 8)
+    assert (c.loss_factor, c.eta_as_printed) == pytest.approx((loss, 1 / loss), rel=1e-9)
 
 
 def test_kelvin_voigt():
@@ -134,8 +132,7 @@ def test_slopes_over_whole_periods_are_storage_and_loss():
     y, v = movement(w, n, fs)
     f = springpot(w, n, fs, 100.0, 0.5)
     c = cues(y, f, fs, v=v)
-    assert c.k_fit == pytest.approx(c.k_S, rel=1e-9)
-    assert c.b_fit == pytest.approx(c.b_L, rel=1e-9)
+    assert (c.k_fit, c.b_fit) == pytest.approx((c.k_S, c.b_L), rel=1e-9)
     assert cues(y, f, fs).b_fit == pytest.approx(c.b_L, rel=1e-4)
 
 
@@ -148,8 +145,8 @@ def test_peaks():
     y = np.choose(np.minimum(t.astype(int), 2), [0.01, 0.02, 0.03]) * np.sin(np.pi * t) ** 2
     y[2990:2994] += 1e-5
     c = cues(y, 500 * y, fs)
-    assert (c.y_max, c.y_mean) == pytest.approx((0.03, 0.02), rel=1e-5)
-    assert (c.f_max, c.f_mean) == pytest.approx((15.0, 10.0), rel=1e-5)
+    largest, mean = (c.y_max, c.f_max), (c.y_mean, c.f_mean)
+    assert [*largest, *mean] == pytest.approx([0.03, 15.0, 0.02, 10.0], rel=1e-5)
     assert (c.v_max, c.v_mean) == pytest.approx((0.03 * np.pi, 0.02 * np.pi), rel=1e-4)
     assert c.k_I == pytest.approx(500) and c.k_fit == pytest.approx(500)
     assert c.W == pytest.approx(0.5 * 500 * (0.01**2 + 0.02**2 + 0.03**2), rel=1e-3)

@@ -679,8 +679,7 @@ def test_a_law_that_cannot_take_what_a_file_says_fails(name, change):
     data = SCENES[name].to_dict()
     data["law"][0]["given"] |= change
     scene = Scene.from_dict(data)
-    made = stimlib.render(scene, hands(name), FS, 0.1)
-    checks = scene_law(gather(scene, hands(name), made))
+    checks = scene_law(gather(scene, hands(name), stimlib.render(scene, hands(name), FS, 0.1)))
     assert "shape of the scene" in [c.name for c in checks if not c.passed]
 
 

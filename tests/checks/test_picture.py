@@ -53,8 +53,7 @@ def test_signals_share_a_panel_only_where_they_are_the_same_or_alike(motion, inp
     fig = Figure()
     over_time(fig, rows_of(signals(motion)), FS)
     assert all(len(ax.lines) <= 2 for ax in fig.axes)
-    shown = labels(fig)
-    assert shown == [*inputs, "thumb", "index", "noise"]
+    assert labels(fig) == [*inputs, "thumb", "index", "noise"]
 
 
 def test_every_finger_is_drawn_over_its_own_position():
@@ -104,8 +103,7 @@ def test_the_close_up_is_where_it_vibrates_most_and_each_way_has_its_curve():
 )
 def test_vibration_has_a_panel_where_something_vibrates(y, panels):
     fig = Figure()
-    scene = stimlib.Scene({"force": K * X})
-    close_by(fig, Signals(scene, FS, {"x": T}, {"force": y}), {})
+    close_by(fig, Signals(stimlib.Scene({"force": K * X}), FS, {"x": T}, {"force": y}), {})
     titles = ["vibration, where it is largest", "over position, x", "spectrum of force"]
     assert [ax.get_title() for ax in fig.axes] == titles[not panels :]
 
@@ -148,8 +146,7 @@ def test_no_text_of_a_panel_meets_another_panel():
 def test_a_squeeze_shows_its_vibration_and_no_two_panels_of_one_kind():
     """Two fingers are two lines of a panel; 1 N in 40 N is seen where it is alone."""
     motion = {"x1": minimum_jerk(), "x2": minimum_jerk(depth=0.015)}
-    r = stimlib.render(stimlib.scenes.squeeze(), motion, 4 * FS, seconds=1.0)
-    fig = figure(r)
+    fig = figure(stimlib.render(stimlib.scenes.squeeze(), motion, 4 * FS, seconds=1.0))
     names = labels(fig)
     fast = ["force1, above 40 Hz", "force2, above 40 Hz"]
     assert names[:4] == ["x1, x2", "force1, force2", *fast]
@@ -251,8 +248,7 @@ def heard():
 
 
 def test_a_tone_on_a_ramp_becomes_the_tone_alone_at_half_scale(heard, tmp_path):
-    report = listen(heard, "force", tmp_path / "force-listen.wav")
-    y, sidecar = audio.read(report.path)
+    y, sidecar = audio.read(listen(heard, "force", tmp_path / "force-listen.wav").path)
     middle = slice(200, -200)
     assert np.abs(y[0] - 1000 * TONE)[middle].max() < 1e-4  # of 0.01 N on 40 N
     # -6 dBFS

@@ -208,8 +208,7 @@ def test_what_the_storage_cannot_carry_fails(tmp_path, scene, name, full_scale, 
 def session(tmp_path_factory):
     folder = tmp_path_factory.mktemp("session")
     x = np.stack([hand(np.arange(1000) / 8000) for hand in MOTION.values()])
-    sets = [(0, GAIN, 1.0, 160)]
-    play(folder / "a", squeeze(), Safety(60.0), x, sets=sets, params={"k": 1500.0})
+    play(folder / "a", squeeze(), Safety(60.0), x, sets=[(0, GAIN, 1.0, 160)], params={"k": 1500.0})
     return folder / "a"
 
 
