@@ -19,8 +19,8 @@ from pathlib import Path
 import docs_pages
 import pytest
 import typer
+from commands import ran
 from live.chromium import where as chromium
-from typer.testing import CliRunner
 
 from stimlib import blocks
 from stimlib.cli import app
@@ -152,11 +152,7 @@ def test_what_a_page_types_into_a_terminal_prints_what_it_says(page, tmp_path, m
     said = re.findall(r"^   \$ stimlib (.*)\n((?:   (?!\$).*\n)*)", text, re.MULTILINE)
     assert len(said) == text.count("   $ ")
     for command, wanted in said:
-        done = CliRunner().invoke(app, shlex.split(command))
-        assert done.exit_code == (2 if wanted.startswith("   error:") else 0), (
-            command,
-            done.output,
-        )
+        done = ran(shlex.split(command), 2 if wanted.startswith("   error:") else 0)
         assert doctest.OutputChecker().check_output(
             textwrap.dedent(wanted), done.output, OPTIONS
         ), (command, done.output)

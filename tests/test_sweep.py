@@ -15,9 +15,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from commands import ran
 from refusals import refused, warned
 from swept import hangs, poisoned
-from typer.testing import CliRunner
 
 import stimlib
 from stimlib import (
@@ -33,7 +33,6 @@ from stimlib import (
 )
 from stimlib.analysis import cues
 from stimlib.blocks import fir, pink_noise, white_noise
-from stimlib.cli import app
 from stimlib.motion import minimum_jerk, recording, sinusoid
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid, measure, measured, rendering, sweep
@@ -94,16 +93,8 @@ def test_rows_have_the_bits_of_render():
     rows = grid(motion=hands, fingers=[2, 1], A=[0.0, 3.4], seed=[3, 2**64 - 1])
     words = {"motion": hands, "fs": 8000, "seconds": 0.1, "live": ["A"]}
     table = sweep(squeeze, rows, measures=["rms(force1)", "peak(force1)"], **words)
-    assert table.column_names == [
-        "motion",
-        "fingers",
-        "A",
-        "seed",
-        "rms_force1",
-        "peak_force1",
-        "fault",
-        "error",
-    ]
+    names = "motion fingers A seed rms_force1 peak_force1 fault error"
+    assert table.column_names == names.split()
     for at, row in enumerate(table.to_pylist()):
         motion = {
             f"x{i + 1}": HAND if row["motion"] == "slow" else hands["fast"]
@@ -175,21 +166,16 @@ def test_no_row_ends_a_sweep_whatever_it_does_and_wherever_it_is(monkeypatch, tm
     assert "longer than its 0.5 s" in table["error"][0].as_py()
 
 
-@pytest.mark.parametrize("there", ["make", "measure"])
-def test_ctrl_c_ends_a_sweep_whose_rows_run_here(there):
-    def made(k=0.0):
-        if there == "make" and k == 1.0:
-            raise KeyboardInterrupt
-        return Scene({"y": 1.0 * Input("x")})
+@measure("1")
+def interrupts(run):
+    raise KeyboardInterrupt
 
-    @measure("1")
-    def last(run):
-        if there == "measure":
-            raise KeyboardInterrupt
-        return run["y"][-1]
 
-    says, rows = "[01] of 3 rows were done, and are lost", {"k": [0.0, 1.0, 2.0]}
-    unswept(KeyboardInterrupt, says, rows, made, measures=last)
+@pytest.mark.parametrize(("made", "measures"), [("interrupt", "peak"), ("none", interrupts)])
+def test_ctrl_c_ends_a_sweep_whose_rows_run_here(made, measures):
+    rows = {"kind": ["none", made, "ok"], "seed": [0, 1, 2]}
+    says = "[01] of 3 rows were done, and are lost"
+    unswept(KeyboardInterrupt, says, rows, poisoned, measures=measures)
 
 
 # Rows ---------------------------------------------------------------------------------
@@ -618,11 +604,6 @@ def test_recorded_hands_have_their_own_lengths():
 
 
 # From a terminal ----------------------------------------------------------------------
-def run(*words):
-    fixed = "--motion minimum_jerk(depth=0.02) --seconds 0.05 --workers 0"
-    return CliRunner().invoke(app, ["sweep", *words, *fixed.split()])
-
-
 OWN_STUDY = """
 import stimlib
 from stimlib.sweep import measure
@@ -636,27 +617,22 @@ def made(gain, k=3.0):
 
 def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = (
-        "squeeze(fingers=1) --axis k=500:1500:3 --axis seed=0..1 --measure peak --out out --json"
-    )
-    done = run(*words.split())
-    assert done.exit_code == 0, done.output
+    fixed = "--motion minimum_jerk(depth=0.02) --seconds 0.05 --workers 0"
+    axes = "--axis k=500:1500:3 --axis seed=0..1 --measure peak --out out --json"
+    told = json.loads(ran(f"sweep squeeze(fingers=1) {axes} {fixed}").stdout)
     rows = grid(k=[500.0, 1000.0, 1500.0], seed=[0, 1])
     wanted = max(swept(rows, squeeze(fingers=1))["peak_force1"].to_pylist())
-    told = json.loads(done.stdout)
     assert (told["rows"], told["failed"]) == (6, 0)
     assert told["figures"]["peak_force1"]["largest"] == wanted
     (tmp_path / "own_study.py").write_text(OWN_STUDY)
     (tmp_path / "rows.csv").write_text("gain,k\n1,2\n2,2\n")
-    words = "own_study.py:made --rows rows.csv --measure own_study.py:lowest".split()
-    done = run(*words)
-    assert done.exit_code == 2 and "a live parameter and an argument" in done.stderr
+    words = f"sweep own_study.py:made --rows rows.csv --measure own_study.py:lowest {fixed}"
+    ran(words, 2, "a live parameter and an argument")
     for more, says in (
-        ([], "2 rows over gain (2), k (1), 0 failed"),
-        (["--dry"], "2 rows, 0 of them there"),
+        ("", "2 rows over gain (2), k (1), 0 failed"),
+        ("--dry", "2 rows, 0 of them there"),
     ):
-        done = run(*words, "--live", "k", *more)
-        assert done.exit_code == 0 and says in done.stdout, done.output
+        assert says in ran(f"{words} --live k {more}").stdout
 
 
 @pytest.mark.parametrize(

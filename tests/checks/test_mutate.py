@@ -6,13 +6,12 @@ import math
 import numpy as np
 import pytest
 from checks.test_parts import SCENES, hands
+from commands import ran
 from refusals import refused
-from typer.testing import CliRunner
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, blocks
 from stimlib.checks.mutation import CHANGES, Mutant, Mutations, _applied, _numbers, _outcome, mutate
-from stimlib.cli import app
 from stimlib.core.graph import reach, signals
 from stimlib.motion.generators import sinusoid
 
@@ -117,9 +116,9 @@ def test_the_command_prints_a_table_and_tells_by_its_status(
     own = "from stimlib import Input, Scene\nscene = Scene({'y': 2.0 * Input('x')})\n"
     (tmp_path / "mine.py").write_text(own)
     monkeypatch.chdir(tmp_path)
-    run = CliRunner().invoke(app, ["mutate", *words, "--seconds", "0.1"])
-    assert run.exit_code == status and said in run.stdout
-    assert status or json.loads(run.stdout)["count"]["refused"] > 10
+    printed = ran(["mutate", *words, "--seconds", "0.1"], status).stdout
+    assert said in printed
+    assert status or json.loads(printed)["count"]["refused"] > 10
 
 
 def twice(x, p, fs):

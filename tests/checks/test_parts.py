@@ -10,10 +10,10 @@ from functools import reduce
 
 import numpy as np
 import pytest
+from commands import ran
 from laws import STRESS, mostly
 from refusals import refused
 from trials import pair
-from typer.testing import CliRunner
 
 import stimlib
 from stimlib import (
@@ -30,7 +30,6 @@ from stimlib import (
 from stimlib.checks import scenes, verify_log
 from stimlib.checks.evidence import asked, gather
 from stimlib.checks.scenes import scene_law
-from stimlib.cli import app
 from stimlib.core.parts import OWN, Part, Span, parts_of, plain
 from stimlib.devices import NullSink
 from stimlib.files import read_log, replay
@@ -456,7 +455,7 @@ def test_the_command_does_not_succeed_where_a_law_is_not_known(tmp_path, law, st
     scene = Scene(right.outputs, [dataclasses.replace(right.parts[0], law=law)])
     made = stimlib.render(scene, {"x": sinusoid(0.02, 3.0)}, FS, 0.1)
     made.save(tmp_path / "a.wav", full_scale=100.0)
-    assert CliRunner().invoke(app, ["verify", str(tmp_path / "a.wav")]).exit_code == status
+    ran(["verify", tmp_path / "a.wav"], status)
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ import json
 
 import numpy as np
 import pytest
+from commands import ran
 from refusals import refused
 from scipy.linalg import expm
-from typer.testing import CliRunner
 
 import stimlib
 from stimlib import BadValue, Input, Scene
@@ -27,7 +27,6 @@ from stimlib.blocks import (
     white_noise,
 )
 from stimlib.checks import evidence
-from stimlib.cli import app
 from stimlib.run import Passivity, Safety, protect
 
 X = Input("x", "m")
@@ -121,9 +120,7 @@ def test_what_is_told_of_a_scene(force, words, want):
 
 def show(scene, folder, *words):
     scene.save(folder / "a.json")
-    done = CliRunner().invoke(app, ["show", str(folder / "a.json"), *words])
-    assert done.exit_code == 0
-    return done.output
+    return ran(["show", folder / "a.json", *words]).output
 
 
 def test_show_warns_and_tells_it_as_data(tmp_path):

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import ran
 from laws import mostly
 from refusals import refused
 from scipy import stats
-from typer.testing import CliRunner
 
 import stimlib
 from stimlib import Input, Scene, SinkError, blocks as b, constant
@@ -20,7 +20,6 @@ from stimlib.checks import power
 from stimlib.checks.evidence import Check, gather
 from stimlib.checks.noise import noise
 from stimlib.checks.power import pairs, tells
-from stimlib.cli import app
 from stimlib.motion import minimum_jerk, sinusoid
 
 ROOT = Path(__file__).parents[2]
@@ -262,10 +261,7 @@ def test_all_checks_of_chance_together_raise_the_alarm_once_in_a_million():
 def test_a_page_has_a_place_of_its_own_or_nothing_is_verified(tmp_path, name, says):
     for other in ("a.wav", "a.wav.json", "hand.csv"):
         (tmp_path / other).write_bytes(b"sound")
-    done = CliRunner().invoke(
-        app, ["verify", str(tmp_path / "a.wav"), "--report", str(tmp_path / name)]
-    )
-    assert done.exit_code == 2 and says in " ".join(done.stderr.split())
+    ran(["verify", tmp_path / "a.wav", "--report", tmp_path / name], 2, says)
     scene, motion = Scene({"y": 2 * Input("x")}), {"x": np.ones(10)}
     report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000))
     refused(SinkError, "must end in one of|cannot write", report.to_html, tmp_path / name)
