@@ -596,8 +596,7 @@ def test_a_ramp_of_a_minute_whose_roundings_add_up_passes(tmp_path, make, name, 
     of a parameter allowed 1e-12.
     """
     motion = dict.fromkeys(make().inputs, sinusoid(0.02, 1.0))
-    r = written(tmp_path / "a.wav", make(), motion, 60.0, [(name, 0.123, 60.0)], fs)
-    assert r.passed, str(r)
+    assert written(tmp_path / "a.wav", make(), motion, 60.0, [(name, 0.123, 60.0)], fs).passed
 
 
 # Statistics ---------------------------------------------------------------------------
