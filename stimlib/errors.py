@@ -40,6 +40,15 @@ def shown(text: object) -> str:
     return _CONTROL.sub(lambda m: ascii(m.group())[1:-1], str(text))
 
 
+def counted(n: int, noun: str) -> str:
+    """Write a number with its noun, which gets an s unless there is one.
+
+    >>> counted(1, "block"), counted(0, "time"), counted(2, "sample")
+    ('1 block', '0 times', '2 samples')
+    """
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
 def shortened(value: object, most: int = 80) -> str:
     """Return the repr of a value, cut to 80 characters or to ``most``.
 

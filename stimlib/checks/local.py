@@ -22,7 +22,7 @@ from ..core.parameter import Param
 from ..core.program import lead
 from ..core.scene import Scene
 from ..core.subsystems import Segment, Subsystem
-from ..errors import BadValue
+from ..errors import BadValue, counted
 from ..run.driver import walk
 from ..run.processor import Change, compile
 from . import (
@@ -229,7 +229,10 @@ def blocks_held(e: Evidence) -> list[Check]:
     for name in dict.fromkeys(_group(h.block) for h in found if not h.why):
         same = [h for h in found if not h.why and _group(h.block) == name]
         worst = max(same, key=lambda h: h.error)
-        text = f"error over tolerance, {len(same)} blocks, {max(h.samples for h in same)} samples"
+        text = (
+            f"error over tolerance, {counted(len(same), 'block')},"
+            f" {counted(max(h.samples for h in same), 'sample')}"
+        )
         text += f"; the largest is that of {worst.block!r}{worst.where}" if worst.error > 1 else ""
         checks.append(Check("f", name, worst.error, 1.0, text))
     return checks

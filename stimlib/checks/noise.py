@@ -19,7 +19,7 @@ from ..core.parameter import Param
 from ..core.program import first_states, lead
 from ..core.scene import Scene
 from ..core.subsystems import Enabled, Subsystem
-from ..errors import SceneError
+from ..errors import SceneError, counted
 from ..run.processor import Processor, compile
 from . import laws
 from .evidence import FEWEST, Check, Evidence, Tap, at_once
@@ -57,7 +57,7 @@ def generator(e: Evidence) -> list[Check]:
             samples[k] += t.stream.size
     checks = []
     for name in sources:
-        text = f"Philox and Box-Muller, written again, {size[name]} samples"
+        text = f"Philox and Box-Muller, written again, {counted(size[name], 'sample')}"
         checks.append(Check("c", f"{name}: generator", apart[name], GENERATOR, text))
     for k, t in enumerate(e.taps):
         # its spectrum is that of its first samples, wherever the gate was open
@@ -67,7 +67,7 @@ def generator(e: Evidence) -> list[Check]:
             why = "a parameter, a gate or another generator is in it, or it runs before sample 0"
             e.skipped.append(f"samples of {t.name} in {t.title}: {why}")
             continue
-        text = f"its filter fed with that generator, {samples[k]} samples"
+        text = f"its filter fed with that generator, {counted(samples[k], 'sample')}"
         checks.append(
             Check(
                 "c",

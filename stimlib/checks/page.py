@@ -19,7 +19,7 @@ import numpy as np
 from ..core.definitions import definitions
 from ..core.graph import reach
 from ..core.units import pretty
-from ..errors import BadValue, shown
+from ..errors import BadValue, counted, shown
 from ..files.sidecar import describe, sidecar_of
 from ..motion.text import parse_motion
 from ..scenes import ROWS
@@ -119,8 +119,8 @@ def headline(passed: bool, e: Evidence) -> str:
         f"the law{'s' if len(known) > 1 else ''} of {some(list(known))}"
         + (f"; no law of {some(lawless)} as a whole is known" if lawless else "")
         if known
-        else f"the laws of its {len(e.held) - free} blocks, each by itself"
-        + (f" ({free} more have none)" if free else "")
+        else f"the laws of {counted(len(e.held) - free, 'block')}, each by itself"
+        + (f" (none is known for {free} more)" if free else "")
         + "; no law of the whole scene is known"
     )
     word = verdict(passed, e.unknown).replace("passed", "Passed", 1)
@@ -301,14 +301,16 @@ def _blocks(e: Evidence) -> str:
     names = "samples", "error over tolerance", "smallest error that is detected"
     numbers = "".join(f'<th class="n">{name}</th>' for name in names)
     return (
-        f"<p>{len(rest)} blocks were compared with their own laws, on the signals that they got;"
+        f"<p>{counted(len(rest), 'block')} compared with"
+        f" {'its own law' if len(rest) == 1 else 'their own laws'}, on the signals that came in;"
         f" {len(free)} were not{':' if free else '.'}</p>{unheld}"
         f'<table><thead><tr><th>class</th><th class="n">blocks</th>{numbers}</tr></thead>{classes}'
         "</table>"
         f'<p class="small">The worst block of each class; an error is a part of the row, such as of'
-        f" a gain.</p>"
+        " a gain.</p>"
         + _folded(
-            f"all {len(rest)} blocks", f"<table><tr><th>block</th>{numbers}</tr>{each}</table>"
+            f"all {counted(len(rest), 'block')}",
+            f"<table><tr><th>block</th>{numbers}</tr>{each}</table>",
         )
     )
 
@@ -326,7 +328,7 @@ def _displayed(e: Evidence) -> dict[str, str]:
     said = about(e.scene)
     rows = {
         "outputs": ", ".join(f"{n} [{b.dim}]" for n, b in e.scene.outputs.items()),
-        "length": f"{e.frames} samples at {e.fs:g} Hz, {e.frames / e.fs:g} s",
+        "length": f"{counted(e.frames, 'sample')} at {e.fs:g} Hz, {e.frames / e.fs:g} s",
         "parameters": "; ".join(
             f"{n} = {v:g}: {said['meanings'].get(n, '')}".rstrip(": ") for n, v in e.params.items()
         )
@@ -357,7 +359,7 @@ def _certainty(found: list[Shows]) -> str:
         none = "none, up to all of it" if s.unit == OF_IT else "none, however large"
         size = f"{s.size:.3g} {pretty(s.unit)}" if s.size == s.size else none
         of, _, kind = s.check.rpartition(": ")
-        check = f"{kind}, {len(same)} times; worst of {of}" if same[1:] else s.check
+        check = f"{kind}, {counted(len(same), 'time')}; worst of {of}" if same[1:] else s.check
         rows.append(
             f"<tr><td>{_q(check)}</td><td>{_q(s.kind)}</td><td"
             f' class="n">{_q(size)}</td><td>{s.chance:.0%}</td></tr>'

@@ -22,7 +22,7 @@ import numpy as np
 from ..analysis.recursion import all_pole
 from ..core.graph import Const
 from ..core.parts import OWN, Part, known
-from ..errors import BadValue
+from ..errors import BadValue, counted
 from . import (
     families as families,  # it enters laws of scenes into ``SCENES``
 )
@@ -256,7 +256,7 @@ def _stated(name: str, made: Any, shape: tuple[int, ...]) -> tuple[np.ndarray, A
         raise BadValue(f"{name} has complex values; return real ones")
     row = np.asarray(values, float)
     if row.shape != shape:
-        raise BadValue(f"{name} has the shape {row.shape}; return {shape[0]} samples")
+        raise BadValue(f"{name} has the shape {row.shape}; return {counted(shape[0], 'sample')}")
     if not np.isfinite(row).all():
         raise BadValue(f"{name} has values that are not finite; return finite ones")
     if limit is None:

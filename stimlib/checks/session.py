@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.graph import Input
 from ..core.scene import Scene
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, SinkError, counted, public
 from ..files.log_reader import MotionFile, SessionLog
 from ..files.log_replay import Hashes, changed_motion, changes_of, delivered, motion_of, processor
 from ..run.driver import walk
@@ -105,7 +105,8 @@ def verify_log(
     if log.lost:
         lost = sum(n for _, n in log.lost)
         e.skipped.append(
-            f"what the device did not take: {lost} samples were lost, {len(log.lost)} times, first"
+            f"what the device did not take: {counted(lost, 'sample')} lost,"
+            f" {counted(len(log.lost), 'time')}, first"
             f" at {log.lost[0][0]}"
         )
     return Report(checks, e)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core import definitions
-from ..errors import shown
+from ..errors import counted, shown
 from ..files.formats import BITS, dither_of
 from ..files.sidecar import describe, read_of
 from ..files.sound_file import COMMENTED, comment_of
@@ -179,7 +179,7 @@ def storage(e: Evidence, sums: Sums | None = None) -> list[Check]:
         whole, fast, error = sums.rms[:, k].tolist()
         scale, clips = float(sums.scales[k]), int(sums.clips[k])
         if clips:
-            text = f"{clips} samples; rms of what it took, of the peak"
+            text = f"{counted(clips, 'sample')}; rms of what it took, of the peak"
             checks.append(Check("e", f"{name}: clipped", error, CLIPPED * whole, text))
             continue
         text = (

@@ -22,7 +22,7 @@ from ..blocks.integrals import power_of
 from ..core.graph import Block, Const, Input, named, pack, reach, signals, type_name
 from ..core.scene import Scene
 from ..core.units import unit
-from ..errors import BadValue, public, shown
+from ..errors import BadValue, counted, public, shown
 from ..files.audio import Stored
 from ..files.formats import stored
 from ..files.sidecar import told
@@ -417,7 +417,13 @@ def limits_kept(e: Evidence) -> list[Check]:
         counts = [c["clips"] for c in e.sidecar["channels"]]
         apart = sum(abs(a - b) for a, b in zip(counts, sums.clips.tolist(), strict=True))
         checks.append(
-            Check("e", "clip count of the sidecar", apart, 0, f"{sum(counts)} samples clipped")
+            Check(
+                "e",
+                "clip count of the sidecar",
+                apart,
+                0,
+                f"{counted(sum(counts), 'sample')} clipped",
+            )
         )
         checks += [*says(e, sums), *storage(e, sums)]
     for info in {id(m.info): m.info for m in e.motion.values() if hasattr(m, "info")}.values():

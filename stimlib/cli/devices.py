@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from ..devices import available
+from ..errors import counted
 from . import options as opt
 from .app import command, end, print_json, say
 from .motions import motions_of
@@ -39,7 +40,7 @@ def devices(
         if json_:
             return print_json(seen)
         for s in seen:
-            what = f"{s['channels']} channels, {s['fs']:g} Hz"
+            what = f"{counted(s['channels'], 'channel')}, {s['fs']:g} Hz"
             say(f"{s['name']} ({s['type']}) of {s['host']}: {what}", out)
         return None
     found = available.devices(server)

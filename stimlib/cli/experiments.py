@@ -15,7 +15,7 @@ import typer
 
 from .. import experiments
 from ..devices.available import SINKS, option
-from ..errors import BadValue, FaultError, SinkError, StimlibError, one_of, shown
+from ..errors import BadValue, FaultError, SinkError, StimlibError, counted, one_of, shown
 from ..system import safe_files
 from ..system.pool import terminable
 from ..system.progress import progress
@@ -185,7 +185,8 @@ def played(
                 if d.get("missed") or d.get("rejected")
             ]:
                 note(
-                    f"{len(wrong)} presentations were repeated, or had rows of motion rejected: see"
+                    "repeated, or with rejected rows of motion:"
+                    f" {counted(len(wrong), 'presentation')}; see"
                     f" stimlib experiment status {defined}"
                 )
         except (KeyboardInterrupt, SystemExit, SinkError, FaultError) as e:
@@ -196,7 +197,7 @@ def played(
                 if value is not None:
                     words += [f"--{name}", str(value)]
             again = shlex.join(words + ["--pilot"] * pilot + ["--page"] * page)
-            kept = f"{len(running.records)} answers are kept; go on with {again}"
+            kept = f"{counted(len(running.records), 'answer')} kept; go on with {again}"
             if isinstance(e, SystemExit):
                 note(kept)
                 raise
@@ -273,12 +274,15 @@ def status_(
         if s["shared"]:
             old = f" ({s['shared']} with one time for all intervals, by an older stimlib)"
         print(
-            f"{kind}{simulated}{s['participant']} session {s['session']}: {s['trials']} trials"
+            f"{kind}{simulated}{s['participant']} session {s['session']}:"
+            f" {counted(s['trials'], 'trial')}"
             f"{old}, {s['training']} of them training ({conditions});"
-            f" {s['replays']} replays, {s['unanswered']} presentations without an answer,"
-            f" {s['missed']} presented again, {sum(s['rejected'].values())} rows of motion"
+            f" {counted(s['replays'], 'replay')},"
+            f" {counted(s['unanswered'], 'presentation')} without an answer,"
+            f" {s['missed']} presented again, {counted(sum(s['rejected'].values()), 'row')}"
+            " of motion"
             " rejected,"
-            f" {s['lost']} samples lost, {s['limited']} limited; last answer"
+            f" {counted(s['lost'], 'sample')} lost, {s['limited']} limited; last answer"
             f" {s['last'][:19] or 'none'}"
         )
     if not found:
@@ -320,7 +324,7 @@ def simulate(
                 experiments.run(session, front_end, display)
             advance(1)
     if not quiet:
-        print(f"{len(every)} sessions in {data / made.name}, kept as pilots")
+        print(f"{counted(len(every), 'session')} in {data / made.name}, kept as pilots")
         print(f"stimlib experiment analyse {defined} --data {data} --pilot")
 
 
@@ -411,8 +415,9 @@ def power(
             )
         people = math.ceil((1.96 * errors.std(ddof=1) / 0.1) ** 2)
         needed.append(
-            f"{shown(condition)}: {people} participants of {trials:.0f} trials for a mean JND"
-            f" within 10 % of its expectation in 95 of 100 experiments; its bias of"
+            f"{shown(condition)}: {counted(people, 'participant')} of {trials:.0f} trials"
+            " for a mean JND"
+            " within 10 % of its expectation in 95 of 100 experiments; its bias of"
             f" {errors.mean():+.1%} stays with any number"
         )
     print_wide(table)
@@ -456,7 +461,8 @@ def _jnds(
         errors = np.array([one.jnd * (one.pse if log else 1.0) / jnd - 1 for one in each])
         if np.isfinite(errors).sum() < 2:
             raise BadValue(
-                f"condition {condition!r}: no JND can be fitted to {each[0].trials} trials;"
+                f"condition {condition!r}: no JND can be fitted to"
+                f" {counted(each[0].trials, 'trial')};"
                 f" {each[0].advice()[0]}"
             )
         trials = float(np.mean([one.trials for one in each]))
@@ -553,7 +559,7 @@ def _page(
     levels = answers["level"]
     log = bool(levels) and min(levels) > 0 and max(levels) >= 10 * min(levels)
     method = (
-        f"{len(found)} sessions of the experiment {made.name}, version {made.version}."
+        f"{counted(len(found), 'session')} of the experiment {made.name}, version {made.version}."
         + " PILOT sessions: kept apart from the data." * found[0].header["pilot"]
     )
     if levels:
@@ -621,6 +627,6 @@ def export(
     if not found:
         raise BadValue(_none_of(made, data, False))
     if bids is not None:
-        print(f"{len(to_bids(made, found, bids, authors, signals))} files in {bids}")
+        print(f"{counted(len(to_bids(made, found, bids, authors, signals)), 'file')} in {bids}")
     if psych_ds is not None:
-        print(f"{len(to_psych_ds(made, found, psych_ds, authors))} files in {psych_ds}")
+        print(f"{counted(len(to_psych_ds(made, found, psych_ds, authors)), 'file')} in {psych_ds}")

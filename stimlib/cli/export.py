@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from ..errors import counted
 from . import options as opt
 from .app import command, print_json
 from .motions import motions_of
@@ -79,7 +80,10 @@ def export_(
         print_json({"files": files, **said, "errors": written.errors})
     elif not quiet:
         print(*written.files, sep="\n")
-        print(f"state: about {written.state_bytes} bytes; self test: {written.samples} samples")
+        print(
+            f"state: about {counted(written.state_bytes, 'byte')}; self test:"
+            f" {counted(written.samples, 'sample')}"
+        )
         for output, (rms, most, peak) in written.errors.items():
             print(f"error of float32 in {output}: rms {rms:.2g}, at most {most:.2g} of {peak:.3g}")
         print(f"cc -std=c99 -O2 {name}.c {name}_test.c -o {name}_test -lm && ./{name}_test")

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from .. import files
-from ..errors import shown
+from ..errors import counted, shown
 from ..system.progress import progress
 from . import options as opt
 from .app import command, end, errors, note, print_json, print_wide
@@ -222,4 +222,4 @@ def render_set_(
         progress=not quiet,
     )
     if not quiet:
-        print(f"{len(scenes)} files and {index}")
+        print(f"{counted(len(scenes), 'file')} and {index}")

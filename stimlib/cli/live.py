@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..errors import BadValue
+from ..errors import BadValue, counted
 from . import options as opt
 from .app import command, errors, note, print_json, say
 from .motions import motions_of
@@ -232,4 +232,7 @@ def share_(
     elif not quiet:
         print(f"{out}: {size / 1000:.0f} kB, of which {page.wasm_bytes / 1000:.0f} kB WebAssembly")
         if page.samples:
-            print(f"the page checks {page.samples} samples of each output: SHA-256 {page.sha256}")
+            print(
+                f"the page checks {counted(page.samples, 'sample')} of each output: SHA-256"
+                f" {page.sha256}"
+            )

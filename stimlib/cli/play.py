@@ -10,7 +10,7 @@ import typer
 
 from .. import files
 from ..devices import available
-from ..errors import BadValue, FaultError, SinkError
+from ..errors import BadValue, FaultError, SinkError, counted
 from ..system.progress import progress
 from ..system.safe_files import unused
 from . import options as opt
@@ -288,4 +288,4 @@ def _ending(sessions: list[Any]) -> str:
     reports = [session.report() for session in sessions]
     seconds = sum(r.delivered / s.rate for r, s in zip(reports, sessions, strict=True))
     lost = sum(r.lost for r in reports)
-    return f"played {seconds:.4g} s, {f'{lost} samples' if lost else 'nothing'} lost"
+    return f"played {seconds:.4g} s, {counted(lost, 'sample') if lost else 'nothing'} lost"

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..errors import BadValue, SinkError, shown
+from ..errors import BadValue, SinkError, counted, shown
 from ..system import safe_files
 from ..system.packages import package
 from . import options as opt
@@ -266,7 +266,7 @@ def _facts(table: Any) -> dict[str, Any]:
 def _title(facts: dict[str, Any]) -> str:
     """Return the rows, the axes with their numbers of values, and the failures."""
     axes = ", ".join(f"{name} ({n})" for name, n in facts["axes"].items())
-    return f"{facts['rows']} rows over {axes}, {facts['failed']} failed"
+    return f"{counted(facts['rows'], 'row')} over {axes}, {facts['failed']} failed"
 
 
 def _shown(facts: dict[str, Any]) -> Any:

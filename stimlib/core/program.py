@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import BadValue, SceneError, outside
+from ..errors import BadValue, SceneError, counted, outside
 from ..system.limits import limits
 from . import steps, units as un
 from .clocks import ROOT, Instance, Node, count, layout
@@ -221,7 +221,7 @@ def lower(outputs: dict[str, Block]) -> Program:
     blocks = [block for block in objects if not isinstance(block, (Loop, Tap))]
     merged = len(blocks) - len({number[id(block)] for block in blocks})
     removed = list(graph.removed) + (
-        [f"{merged} blocks: equal to others, or folded into numbers"] if merged else []
+        [f"{counted(merged, 'block')}: equal to others, or folded into numbers"] if merged else []
     )
     noises: dict[str, int] = {}
     for index, instance in enumerate(instances):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, SinkError, counted, public
 from .drivers import jack_client, nidaqmx, sounddevice
 
 
@@ -142,8 +142,9 @@ def _on_jack(server: str | None) -> Found:
             for to_device in (True, False)
         )
         what = (
-            f"a server at {client.samplerate} Hz, blocks of {client.blocksize}, {outs} outputs,"
-            f" {ins} inputs"
+            f"a server at {client.samplerate} Hz, blocks of {client.blocksize},"
+            f" {counted(outs, 'output')},"
+            f" {counted(ins, 'input')}"
         )
         named = f" --device {server}" if server else ""
         fs = client.samplerate
@@ -159,8 +160,8 @@ def _on_portaudio(server: str | None) -> Found:
         if d["max_output_channels"]:
             api, rate = apis[d["hostapi"]]["name"], d["default_samplerate"]
             what = (
-                f"{d['name']!r} ({api}), {d['max_output_channels']} outputs,"
-                f" {d['max_input_channels']} inputs"
+                f"{d['name']!r} ({api}), {counted(d['max_output_channels'], 'output')},"
+                f" {counted(d['max_input_channels'], 'input')}"
             )
             how = f"--sink portaudio --device {d['index']} --fs {rate:g}"
             found.append((True, what, how, rate))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Scene
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, SinkError, counted, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered
 from ..run.safety import Safety
@@ -73,7 +73,8 @@ class Loopback:
 
     def __str__(self) -> str:
         line = (
-            f"{self.produced} samples, {self.lost} lost, {self.compared} of {self.delivered}"
+            f"{counted(self.produced, 'sample')}, {self.lost} lost, {self.compared} of"
+            f" {self.delivered}"
             " delivered frames recorded"
         )
         if self.compared == 0:
@@ -159,7 +160,7 @@ class Capture(AbstractContextManager["Capture"]):
                     client.connect(port, to)
         except jack.JackError as e:
             client.close()
-            what = f"{channels} channels" if isinstance(ports, int) else ", ".join(ports)
+            what = counted(channels, "channel") if isinstance(ports, int) else ", ".join(ports)
             raise SinkError(f"jack: cannot record {what}: {e}") from None
         except AttributeError as e:
             client.close()

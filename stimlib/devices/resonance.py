@@ -16,7 +16,7 @@ import numpy as np
 from ..blocks.sources import chirp
 from ..core.graph import Input, constant
 from ..core.scene import Scene
-from ..errors import BadValue, RecordingError, public
+from ..errors import BadValue, RecordingError, counted, public
 from ..motion.table import read_table
 from ..plate.identify import Sweep, check_taken, read_sweep
 from ..run.safety import Safety
@@ -192,7 +192,8 @@ def record_sweep(
     taken = [] if keep is None else _kept(keep, rate)
     if len(taken) > len(places):
         raise RecordingError(
-            f"record_sweep: {keep} has {len(taken)} points, and {len(places)} are wanted; keep="
+            f"record_sweep: {keep} has {counted(len(taken), 'point')}, and {len(places)}"
+            " are wanted; keep="
             " another file"
         )
     for k in range(len(taken), len(places)):

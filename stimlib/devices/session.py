@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import FaultError, SinkError
+from ..errors import FaultError, SinkError, counted
 from ..run.safety import Watch, said_of_energy
 from . import words
 from .engine import Pump
@@ -121,23 +121,28 @@ class SessionReport:
             for times in (self.block_time, self.lateness)
         )
         line = (
-            f"{self.produced} samples, {self.delivered} delivered, {self.lost} lost in"
-            f" {self.underruns} underruns; blocks {taken}; late {late}"
+            f"{counted(self.produced, 'sample')}, {self.delivered} delivered, {self.lost} lost in"
+            f" {counted(self.underruns, 'underrun')}; blocks {taken}; late {late}"
         )
-        more = [f"{sum(v.values())} samples limited ({k})" for k, v in self.clips.items()]
+        more = [
+            f"{counted(sum(v.values()), 'sample')} limited ({k})" for k, v in self.clips.items()
+        ]
         more += [
-            f"{v['samples']} samples of {k} outside of the calibrated band, up to {v['level']:.3g}"
+            f"{counted(v['samples'], 'sample')} of {k} outside of the calibrated band, up"
+            f" to {v['level']:.3g}"
             for k, v in self.outside.items()
         ]
         more += said_of_energy(self.energy)
         more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
         unsent = f", {self.unsent_markers} not sent" if self.unsent_markers else ""
         reasons = sorted(self.rejected, key=lambda why: -self.rejected[why])
-        rise = f"{self.rise} frames before sample 0" if self.rise else "the first samples"
+        rise = (
+            f"{counted(self.rise, 'frame')} before sample 0" if self.rise else "the first samples"
+        )
         rest = (
-            (self.stale, f"motion stale {self.stale} times"),
-            (self.unlogged, f"{self.unlogged} samples not logged"),
-            (self.skipped, f"{self.skipped} columns of motion came too fast"),
+            (self.stale, f"motion stale {counted(self.stale, 'time')}"),
+            (self.unlogged, f"{counted(self.unlogged, 'sample')} not logged"),
+            (self.skipped, f"{counted(self.skipped, 'column')} of motion came too fast"),
             (self.markers, f"{self.markers} markers, {self.lost_markers} lost{unsent}"),
             (self.silent, self.silent),
             (
@@ -148,15 +153,15 @@ class SessionReport:
                 self.start_error is not None,
                 f"began {1e3 * (self.start_error or 0.0):.3f} ms after the given time",
             ),
-            (self.rows, f"{self.rows} rows of motion"),
+            (self.rows, f"{counted(self.rows, 'row')} of motion"),
             (
                 self.rejected and not self.silent,
-                f"{sum(self.rejected.values())} rows rejected: "
+                f"{counted(sum(self.rejected.values()), 'row')} rejected: "
                 + ", ".join(f"{self.rejected[why]} {why}" for why in reasons)
                 + f" ({REMEDIES.get(''.join(reasons[:1]), 'see its receive')})",
             ),
             (True, f"faded in over {rise}"),
-            (self.fall, f"faded out over {self.fall} frames after the last sample"),
+            (self.fall, f"faded out over {counted(self.fall, 'frame')} after the last sample"),
         )
         more += [text for count, text in rest if count]
         return "; ".join([line, *more])

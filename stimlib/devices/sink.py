@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ..above import above
 from ..core.program import number
 from ..core.scene import Scene
-from ..errors import BadValue, FaultError, MotionError, SinkError, StimlibError, need
+from ..errors import BadValue, FaultError, MotionError, SinkError, StimlibError, counted, need
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect
 from . import words
@@ -223,7 +223,7 @@ class Sink:
     def __repr__(self):
         at = ""
         if self._opened:
-            at = f", {self.rate:g} Hz, {self.channels} channels, blocks of {self.block}"
+            at = f", {self.rate:g} Hz, {counted(self.channels, 'channel')}, blocks of {self.block}"
         return f"{type(self).__name__}({self.scene!r}{at})"
 
     # Life -----------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import BadValue, MotionError, Upto1, public, shortened
+from ..errors import BadValue, MotionError, Upto1, counted, public, shortened
 from ..motion.source import check_names, positions, sources_of
 from . import words
 from .rows import REMEDIES
@@ -424,7 +424,8 @@ class Receiver(threading.Thread):
                     heard = time.monotonic()
                 elif self._source.silence == "stop" and time.monotonic() - heard > patience:
                     raise MotionError(
-                        f"no motion has come for {1e3 * SILENT:g} ms: {self.rows} rows came before,"
+                        f"no motion has come for {1e3 * SILENT:g} ms:"
+                        f" {counted(self.rows, 'row')} came before,"
                         f" and {self.rejected.total()} were rejected"
                         if self.rows
                         else self.missing(False)

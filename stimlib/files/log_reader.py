@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from ..core import definitions
 from ..core.scene import Scene
-from ..errors import BadValue, SinkError, StimlibError, public, shown
+from ..errors import BadValue, SinkError, StimlibError, counted, public, shown
 from ..run.processor import Change
 from ..run.safety import GAIN, Safety, protect
 from ..system import fields, safe_files
@@ -283,7 +283,9 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     end = max([0, *(s.to for s in (*spans, *gaps)), *(at + n for at, n in lost)])
     for gap in gaps:
         size = gap.to - gap.at
-        notes.append(f"a gap of {size} samples at {gap.at}, of which the log knows nothing")
+        notes.append(
+            f"a gap of {counted(size, 'sample')} at {gap.at}, of which the log knows nothing"
+        )
     produced, hashed = _produced(report, end, notes), seen[-1].to if seen else 0
     if ended:  # a session that ended has both of each sample
         produced = max(produced, hashed)
@@ -291,7 +293,7 @@ def read_log(folder: str | os.PathLike[str]) -> SessionLog:
     if isinstance(motion, MotionFile):
         more = motion.beyond(hashed)
         if ended and more > 0:  # a session that ended has all of it under a hash
-            notes.append(f"motion.f64 has {more} bytes more than the session wrote")
+            notes.append(f"motion.f64 has {counted(more, 'byte')} more than the session wrote")
         elif motion.rest:
             notes.append("the last frame of motion is cut short")
         if len(motion) < frames:
@@ -350,7 +352,9 @@ def _produced(report: dict[str, Any] | None, end: int, notes: list[str]) -> int:
         return end
     produced = int(report["produced"])
     if produced != end:
-        notes.append(f"the report says {produced} samples, hashes and losses end at {end}")
+        notes.append(
+            f"the report says {counted(produced, 'sample')}, hashes and losses end at {end}"
+        )
     return produced
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Scene
-from ..errors import BadValue, SceneError, SinkError, public, shown
+from ..errors import BadValue, SceneError, SinkError, counted, public, shown
 from ..run.driver import Rows, walk
 from ..run.processor import Change, Processor
 from ..run.safety import protect, to_device
@@ -56,7 +56,8 @@ class Replay:
 
     def __str__(self) -> str:
         line = (
-            f"{self.frames} frames replayed, {self.lost} lost; {self.spans - len(self.wrong)} of"
+            f"{counted(self.frames, 'frame')} replayed, {self.lost} lost;"
+            f" {self.spans - len(self.wrong)} of"
             f" {self.spans} hashes match"
         )
         if self.wrong:
@@ -64,7 +65,7 @@ class Replay:
                 f", the first that does not is of frames {self.wrong[0][0]} to {self.wrong[0][1]}"
             )
         if self.missing:
-            line += f"; {self.missing} frames cannot be replayed"
+            line += f"; {counted(self.missing, 'frame')} cannot be replayed"
         if self.changed:
             line += (
                 f"; the motion was changed, first in samples {self.changed[0][0]} to"

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..core.scene import Scene
 from ..core.units import pretty
-from ..errors import BadValue, FaultError, SceneFileError, UnitError, public, shown
+from ..errors import BadValue, FaultError, SceneFileError, UnitError, counted, public, shown
 from ..run.processor import Processor
 from ..run.rendering import Rendering, fault_text, render
 from ..system import fields, safe_files
@@ -75,7 +75,10 @@ class PatternReport:
 
     def __str__(self) -> str:
         one = f"{self.full_scale:.4g} {pretty(self.unit)}".strip()
-        lines = [f"{self.path}: {self.points} points, {self.taps} transients; 1 stands for {one}"]
+        lines = [
+            f"{self.path}: {counted(self.points, 'point')},"
+            f" {counted(self.taps, 'transient')}; 1 stands for {one}"
+        ]
         for name, (error, shape, bands) in self.lost.items():
             least = max(level for _, level, _ in bands) - 40
             heard = [f"{f:.4g} Hz {x:.1f} -> {y:.1f}" for f, x, y in bands if max(x, y) > least]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..core import definitions
-from ..errors import SinkError, shown
+from ..errors import SinkError, counted, shown
 from ..system import fields, safe_files
 from .formats import BYTES, FORMATS
 from .sound_file import soundfile
@@ -91,7 +91,7 @@ class FileReport:
     def __str__(self) -> str:
         peaks = ", ".join(f"{name} {value:.4g}" for name, value in self.peak.items())
         clips = ", ".join(f"{name} {count}" for name, count in self.clips.items() if count)
-        line = f"{self.path}: {self.frames} frames, {self.seconds:.6g} s, peak {peaks}"
+        line = f"{self.path}: {counted(self.frames, 'frame')}, {self.seconds:.6g} s, peak {peaks}"
         return shown(line + (f", samples clipped: {clips}" if clips else ""))
 
 

@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from ..core.graph import Block
-from ..errors import BadValue, Count, SinkError, outside, public
+from ..errors import BadValue, Count, SinkError, counted, outside, public
 from ..system.packages import package
 from .closed_form import (
     PAIRS,
@@ -112,7 +112,7 @@ class MaterialFit:
         error, of = (self.relative_error, "") if one_sign else (self.rms_error, " force")
         return (
             f"{type(self).__name__}({', '.join(parts)}; {100 * error:.2g} % rms{of} of"
-            f" {int(self.used.sum())} samples)"
+            f" {counted(int(self.used.sum()), 'sample')})"
         )
 
     def plot(self, path: str | os.PathLike) -> None:

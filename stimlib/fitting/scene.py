@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.scene import Scene
-from ..errors import Above0, BadValue, Count, need, public
+from ..errors import Above0, BadValue, Count, counted, need, public
 from ..motion.source import frames_of, positions, sources_of
 from ..run.processor import compile
 from ..system.packages import package
@@ -339,7 +339,9 @@ class Fit:
             else f"loss {self.loss:.3g}"
         )
         end = "converged" if self.converged else "not converged"
-        return "\n".join([*(line.rstrip() for line in lines), f"{what}; {self.steps} steps, {end}"])
+        return "\n".join(
+            [*(line.rstrip() for line in lines), f"{what}; {counted(self.steps, 'step')}, {end}"]
+        )
 
 
 # The search ---------------------------------------------------------------------------

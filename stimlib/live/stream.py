@@ -22,7 +22,7 @@ from ..core.parameter import Param
 from ..core.scene import Scene
 from ..devices.sink import Sink
 from ..devices.sources import Live
-from ..errors import BadValue, SinkError, StimlibError, need
+from ..errors import BadValue, SinkError, StimlibError, counted, need
 from ..run.processor import compile
 from ..run.safety import Safety, protect
 from ..system.safe_files import unused
@@ -507,7 +507,9 @@ class Stream:
         r = sink.report()
         if self.log is not None:
             self.recorded = f"Recorded {r.produced / self.fs:.1f} s in {self.log}" + (
-                f", {r.lost} samples lost in {r.underruns} gaps" if r.lost else ""
+                f", {counted(r.lost, 'sample')} lost in {counted(r.underruns, 'gap')}"
+                if r.lost
+                else ""
             )
             self.say(self.recorded)
         if r.silent or r.rejected:

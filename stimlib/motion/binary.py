@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import RecordingError
+from ..errors import RecordingError, counted
 from ..system.limits import limits
 from ..system.packages import package
 from .layout import unpacked
@@ -238,7 +238,10 @@ def read_c3d(file: str, data: bytes, known: Known) -> Read:
         of_points = {
             f"{n}.{axis}": (k, j) for k, n in enumerate(labels) for j, axis in enumerate("XYZ")
         }
-        notes = [f"{points} points{_units(reader, 'POINT')}, {count} frames at {rate:g} Hz"]
+        notes = [
+            f"{counted(points, 'point')}{_units(reader, 'POINT')},"
+            f" {counted(count, 'frame')} at {rate:g} Hz"
+        ]
         of_channels: dict[str, np.ndarray] = {}
         step = each = 1  # samples of a channel, and rows, in each frame
         if channels:
@@ -246,7 +249,9 @@ def read_c3d(file: str, data: bytes, known: Known) -> Read:
             samples = np.concatenate([values for _, values in frames], axis=1)
             of_channels, step = dict(zip(labels, samples, strict=True)), samples.shape[1] // count
             each = step if known(labels) or not points else 1
-            notes.append(f"{channels} channels{_units(reader, 'ANALOG')} at {rate * step:g} Hz")
+            notes.append(
+                f"{counted(channels, 'channel')}{_units(reader, 'ANALOG')} at {rate * step:g} Hz"
+            )
         rows = count * each
         limits.check("recording_rows", rows, f"{file}: rows", RecordingError)
 

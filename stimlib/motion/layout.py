@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, islice, pairwise, zip_longest
 
-from ..errors import RecordingError
+from ..errors import RecordingError, counted
 from ..system.limits import limits
 from .rows import Known, table_error
 
@@ -238,7 +238,7 @@ def _layout(lines: list[str], separator: str, hint: bool, known: Known) -> Layou
     below = [r for r in found if r[1] > end]
     notes = []
     if above := [r for r in found if r[1] < row]:
-        notes.append(f"{len(above)} lines above the names skipped")
+        notes.append(f"{counted(len(above), 'line')} above the names skipped")
     numbers_above = [r[1] for r in above if len(r[0]) == len(names) and are_numbers(r[0])]
     if chosen not in [*found, *comments]:
         notes.append(f"names in row {row} completed from the row above")

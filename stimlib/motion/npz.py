@@ -8,7 +8,7 @@ from math import prod
 
 import numpy as np
 
-from ..errors import RecordingError
+from ..errors import RecordingError, counted
 from ..system.limits import limits
 from .rows import Array, Batch, Rows, reading, table_error
 
@@ -45,7 +45,10 @@ def read_npz(file: str, data: bytes) -> tuple[tuple[str, ...], int, Callable[[],
                 members[name] = _member(file, name, z, info)
             first = next(iter(members))
             if members[name].count != members[first].count:
-                problem = f"{members[name].count} values, but {first} has {members[first].count}"
+                problem = (
+                    f"{counted(members[name].count, 'value')}, but {first} has"
+                    f" {members[first].count}"
+                )
                 raise table_error(file, problem, EQUAL, None, name)
     if not members:
         raise table_error(file, "there are no arrays", SAVE)
@@ -72,7 +75,8 @@ def _member(file: str, name: str, z: zipfile.ZipFile, info: zipfile.ZipInfo) -> 
     limits.check("recording_rows", shape[0], f"{file}, column {name}: values", RecordingError)
     if dtype.itemsize * prod(shape) != info.file_size - offset:
         raise ValueError(
-            f"{info.file_size - offset} bytes for {shape[0]} values of {dtype.itemsize}"
+            f"{counted(info.file_size - offset, 'byte')} for {counted(shape[0], 'value')}"
+            f" of {dtype.itemsize}"
         )
     return _Member(info, offset, dtype, shape[0])
 

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BadValue
+from ..errors import BadValue, counted
 from .cells import Cells, Missing
 from .clocks import evened, fitted, step_back, unwrapped
 from .expression import Expression, Linear, expression, linear, names_in
@@ -95,7 +95,7 @@ def series(
         raise table.error("no row has a time", "use another column")
     notes = [*table.notes(), *cells.note()]
     if not known.all():
-        notes.append(f"{np.count_nonzero(~known)} rows without a time left out")
+        notes.append(f"{counted(int(np.sum(~known)), 'row')} without a time left out")
         t, x, touch, rows = t[known], x[:, known], touch[known], rows[known]
     used = {flag, *(name for e in (time, *second, *wanted.values()) for name in e.columns)}
     t, x, facts = _times(table, t, x, rows, how, [*second, time], chosen, used)
@@ -105,7 +105,11 @@ def series(
             f" {facts['residual_rms']:.3g} s rms, {facts['residual_max']:.3g} s at most"
         )
     notes += [f"{facts['wraps']} wraps of the clock"] if facts.get("wraps") else []
-    notes += [f"clock set back in {len(facts['set_back'])} rows"] if facts.get("set_back") else []
+    notes += (
+        [f"clock set back in {counted(len(facts['set_back']), 'row')}"]
+        if facts.get("set_back")
+        else []
+    )
     if missing != "refuse":
         touch = _touch_known(touch, missing)
         shared(t, x)

@@ -22,7 +22,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BadValue, RecordingError
+from ..errors import BadValue, RecordingError, counted
 from ..system import fields, safe_files
 from ..system.limits import limits
 from .binary import read_c3d, read_mat, read_xdf
@@ -211,7 +211,7 @@ def _in_memory(source: Columns, sha256: str | None) -> TableFile:
         values = columns[name] = _column(file, name, source[key])
         first = next(iter(columns))
         if len(values) != len(columns[first]):
-            problem = f"{len(values)} values, but {first} has {len(columns[first])}"
+            problem = f"{counted(len(values), 'value')}, but {first} has {len(columns[first])}"
             raise table_error(file, problem, "give columns of equal length", None, name)
         texts = values.dtype.kind == "U"
         data = (
@@ -533,7 +533,9 @@ def _check_fields(form: _Form, fields: list[str], row: int) -> None:
     if len(fields) != len(names):
         what = "missing" if len(fields) < len(names) else "surplus"
         where = names[len(fields)] if len(fields) < len(names) else None
-        problem = f"{len(fields)} fields for {len(names)} columns, {what} field"
+        problem = (
+            f"{counted(len(fields), 'field')} for {counted(len(names), 'column')}, {what} field"
+        )
         remedy = (
             "correct the row (decimals with a point, not a comma, unless columns are separated by"
             " semicolons)"

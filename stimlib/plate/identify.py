@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, RecordingError, public
+from ..errors import BadValue, RecordingError, counted, public
 from ..motion.reports import column_of
 from ..motion.table import read_table
 
@@ -159,7 +159,7 @@ class Resonance:
     def __repr__(self):
         return (
             f"Resonance({self.freq:.6g} +- {self.freq_sd:.1g} Hz, q = {self.q:.4g} +-"
-            f" {self.q_sd:.1g}, {self.shape.size} points)"
+            f" {self.q_sd:.1g}, {counted(self.shape.size, 'point')})"
         )
 
 

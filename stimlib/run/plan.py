@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from ..core.program import Program
-from ..errors import shown
+from ..errors import counted, shown
 
 
 class PlanRow(NamedTuple):
@@ -32,7 +32,8 @@ class Plan(NamedTuple):
     def __str__(self):
         clock = max(len(r.clock) for r in self.rows)
         lines = [
-            f"{len(self.rows)} rows at {self.fs:g} Hz (* = runs without input, also before"
+            f"{counted(len(self.rows), 'row')} at {self.fs:g} Hz (* = runs without input,"
+            " also before"
             " sample 0)"
         ]
         for r in self.rows:

@@ -17,7 +17,7 @@ import numpy as np
 from .. import errors
 from ..core.program import rate, warn_beyond
 from ..core.scene import Scene
-from ..errors import BadValue, SceneError, outside, public
+from ..errors import BadValue, SceneError, counted, outside, public
 from ..motion.source import sources_of, warn_fast
 from ..run.rendering import Rendering
 from ..system.limits import limits
@@ -56,7 +56,8 @@ class Forecast(NamedTuple):
     def __str__(self) -> str:
         cores = sorted({1, 2, 4, 8, 16, 64, os.cpu_count() or 1})
         lines = [
-            f"{self.rows} rows, {self.there} of them there; {1000 * self.row_seconds:.3g} ms a row"
+            f"{counted(self.rows, 'row')}, {self.there} of them there;"
+            f" {1000 * self.row_seconds:.3g} ms a row"
             f" of {self.samples} samples; {self.memory / 1e6:.3g} MB of figures"
         ]
         return "\n".join(lines + [f"{n:5d} cores: {_time(3600 * self.hours(n))}" for n in cores])

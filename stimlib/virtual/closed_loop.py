@@ -17,7 +17,7 @@ from ..blocks.integrals import power_of
 from ..core.graph import Input
 from ..core.scene import Scene
 from ..core.units import unit
-from ..errors import Above0, BadValue, Count, From0, need, public
+from ..errors import Above0, BadValue, Count, From0, counted, need, public
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect, said_of_energy
 from .device import Device, Faults, Hand, Mechanism
@@ -419,7 +419,7 @@ class ClosedLoop:
             lines.append(
                 f"the device does not come to rest: {1e3 * amplitude:.3g} mm at {rate:.3g} Hz"
             )
-        lines.append(f"contact began {self.contacts} times")
+        lines.append(f"contact began {counted(self.contacts, 'time')}")
         lines.append(
             f"the scene gave {1e3 * self.given:.3g} mJ more than it had got; the hand did"
             f" {1e3 * self.work[-1]:.3g} mJ in all"

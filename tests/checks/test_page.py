@@ -212,11 +212,11 @@ def lawless(make):
         (lambda _: partly(), "the law of bumps; no law of mine_y as a whole is known"),
         (
             lambda _: lawless(lambda x: 2 * x),
-            "the laws of its 2 blocks, each by itself; no law of the whole scene is known",
+            "the laws of 2 blocks, each by itself; no law of the whole scene is known",
         ),
         (
             lambda _: lawless(Doubled),
-            "the laws of its 1 blocks, each by itself (1 more have none);"
+            "the laws of 1 block, each by itself (none is known for 1 more);"
             " no law of the whole scene is known",
         ),
     ],

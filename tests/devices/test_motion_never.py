@@ -113,7 +113,7 @@ def session(way, folder, silence):
     sink._worker.join(60)  # a busy machine writes it later than ``close`` waits
     report, log = sink.report(), read_log(folder)
     if way in COMES and report.rows:
-        assert said or "motion stale 1 times" in str(report) or "1 rows of motion" in str(report)
+        assert said or "motion stale 1 time" in str(report) or "1 row of motion" in str(report)
         return
     names_it(way, said, report.rejected)
     assert report.silent in said and report.silent in str(report)

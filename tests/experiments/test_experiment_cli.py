@@ -24,7 +24,7 @@ from typer.testing import CliRunner
 from stimlib.cli import app, terminal
 from stimlib.cli.experiments import experiment_of
 from stimlib.cli.terminal import Terminal
-from stimlib.errors import FaultError, SinkError
+from stimlib.errors import FaultError, SinkError, counted
 from stimlib.experiments import (
     Keyed,
     PsychometricObserver,
@@ -400,4 +400,4 @@ def words_of(file, folder, *more):
 
 def goes_on(words, answers=0):
     again = shlex.join(["stimlib", "experiment", "resume", *words])
-    return f"{answers} answers are kept; go on with {again}\n"
+    return f"{counted(answers, 'answer')} kept; go on with {again}\n"

@@ -180,7 +180,7 @@ def test_verify_proves_a_session_of_the_squeeze(tmp_path):
     assert any(n.startswith("force1: Pacinian") for n in report.evidence.numbers)
     skipped = "\n".join(report.evidence.skipped)
     assert "k was changed" in skipped and "no one slope" in skipped
-    assert "64 samples were lost, 1 times, first at 3000" in skipped
+    assert "64 samples lost, 1 time, first at 3000" in skipped
     assert "law of the scene" not in skipped
     report.to_html(tmp_path / "a.html")
     page = (tmp_path / "a.html").read_text()

@@ -343,5 +343,5 @@ def test_the_command_prints_the_address_and_what_goes_on(tmp_path, monkeypatch, 
     who = "own.py:made --participant P07 --session 1 --data data --host 127.0.0.1 --sink"
     done = ran(f"experiment run {who} {how}", 130)
     assert "the participant answers at http://127.0.0.1:" in done.output
-    assert "0 answers are kept; go on with stimlib experiment resume own.py:made" in done.output
+    assert "0 answers kept; go on with stimlib experiment resume own.py:made" in done.output
     assert f"--sink {how.split()[0]}" in done.output and "--page\n" in done.output

@@ -103,7 +103,7 @@ def test_a_clock_that_was_set_back_is_told_from_rows_out_of_order():
         refused(RecordingError, says, recording, table(np.append(T[:200], other)), {"x": "x"})
     r = recording(table(back), {"x": "x"}, rate=250)
     assert r.info["clock"]["set_back"] == [(201, pytest.approx(-0.06))]
-    assert "clock set back in 1 rows" in str(r) and error_of(r) < 1e-9
+    assert "clock set back in 1 row" in str(r) and error_of(r) < 1e-9
 
 
 # -- jitter and drift
@@ -277,7 +277,7 @@ def test_a_row_without_a_time_or_contact(tmp_path):
         "t_s,x,contact\n0,0,1\n,,\n0.01,1,\n0.02,2,0\n0.03,3,\n0.04,4,1\n0.05,5,1\n",
     )
     r = recording(path, {"x": "x*1e-3"}, missing="hold")
-    assert r.info["reports"] == 6 and "1 rows without a time left out" in str(r)
+    assert r.info["reports"] == 6 and "1 row without a time left out" in str(r)
     assert r.info["lifts"] == [(5, 0.02)] and r.contact([0.005, 0.025, 0.035, 0.045]).tolist() == [
         1,
         0,

@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from ...core.graph import Const
+from ...errors import counted
 from .. import laws
 from ..evidence import Asked, Check, law_of
 from ..rows import Row, Rows, law, turning
@@ -90,7 +91,10 @@ def _within(a: Asked, want: np.ndarray, highest: np.ndarray) -> np.ndarray:
     limit = a.given["limit"]
     if a.given["headroom"] == "scale":
         want = want * (limit / np.maximum(limit, highest))
-    a.say(f"limited to {limit:g} V, {int(np.sum(np.abs(want) >= limit))} samples held there")
+    a.say(
+        f"limited to {limit:g} V, {counted(int(np.sum(np.abs(want) >= limit)), 'sample')}"
+        " held there"
+    )
     return np.clip(want, -limit, limit)
 
 

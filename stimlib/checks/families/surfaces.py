@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...design.noise import octaves
+from ...errors import counted
 from .. import laws
 from ..evidence import Asked, Check, law_of
 from ..laws import LOW, philox, ways
@@ -150,7 +151,8 @@ def grating(a: Asked) -> list[Check]:
     error[at] = (a.y["force"][at] - force(at)) / bound[at]
     a.expect("force", lambda: force(np.arange(n)), float(bound.max(initial=0.0)))
     text = (
-        f"error over its bound, {at.size} samples: what is at a place, averaged over each movement,"
+        f"error over its bound, {counted(at.size, 'sample')}: what is at a place, averaged"
+        " over each movement,"
         " written again"
     )
     name = a.title("force")

@@ -5,7 +5,7 @@ import { connected } from "./connect.js";
 import { parameters, sources } from "./controls.js";
 import { Field } from "./field.js";
 import { History, Panel, Spectrum, Turn, grouped, palette } from "./plots.js";
-import { scaled, short } from "./scales.js";
+import { counted, scaled, short } from "./scales.js";
 import { LEAST, Level } from "./sound.js";
 
 const HEAD = 6, ENDED = 1012, LONGEST = 10, QUIET = -60; // float64 ahead of the samples, s that are kept, dB below which nothing is shown
@@ -289,15 +289,15 @@ function energy() {
   const { energy: seen, clips: changed } = live.report ?? {};
   const said = (unit, v) => { const { factor, unit: shown } = scaled(unit, v); return `${short(v * factor)} ${shown}`; };
   return Object.entries(seen ?? {}).map(([name, { given, most }]) => `${name} gave at most ${said("J", given)}`
-    + (changed.passivity?.[name] ? ` (${changed.passivity[name]} samples changed, by up to ${said("N", most)})` : "")).join("; ");
+    + (changed.passivity?.[name] ? ` (${counted(changed.passivity[name], "sample")} changed, by up to ${said("N", most)})` : "")).join("; ");
 }
 
 /** What was late, of all that is made, drawn and heard, and why. */
 function gaps() {
   const { lost, underruns, skipped, rejected } = live.report ?? {}, all = sound.missing();
   if (underruns) all.push(`${underruns} in the stimulus (server late: ${short(lost / live.hello.fs)} s lost)`);
-  if (skipped) all.push(`${skipped} blocks not drawn (browser late)`);
-  for (const [why, n] of Object.entries(rejected ?? {})) all.push(`${n} rows of motion rejected (${why})`);
+  if (skipped) all.push(`${counted(skipped, "block")} not drawn (browser late)`);
+  for (const [why, n] of Object.entries(rejected ?? {})) all.push(`${counted(n, "row")} of motion rejected (${why})`);
   if (silences) all.push(`${silences} without an answer from the server${missing > 0.2 ? ` (${missing.toFixed(1)} s were not computed)` : ""}`);
   return all.join("; ") || "none";
 }

@@ -11,6 +11,9 @@ const SMALL = { // unit: [below this, times, becomes], the first that holds
 
 const POWERS = { 2: "²", 3: "³" }, KNOWN = { 1: "", "1/s": "Hz" };
 
+/** A number with its noun, which gets an s unless there is one. */
+export const counted = (n, noun) => `${n} ${noun}${n === 1 ? "" : "s"}`;
+
 /** A unit as it is printed: "N*s/m**2" is N·s/m². */
 export const pretty = unit => KNOWN[unit] ?? unit.replace(/\*\*(\d)/g, (_, d) => POWERS[d] ?? `^${d}`).replaceAll("*", "·");
 
