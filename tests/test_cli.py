@@ -220,7 +220,7 @@ ALL = f"{LISTED}, ready"
         ("show", "Missing argument 'SCENE'; see"),
         ("render squeeze --ou a.wav", "No such option"),
         ("rendr", "No such command 'rendr'"),
-        ("list squeeze(fingers=1)", "takes no name; for one scene write stimlib show squeeze; see"),
+        ("list squeeze(fingers=1)", "takes no name; for one scene write stimlib show NAME; see"),
         ("play squeeze --full-scale 1 --sink x", "'null', 'jack', 'portaudio', 'nidaq'; see"),
         ("show squeeze --fs a", "Invalid value for '--fs': "),
         ("verify --log", "'--log' requires an argument; see stimlib"),
@@ -523,12 +523,17 @@ def test_the_command_that_show_names_plays_the_scene(scene):
     assert ran(words).stdout.endswith("played 0.2 s, nothing lost\n")
 
 
-def test_help_has_a_line_for_each_sentence_and_example():
-    for name, found in typer.main.get_command(app).commands.items():
-        for paragraph in (found.help or "").split("\n\n"):
-            assert "\n" not in paragraph, name
-            words = paragraph.removeprefix("[bold]").removesuffix("[/]")
-            assert not words.startswith("stimlib ") or len(words) <= 78, words
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_has_a_line_for_each_sentence_and_an_example_that_is_parsed(name):
+    known, shown = COMMANDS[name], 0
+    for paragraph in known.help.split("\n\n"):
+        assert "\n" not in paragraph
+        words = paragraph.removeprefix("[bold]").removesuffix("[/]")
+        if words != paragraph and words.startswith(f"stimlib {name}"):
+            assert len(words) <= 78, words
+            assert known.make_context(name, shlex.split(words)[1 + len(name.split()) :])
+            shown += 1
+    assert shown
 
 
 def data_of(words, code=0):

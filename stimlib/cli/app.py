@@ -127,8 +127,8 @@ def _in_one_line() -> Iterator[None]:
         text = re.sub(r"(?<=No such option: )--html.*", "--html; write --report", text)
         if e.ctx and e.ctx.info_name == "list":
             text = re.sub(
-                r"Got unexpected extra argument\S* \((\w+).*",
-                r"list takes no name; for one scene write stimlib show \1",
+                r"Got unexpected extra argument.*",
+                "list takes no name; for one scene write stimlib show NAME",
                 text,
             )
         text = f"{text}; see {e.ctx.command_path if e.ctx else 'stimlib'} --help"

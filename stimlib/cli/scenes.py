@@ -83,7 +83,10 @@ def show(
 
 @command("list")
 def list_(json_: opt.Json = False):
-    """List the shipped scenes with their parameters, and the motions."""
+    """List the shipped scenes with their parameters, and the motions.
+
+    [bold]stimlib list[/]
+    """
     from ..motion.generators import GENERATORS
     from ..scenes import ROWS
 

@@ -83,3 +83,7 @@ def try_(
         print_json(facts | {"contacts": trial.contacts, "given": trial.given} | trial.told)
     else:
         print(shown(trial))
+        if not (aim or push or tremor or faults):
+            print(
+                "the hand rests where it starts; move it with --aim 0.02, --push 2 or --tremor 1e-3"
+            )

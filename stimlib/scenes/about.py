@@ -38,6 +38,8 @@ PAPERS = {
 them.
 """
 LIVE = re.compile(r", live as (\w+)")
+UNIT = re.compile(r"\bin (N s/m|N/m|N/A|m/V|rad/s|m\^2|Hz|dB|rad|[mNsV])(?![\w/^])")
+"""The unit of an argument, as its docstring states it."""
 
 
 def about(scene: Scene) -> dict[str, Any]:
@@ -53,8 +55,8 @@ def about(scene: Scene) -> dict[str, Any]:
         ``do``: what to do on a page, after "Press Start and"; ``felt``, ``laws`` and
         ``sources``: lists of what is felt, of laws as the report of ``verify`` has them
         or as the docstring of a law of your own begins, and of papers; ``meanings``: of
-        parameters, by name; ``fixed``: name, value and meaning, as texts, of each
-        argument that is set when the scene is made. What nothing says is empty.
+        parameters, by name; ``fixed``: name, value with unit and meaning, as texts, of
+        each argument that is set when the scene is made. What nothing says is empty.
 
     Examples
     --------
@@ -63,7 +65,7 @@ def about(scene: Scene) -> dict[str, Any]:
     >>> about(wall())["meanings"]
     {'k': 'Stiffness in N/m.', 'b': 'Damping in N s/m.'}
     >>> about(wall())["fixed"]
-    [{'name': 'at', 'value': '0', 'meaning': 'Place of the surface in m.'}]
+    [{'name': 'at', 'value': '0 m', 'meaning': 'Place of the surface in m.'}]
     """
     found: dict[str, Any] = {"do": "", "felt": {}, "laws": {}, "sources": {}, "meanings": {}}
     found["fixed"] = [row for p in scene.parts if p.law in ROWS for row in fixed(p)]
@@ -107,21 +109,27 @@ def fixed(part: Part) -> list[dict[str, str]]:
     >>> from stimlib.scenes import detents
     >>> from stimlib.scenes.about import fixed
     >>> [(row["name"], row["value"]) for row in fixed(detents().parts[0])]
-    [('count', '24'), ('presliding', '0.01')]
+    [('count', '24'), ('presliding', '0.01 rad')]
     """
     given, before = part.given or {}, f"{part.name}." * bool(part.name)
     rows = []
     for names, (first, *_) in _entries(part.law):
-        there = {n: _value(given.get(n)) for n in names if not LIVE.search(first)}
+        found = UNIT.findall(first)
+        units = found if len(found) >= len(names) else (found or [""]) * len(names)
+        there = {
+            n: _value(given.get(n), unit)
+            for n, unit in zip(names, units, strict=False)
+            if not LIVE.search(first)
+        }
         if values := ", ".join(filter(None, there.values())):
             rows.append({"name": before + ", ".join(there), "value": values, "meaning": first})
     return rows
 
 
-def _value(v: Any) -> str:
+def _value(v: Any, unit: str) -> str:
     if v is None or isinstance(v, bool | str):
         return "yes" if v is True else v or ""
-    return f"{v:g}" if isinstance(v, int | float) else "as given"
+    return f"{v:g} {unit}".rstrip() if isinstance(v, int | float) else "as given"
 
 
 def _entries(name: str) -> Iterator[tuple[list[str], list[str]]]:

@@ -84,16 +84,18 @@ def squeeze(
         Noise level, live as ``level``; 1 is pink noise with one-sided PSD 1/(pi f).
         The paper prints none; with 9, our choice, A0 is felt, see Notes.
     fingers : int
-        Number of fingers: inputs ``x1``, ``x2``, .. in m, compression positive; outputs
-        ``force1``, ``force2``, .. in N.
+        Number of fingers that squeeze. Inputs ``x1``, ``x2``, .. in m, compression
+        positive; outputs ``force1``, ``force2``, .. in N.
     seed : int
         Seed of the noise; finger i has stream i.
     passband : float
         Passband of the differentiator, in Hz; the stop band begins 500 Hz above, which
         order 128 at 8 kHz reaches.  At low sample rates that is above fs/2, and there
         is none.
-    f_low, tol_db : float
-        Lower edge (Hz) and accuracy (dB) of the pink noise.
+    f_low : float
+        Lower edge of the pink noise in Hz.
+    tol_db : float
+        Accuracy of the pink noise in dB.
     cutoff : float
         Cut-off frequency of the velocity estimate, in Hz.
     resolution : float

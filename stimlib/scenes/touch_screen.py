@@ -66,9 +66,12 @@ def touch_screen(
 
     Parameters
     ----------
-    waveform, bumps, length
-        Shape and number of the bumps, and the explored length in m, as of ``bumps``;
-        the length lies in the middle of the plate.
+    waveform : str
+        Shape of a bump over the place, such as ``half_sine``, see ``bump``.
+    bumps : int
+        Number of bumps over the length.
+    length : float
+        Length of the explored region in m; it lies in the middle of the plate.
     duty : float
         Part of each bump that is ridge, live as ``duty``.
     amplitude : float

@@ -54,8 +54,10 @@ def ultrasonic_friction(
     ----------
     amplitude : float
         Peak of the driving voltage in V on the slippery parts, live as ``A``.
-    bumps, length : float
-        Number of slippery parts over a length in m.
+    bumps : float
+        Number of slippery parts over the length.
+    length : float
+        Length of the explored region in m.
     duty : float
         Part of each that is slippery, live as ``duty``.
     normal : float
@@ -66,11 +68,14 @@ def ultrasonic_friction(
         Stiffness of the finger's pad along the plate, in N/m.
     per_volt : float
         Amplitude of the plate's steady vibration at the resonance, in m/V.
-    freq, q : float
-        Resonance in Hz, and its quality; neither is rendered.
-    gap, area : float
-        Mean distance between plate and skin in m, and area of the film of air in m^2;
-        see ``squeeze_film``.
+    freq : float
+        Resonance in Hz; it is not rendered.
+    q : float
+        Quality of the resonance; it is not rendered.
+    gap : float
+        Mean distance between plate and skin in m.
+    area : float
+        Area of the film of air in m^2; see ``squeeze_film``.
     contact : bool
         Also take an input ``contact`` (1 touching, 0 not).
 

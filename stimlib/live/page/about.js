@@ -51,7 +51,11 @@ export function introduce({ about, inputs, alone }) {
   $("sources-of").replaceChildren();
   for (const text of about.sources) element($("sources-of"), "li", text);
   $("fixed").replaceChildren();
-  for (const { name, value, meaning } of about.fixed) element($("fixed"), "li", `${name} = ${value}: ${meaning}`);
+  for (const { name, value, meaning } of about.fixed) {
+    const item = element($("fixed"), "li");
+    element(item, "b", `${name} = ${value}`);
+    item.append(` ${meaning}`);
+  }
   $("of-fixed").hidden = !about.fixed.length;
   $("about").hidden = !about.laws.length;
   $("h-papers").hidden = !about.sources.length;
