@@ -117,7 +117,10 @@ def _told(text: str, scene: Scene) -> Iterator[tuple[str, str]]:
         yield "law:", row.words
     said = about(scene)
     yield from (
-        ("live:", f"{n} = {p.value:g} {pretty(p.unit)}  {said['meanings'].get(n, '')}".rstrip())
+        (
+            "live:",
+            f"{n} = {p.value:g} {pretty(p.unit)}".rstrip() + f"  {said['meanings'].get(n, '')}",
+        )
         for n, p in scene.params.items()
     )
     yield from (("fixed:", "{name} = {value}  {meaning}".format(**row)) for row in said["fixed"])

@@ -117,12 +117,13 @@ def fixed(part: Part) -> list[dict[str, str]]:
         found = UNIT.findall(first)
         units = found if len(found) >= len(names) else (found or [""]) * len(names)
         there = {
-            n: _value(given.get(n), unit)
+            n: _value(given.get(n), unit.replace(" ", "·").replace("^2", "²"))
             for n, unit in zip(names, units, strict=False)
             if not LIVE.search(first)
         }
         if values := ", ".join(filter(None, there.values())):
-            rows.append({"name": before + ", ".join(there), "value": values, "meaning": first})
+            meaning = re.sub(r"[;,] see [\w.]+( and [\w.]+)?(?=[;.])", "", first)
+            rows.append({"name": before + ", ".join(there), "value": values, "meaning": meaning})
     return rows
 
 

@@ -54,7 +54,7 @@ def viscoelastic(
     Parameters
     ----------
     alpha : float
-        Order, 0 (spring) to 1 (dashpot); the thesis' references are ``REFERENCES``.
+        Order, 0 (spring) to 1 (dashpot). The thesis' references are ``REFERENCES``.
     chi_0 : float
         Stiffness in N/m of the spring with equal force; 0.3 N/mm in the thesis.
     firmness : float

@@ -665,6 +665,8 @@ def test_a_scene_without_inputs_has_no_field_and_what_vibrates_is_drawn_once(bro
         assert page.complaints() == []
         does = page.js("document.querySelector('#do').textContent")
         assert does == "Press Start and turn the sound on."
+        said = "[...document.querySelectorAll('.plot output')].map(e => e.textContent)"
+        page.until(f"{said}.join() === '– V rms,– V,– V,– V rms'")  # no 0 that nobody measured
         page.js("document.querySelector('#run').click()")
         curves = "[...document.querySelectorAll('.plot')].filter(e => e.checkVisibility())"
         names = f"{curves}.map(e => e.textContent.split(/ =|:/)[0]).join()"

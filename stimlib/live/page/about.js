@@ -54,7 +54,7 @@ export function introduce({ about, inputs, alone }) {
   for (const { name, value, meaning } of about.fixed) {
     const item = element($("fixed"), "li");
     element(item, "b", `${name} = ${value}`);
-    item.append(` ${meaning}`);
+    item.append(`: ${meaning}`);
   }
   $("of-fixed").hidden = !about.fixed.length;
   $("about").hidden = !about.laws.length;

@@ -267,7 +267,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => them
 // Drawing -------------------------------------------------------------------------------------------------------------
 function meter(seconds) {
   const db = Math.max(QUIET, level?.db ?? QUIET), bar = $("meter"), now = Math.min(1, Math.round(200 * (1 - db / QUIET)) / 200);
-  if (level) level.peak *= 10 ** (-seconds); // 20 dB in a second
+  if (level) level.peak *= 10 ** (-3 * seconds); // 60 dB in a second, as the number beside it is of half a second
   if (part !== now) {
     part = now;
     bar.firstElementChild.style.transform = `scaleX(${part})`;

@@ -195,6 +195,7 @@ export class Panel {
       for (const v of curves[i].low) if (v < low) low = v;
       for (const v of curves[i].high) if (v > high) high = v;
     });
+    if (signals[0].least) low = -(high = Math.max(high, -low)); // what vibrates has no sign: 0 is in the middle
     if (low <= high) this.scale(low, high); else this.scale(0, 0);
     return first;
   }
@@ -205,10 +206,10 @@ export class Panel {
     const box = { x: LEFT, y: TOP, w: canvas.clientWidth - LEFT - RIGHT, h: canvas.clientHeight - TOP - BOTTOM };
     this.fit(Math.min(history.size, Math.round(seconds * fs)), Math.round(box.w * ratio));
     let first = this.take();
-    const { top, bottom } = this, { factor, unit } = this.shown();
-    const paper = back.changed(seconds, top, bottom, colours, this.curves);
+    const { top, bottom, blank } = this, { factor, unit } = this.shown();
+    const paper = back.changed(seconds, top, bottom, blank, colours, this.curves);
     if (paper) {
-      axes(paper.g, box, colours, seconds, bottom * factor, top * factor, unit);
+      axes(paper.g, box, colours, seconds, bottom * factor, top * factor, unit, blank);
       strip.clear(this.curves[0].columns, Math.round(box.w * ratio), Math.round((box.h + 4) * ratio), ratio);
       first = 0;
     }
@@ -227,8 +228,11 @@ export class Panel {
     if (all > least) root.hidden = fast > (root.hidden ? 0.98 : 0.995) * all; // what is slow is a tenth of it
   }
 
+  /** Whether nothing has come yet of signals without a known range: any number at the axis would be made up. */
+  get blank() { return !this.history.end && this.signals[0].low === undefined; }
+
   /** In what its values are shown. */
-  shown(least = 0) { return scaled(this.signals[0].unit, Math.max(Math.abs(this.bottom), Math.abs(this.top), least) * 0.999); }
+  shown(least = 0) { return scaled(this.signals[0].unit, this.blank ? Infinity : Math.max(Math.abs(this.bottom), Math.abs(this.top), least) * 0.999); }
 
   /** Takes the rms of what vibrates, of the newest half second. */
   rms(fs) {
@@ -237,7 +241,7 @@ export class Panel {
 
   /** The legend: of the sample that is drawn, also where the curve is out of sight. */
   tell() {
-    const { history, signals } = this, all = signals.map((s, i) => (s.least ? this.fast?.[i] ?? 0 : history.newest(s.index)));
+    const { history, signals } = this, all = signals.map((s, i) => (s.least && history.end ? this.fast?.[i] ?? 0 : history.newest(s.index)));
     const { factor, unit } = this.shown(Math.max(...all.map(v => Math.abs(v) || 0)));
     this.values.forEach((v, i) => {
       const text = `${short(all[i] * factor)} ${unit}${signals[i].least ? " rms" : ""}`;
@@ -246,11 +250,11 @@ export class Panel {
   }
 }
 
-/** Of curves over the last seconds, their values from `low` to `high`. */
-function axes(g, box, colours, seconds, low, high, unit) {
+/** Of curves over the last seconds, their values from `low` to `high`, without numbers if `blank`. */
+function axes(g, box, colours, seconds, low, high, unit, blank) {
   const up = ticks(low, high, Math.max(2, box.h / 34)), across = ticks(-seconds, 0, Math.min(8, box.w / 90));
   frame(g, box, colours, across.at.map(t => [box.x + box.w * (1 + t / seconds), t ? text(t, across.step) : "0 s"]),
-    up.at.map(v => [box.y + box.h * (high - v) / (high - low), text(v, up.step)]), unit);
+    up.at.map(v => [box.y + box.h * (high - v) / (high - low), blank ? "" : text(v, up.step)]), unit);
 }
 
 /** The spectrum of one signal: dB over the logarithm of frequency. */
@@ -285,10 +289,10 @@ export class Spectrum {
         const f = k * ten;
         if (f >= 10 ** low && f <= fs / 2) xs.push([x(f), box.w > 420 || k === 1 ? (f < 1000 ? `${f}` : `${f / 1000}k`) : ""]);
       }
-    const square = unit === "1" || !unit ? "1/Hz" : /[*/]/.test(unit) ? `(${pretty(unit)})²/Hz` : `${pretty(unit)}²/Hz`;
+    const square = unit === "1" || !unit ? "1/Hz" : /[*/]/.test(unit) ? `1 (${pretty(unit)})²/Hz` : `1 ${pretty(unit)}²/Hz`;
     frame(g, box, colours, xs, [0, 20, 40, 60, 80, 100].map(d => [y(top - d), text(top - d, 1)]), "dB");
     g.textAlign = "center";
-    g.fillText(`frequency / Hz; dB re 1 ${square}`, box.x + box.w / 2, high - 13);
+    g.fillText(`frequency / Hz; dB re ${square}`, box.x + box.w / 2, high - 13);
     g.save();
     g.beginPath();
     g.rect(box.x, box.y, box.w, box.h);
