@@ -112,7 +112,7 @@ def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
     assert "Thank you" in said and "Get to know" not in said
     told = stimlib("status", *where)
     assert "P07 session 1: 4 trials, 0 of them training" in told
-    assert "1 replays" in told and "silent" not in told
+    assert "1 replay," in told and "silent" not in told
     stimlib("analyse", *where, "--out", tmp_path / "t.csv")
     rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
     assert [r["softer"] for r in rows] == ["first", "second", "first", "first"]
