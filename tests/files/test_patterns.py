@@ -730,7 +730,7 @@ def test_convert_both_ways(tmp_path, monkeypatch):
     ran(["convert", source, "a.json", "--unit", "N"])
     assert stimlib.compile(stimlib.load("a.json"), FS).units["vibration"] == "N"
     said = ran("convert a.json b.hjif --seconds 2.1").stdout
-    assert "1 transients" in said and "in dB re 1 N" in said
+    assert "1 transient;" in said and "in dB re 1 N" in said
     ran("convert a.wav c.ahap --f-hi 400")
     sound = ahap(tmp_path, happens(**PARAMETERS, _for=0.1), {"Event": SOUND})
     told = ran(["convert", str(sound), "s.haptic", "--skip-sound"]).stderr

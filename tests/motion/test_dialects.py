@@ -97,7 +97,7 @@ TAKEN = {
     "a name and a number above": (
         "Rate,100\n" + "".join(f"{line.rpartition(',')[0]}\n" for line in PLAIN.split()),
         {"skiprows": 1},
-        "1 lines above",
+        "1 line above",
     ),
     "a number sign in the first row": (
         "\n".join(map(",".join, zip(["n", "#1", "2", "3", "4"], PLAIN.split("\n"), strict=False))),
@@ -189,7 +189,7 @@ REFUSED = {
     "thousands between semicolons, both": (EUROPE.replace("1,0", "1.234,5"), "row 2, column x"),
     "a row that is short": (TABS.replace("0.01\t-2.5\ta", "0.01\t-2.5"), "row 3, column kind: 2"),
     "a row that is long": (PIPES.replace("-2.5", "-2.5|7"), "row 3: 4 fields"),
-    "a hole in spaces": (WIDE.replace("-2.5", "    "), "row 3, column x: 1 fields for 2"),
+    "a hole in spaces": (WIDE.replace("-2.5", "    "), "row 3, column x: 1 field for 2"),
     "a name twice that is used": (PLAIN.replace("kind", "x"), "column x: 2 columns have this"),
     "a row behind a sign": (PLAIN.replace("0.02", "#0.02"), "row 4: begins with # and has"),
     "a row behind %": (SPACES.replace("0.02", "% 0.02"), "row 4: begins with % and has"),

@@ -652,7 +652,7 @@ BAD = [  # a text
     ("0,1\n0.01,1\n", "must name the columns"),
     ("t_s,x,x\n0,1,2\n1,2,3\n", "column x: 2 columns"),
     ("t_s, x,x \n0,1,2\n", "column x: 2 columns"),
-    ("t_s,x\n0,0\n0.01\n", "row 3, column x: 1 fields"),
+    ("t_s,x\n0,0\n0.01\n", "row 3, column x: 1 field"),
     ("t_s,x\n0,0\n0.01,1,\n", "row 3: 3 fields"),
     ("t_s,x\n0,0\n0,01,0,1\n", "row 3: 4 fields .*decimals"),
     ("t_s,x\n0,0\n0.01,abc\n", "row 3, column x: 'abc'"),
