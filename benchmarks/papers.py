@@ -6,8 +6,8 @@ runs every test and computes every figure that papers.toml names, and writes the
 of docs/reference/papers_lines.rst; it takes some minutes on two cores.  Without
 --record it only checks.  Names of rows (ugrip, or li2016.eq-3) limit it to these rows.
 --falsify runs the tests of all rows with the numbers that they compare 2 % off
-(tests/off.py), and records which of them fail then, as they should; names of rows
-limit it, too.
+(tests/off.py), and records which of them fail then, as they should, and which do not;
+it takes some minutes, too, and names of rows limit it.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ VERDICTS = ("works", "differs", "not here", "open")
 ERRATA = "errata"
 RED = TABLES / "red.txt"
 """Tests that fail if the numbers that they compare are 2 % off."""
+FALSIFIED = TABLES / "falsified.txt"
 
 
 # Rows ---------------------------------------------------------------------------------
@@ -224,19 +225,26 @@ def tested(nodes: Iterable[str], workers: int = 2) -> dict[str, Counter[str]]:
 
 def falsified(nodes: Iterable[str]) -> set[str]:
     """Return the tests that fail if each number that they compare is 2 % off."""
-    words = ["-q", "-n2", "--tb=no", "-rfE", "-p", "off", "-p", "no:cacheprovider"]
+    words = ["-v", "-n2", "--dist=loadscope", "--tb=no", "-p", "off", "-p", "no:cacheprovider"]
     paths = os.pathsep.join([str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")])
-    ran = subprocess.run(
+    ran = subprocess.Popen(
         [sys.executable, "-m", "pytest", *words, *sorted(set(nodes))],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": paths},
-        capture_output=True,
+        stdout=subprocess.PIPE,
         text=True,
     )
-    found = re.findall(r"^FAILED (tests/[^\s\[@]+)", ran.stdout, re.MULTILINE)
+    red, lines, done = set(), [], 0
+    with ran, progress("tests 2 % off", 100) as advance:
+        for line in ran.stdout or ():
+            lines.append(line)
+            if found := re.match(r"\[gw\d+\] \[ *(\d+)%\] (\w+) (tests/[^\s\[@]+)", line):
+                red |= {found[3]} if found[2] == "FAILED" else set()
+                advance(int(found[1]) - done)
+                done = int(found[1])
     if ran.returncode not in (0, 1):
-        raise RuntimeError(ran.stdout[-2000:] + ran.stderr[-2000:])
-    return set(found)
+        raise RuntimeError("".join(lines)[-4000:])
+    return red
 
 
 def value_of(figure: Figure, names: dict[str, Any]) -> tuple[str, bool]:
@@ -252,6 +260,24 @@ def value_of(figure: Figure, names: dict[str, Any]) -> tuple[str, bool]:
 
 
 # Tables -------------------------------------------------------------------------------
+def red_tests() -> set[str]:
+    return set(RED.read_text("utf-8").splitlines()) if RED.is_file() else set()
+
+
+def values_in(cells: Sequence[str]) -> dict[str, str]:
+    """Return the values of figures in a line of a table."""
+    return dict(re.findall(r"``([^`]+)`` = (.+?)(?= \(printed|; ``|\)?$)", cells[3]))
+
+
+def kept() -> dict[str, str]:
+    """Return the values of figures in the tables."""
+    values = {}
+    for source in (*SOURCES, ERRATA):
+        for cells in csv.reader((TABLES / f"{source}.csv").read_text("utf-8").splitlines()):
+            values |= values_in(cells)
+    return values
+
+
 def link(name: str) -> str:
     return f":doc:`{name}`" if name.startswith("/") else f":obj:`~{name}`"
 
@@ -259,10 +285,11 @@ def link(name: str) -> str:
 def shown(row: Row, values: Mapping[str, str]) -> str:
     """What shows a row: tests by their files, and figures with their values."""
     files: dict[str, list[str]] = {}
+    red = red_tests()
     for test in row.tests:
         file, _, name = test.partition("::")
-        files.setdefault(file, []).append(name)
-    parts = [f"{file}: {', '.join(f'``{n}``' for n in names)}" for file, names in files.items()]
+        files.setdefault(file, []).append(f"``{name}``" + "\\*" * (test not in red))
+    parts = [f"{file}: {', '.join(names)}" for file, names in files.items()]
     for figure in row.figures:
         text = f"``{figure.of}`` = {values.get(figure.of, '?')}"
         parts.append(text + (f" (printed: {figure.printed})" if figure.printed is not None else ""))
@@ -314,11 +341,22 @@ def main(given: Any) -> int:
     if given.falsify:
         tests = {t for r in asked for t in r.tests}
         others = {t for r in data.rows for t in r.tests} - tests
-        known = set(RED.read_text("utf-8").splitlines()) if RED.is_file() else set()
-        red = sorted(others & known | falsified(tests))
-        RED.write_text("\n".join(red) + "\n", "utf-8")
-        of = len(tests | others)
-        print(f"{len(red)} of {of} tests fail if the numbers that they compare are 2 % off")
+        began, red = time.monotonic(), others & red_tests() | falsified(tests)
+        RED.write_text("\n".join(sorted(red)) + "\n", "utf-8")
+        rows = [r for r in data.rows if r.tests or r.figures]
+        still = [r.name for r in rows if not (r.figures or red & set(r.tests))]
+        said = (
+            f"{time.strftime('%Y-%m-%d', time.gmtime())}: {len(rows) - len(still)} of"
+            f" {len(rows)} rows turn red, {sum(bool(red & set(r.tests)) for r in rows)} by a test"
+            f" and {sum(bool(r.figures) for r in rows)} by an expression; {len(red)} of"
+            f" {len(tests | others)} tests do"
+        )
+        if not given.rows:
+            ran = f"{said} ({time.monotonic() - began:.0f} s; {machine()})."
+            FALSIFIED.write_text(ran + "\n", "utf-8")
+        write(data, kept(), (TABLES / "ran.txt").read_text("utf-8").strip())
+        print(said, *(f"still green: {t}" for t in sorted((tests | others) - red)), sep="\n")
+        print(*(f"a row that no check turns red: {name}" for name in still), sep="\n")
         return 0
     began, names, values = time.monotonic(), {"__name__": "papers"}, {}
     exec(compile(data.setup, f"{DATA.name}, setup", "exec"), names)

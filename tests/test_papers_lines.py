@@ -6,7 +6,6 @@ import ast
 import csv
 import dataclasses
 import itertools
-import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -42,17 +41,14 @@ def test_the_tables_are_those_of_the_rows(bench):
     def table(name):
         return list(csv.reader((bench.TABLES / f"{name}.csv").read_text("utf-8").splitlines()))
 
-    def recorded(cells):
-        return dict(re.findall(r"``([^`]+)`` = (.+?)(?= \(printed|; ``|\)?$)", cells[3]))
-
     data, again = bench.read(), "; run benchmarks/papers.py --record"
     assert table("counts") == bench.counts(data), f"counts{again}"
     for source in (*bench.SOURCES, bench.ERRATA):
         lines = table(source)
         assert len(lines) == len(data.of(source)), f"{source}{again}"
         for row, cells in zip(data.of(source), lines, strict=True):
-            assert cells == bench.line(data, row, recorded(cells)), f"{row.name}{again}"
-            assert {figure.of for figure in row.figures} <= recorded(cells).keys(), row.name
+            assert cells == bench.line(data, row, bench.values_in(cells)), f"{row.name}{again}"
+            assert {figure.of for figure in row.figures} <= bench.values_in(cells).keys(), row.name
     ran = (bench.TABLES / "ran.txt").read_text("utf-8")
     figures = sum(len(row.figures) for row in data.rows)
     tests = {test for row in data.rows for test in row.tests}
@@ -142,10 +138,7 @@ def test_each_row_has_a_check_that_turns_red_if_its_value_is_2_percent_off(bench
 
 def test_no_figure_holds_for_a_value_that_is_2_percent_off(bench):
     """Of each number in it, in both directions; 0 is off by 2 % of the largest."""
-    data, values = bench.read(), {}
-    for source in (*bench.SOURCES, bench.ERRATA):
-        for cells in csv.reader((bench.TABLES / f"{source}.csv").read_text("utf-8").splitlines()):
-            values |= dict(re.findall(r"``([^`]+)`` = (.+?)(?= \(printed|; ``|\)?$)", cells[3]))
+    data, values = bench.read(), bench.kept()
     holding = []
     for name, figure in [(row.name, figure) for row in data.rows for figure in row.figures]:
         right = figure.printed if figure.ours is None else figure.ours
