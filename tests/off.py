@@ -1,9 +1,10 @@
 """A plugin of pytest that falsifies tests: each number that a test compares is 2 % off.
 
 ``PYTHONPATH=tests python -m pytest -p off ..`` changes the left side of ==, of a
-difference and of an inequality in an assertion, and the first argument of NumPy's
-comparisons.  A test that passes nevertheless compares no number, or holds it within
-more than 2 %.  The files of tests are only changed in memory.
+difference and of an inequality in an assertion, the first argument of NumPy's
+comparisons, and the samples that are held against the law of a block.  A test that
+passes nevertheless compares no number, or holds it within more than 2 %.  The files of
+tests are only changed in memory.
 
 One case that fails is enough: others of its function are left out, and an example that
 hypothesis finds is not made smaller.
@@ -20,9 +21,18 @@ import pytest
 from _pytest.assertion import rewrite
 from hypothesis import Phase, settings
 
+from stimlib.checks import local
+
 RED: set[str] = set()
 """Functions of which a case has failed."""
-COMPARED = {"allclose", "array_equal", "isclose", "assert_allclose", "assert_array_equal"}
+COMPARED = {
+    "allclose",
+    "array_equal",
+    "isclose",
+    "assert_allclose",
+    "assert_array_equal",
+    "assert_same",
+}
 
 
 def off(value: Any) -> Any:
@@ -73,7 +83,7 @@ class Falsify(ast.NodeTransformer):
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
         self.generic_visit(node)
-        name = node.func.attr if isinstance(node.func, ast.Attribute) else ""
+        name = getattr(node.func, "attr", getattr(node.func, "id", ""))
         if name in COMPARED and node.args:
             node.args[0] = self.called(node.args[0])
         return node
@@ -101,6 +111,8 @@ def pytest_sessionstart() -> None:  # after the profile of conftest.py
     words = {"phases": (Phase.explicit, Phase.generate), "report_multiple_bugs": False}
     settings.register_profile("off", settings(), **words)
     settings.load_profile("off")
+    error = local._error
+    local._error = lambda y, *of: error(off(y), *of)
 
 
 @pytest.hookimpl(tryfirst=True)
