@@ -281,6 +281,55 @@ def public(f: F) -> F:
     return _checked(f, f.__name__)
 
 
+def computed(f: F) -> F:
+    """Refuse arrays that are not finite, and numbers that a computation cannot hold.
+
+    The numbers that numpy would only warn of, as overflow and 0/0, are refused by the
+    name of the argument that is furthest from 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.errors import computed
+    >>> @computed
+    ... def power(x, gain):
+    ...     return np.mean((gain * np.asarray(x)) ** 2)
+    >>> power([1.0, 2.0], 1e300)
+    Traceback (most recent call last):
+    stimlib.errors.BadValue: power: gain = 1e+300 is too large, too small or ...
+    >>> power([1.0, float("nan")], 1.0)
+    Traceback (most recent call last):
+    stimlib.errors.BadValue: power: x = nan, number 1, must be finite
+    """
+    signature = inspect.signature(f)
+
+    @functools.wraps(f)
+    def call(*given: Any, **named: Any) -> Any:
+        np = importlib.import_module("numpy")
+        bound = signature.bind(*given, **named).arguments
+        rows = {where: np.ravel(v).astype(float) for where, v in bound.items() if _numbers(v)}
+        for where, row in rows.items():
+            if np.isnan(row).any() or (np.ndim(bound[where]) and np.isinf(row).any()):
+                k = int(np.argmin(np.isfinite(row)))
+                raise BadValue(f"{f.__name__}: {where} = {row[k]:g}, number {k}, must be finite")
+        try:
+            with np.errstate(over="raise", divide="raise", invalid="raise"):
+                return f(*given, **named)
+        except (ArithmeticError, np.linalg.LinAlgError) as e:
+            far = {
+                where: np.abs(np.log10(np.abs(row[row != 0]))).max(initial=20 * (not row.any()))
+                for where, row in rows.items()
+            }
+            where = max(far, key=lambda name: far[name])
+            many = f", {rows[where].size} values up to {np.abs(rows[where]).max(initial=0):g},"
+            raise BadValue(
+                f"{f.__name__}: {where}{many if np.ndim(bound[where]) else f' = {bound[where]:g}'}"
+                f" is too large, too small or too few for what is computed ({e}); check its unit"
+            ) from e
+
+    return call  # type: ignore[return-value]
+
+
 def _checked(f: Any, name: str) -> Any:
     PUBLIC[name] = str(f.__module__)
     signature = inspect.signature(f)

@@ -15,7 +15,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..errors import Above0, Upto1, public
+from ..errors import Above0, Upto1, computed, public
+from ..system.limits import limits
 
 Waveform = Literal["square", "sine", "sawtooth", "half_sine"]
 Rectified = Literal["half", "full"] | None
@@ -176,6 +177,7 @@ def rms(
 
 
 @public
+@computed
 def sampled_rms(
     waveform: Waveform,
     duty: Upto1,
@@ -212,6 +214,7 @@ def sampled_rms(
     ... )
     0.99813
     """
+    limits.check("render_bytes", 60e3 * abs(fs) / rate, f"sampled_rms: bytes at rate = {rate:g}")
     n = np.arange(1, math.ceil(60 * fs / rate) + 200)
     e = abs(envelope_series(waveform, duty, n)) ** 2 * np.sinc(n * rate / fs) ** 2
     square = envelope_series(waveform, duty, np.zeros(1)).real[0] ** 2 + 2 * e.sum()
@@ -269,6 +272,7 @@ class Lines(NamedTuple):
 
 
 @public
+@computed
 def line_spectrum(
     waveform: Waveform,
     duty: Upto1,
@@ -318,6 +322,7 @@ def line_spectrum(
     array([  0.,  10.,  20., 138., 148., 158., 168., 178.])
     """
     reach = top + 40 * freq
+    limits.check("render_bytes", 81e3 * reach / rate, f"line_spectrum: bytes at rate = {rate:g}")
     m = np.arange(-40, 41)
     n = np.arange(-math.floor(reach / rate), math.floor(reach / rate) + 1)
     E = envelope_series(waveform, duty, n) * np.exp(2j * np.pi * n * u0)

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, public
+from ..errors import BadValue, computed, public
 from ..files.audio import write_frames
 from ..files.sidecar import FileReport
 from ..motion.source import unmasked
@@ -22,6 +22,7 @@ FADE = 0.01  # s at both ends, or they would click
 
 
 @public
+@computed
 def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
     """Return the part of a signal above a cutoff frequency, without delay.
 

@@ -17,10 +17,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from ..errors import BadValue, computed
+
 # the taper's kernel: points per bin, points to each side (less than the lowest bin
 # used)
 OVERSAMPLE, REACH = 4, 15
 FEWEST_BINS = 8
+CERTAIN = 1600.0  # deviations, beyond which a tail is below the smallest float
 
 
 class Band(NamedTuple):
@@ -140,6 +143,7 @@ def looks(f: np.ndarray) -> tuple[list[np.ndarray], np.ndarray]:
     return bands, weights.T
 
 
+@computed
 def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
     """Run both spectral tests on a whitened periodogram.
 
@@ -156,6 +160,17 @@ def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
     >>> [judged(f, level * W).p < 1e-6 for level in (1.0, 1.3)]
     [False, True]
     """
+    f, W = np.asarray(f, float), np.asarray(W, float)
+    if (
+        f.ndim != 1
+        or f.shape != W.shape
+        or f.size < FEWEST_BINS
+        or not (f[0] > 0 and (np.diff(f) > 0).all() and (W >= 0).all())
+    ):
+        raise BadValue(
+            f"judged: f and W, of shapes {f.shape} and {W.shape}, must be rows of one length, of"
+            f" {FEWEST_BINS} numbers or more; f rises from above 0, and W is 0 or above"
+        )
     parts, weights = looks(f)
     bands = []
     for part in parts:
@@ -164,7 +179,8 @@ def judged(f: np.ndarray, W: np.ndarray) -> Spectrum:
         bands.append(Band(f[part[0]], f[part[-1]], m, total / m, p))
     trend = min(weighted_p(a, W) for a in weights)
     p = min(1.0, (len(bands) + len(weights)) * min([trend, *(b.p for b in bands)]))
-    return Spectrum(bands, trend, float(10 * np.log10(W.mean())), float(p))
+    with np.errstate(divide="ignore"):  # of nothing but 0 the level is -inf
+        return Spectrum(bands, trend, float(10 * np.log10(W.mean())), float(p))
 
 
 def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
@@ -192,6 +208,7 @@ def weighted_p(a: np.ndarray, W: np.ndarray) -> float:
     return float(min(1.0, 2 * (scipy.special.ndtr(-s) if s < 2 else tail(a, s))))
 
 
+@computed
 def tail(c: np.ndarray, s: float) -> float:
     """Return P(sum c (E - 1) > s) for independent E ~ Exp(1).
 
@@ -215,8 +232,11 @@ def tail(c: np.ndarray, s: float) -> float:
     ... ]
     [True, True, True]
     """
+    c = np.ravel(c)
     size = np.sqrt(c @ c)
     c, s = c / size, s / size
+    if abs(s) > CERTAIN:
+        return float(s < 0)
     if s < 0:
         return 1 - tail(-c, -s)
     if s < 1e-3:  # the formula has 0/0 at the mean

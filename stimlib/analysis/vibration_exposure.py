@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import Above0, BadValue, UnknownName, public
+from ..errors import Above0, BadValue, UnknownName, computed, public
 from ..motion.source import unmasked
 
 
@@ -33,6 +33,7 @@ WEIGHTINGS = {
 
 
 @public
+@computed
 def weighting(freq: ArrayLike, name: str = "Wh") -> np.ndarray:
     """Return the factor by which a standard weights acceleration at a frequency.
 

@@ -11,7 +11,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, public, shown
+from ..errors import BadValue, computed, public, shown
 from ..system import safe_files
 from ..system.limits import limits
 from .filters import PIECE
@@ -392,6 +392,7 @@ def upsampler(times: int) -> np.ndarray:
 
 
 @public
+@computed
 def made_up(
     pairs: int = 3,
     speeds: ArrayLike = (0.0, 0.02, 0.06, 0.15),
@@ -417,10 +418,12 @@ def made_up(
     --------
     See ``TextureModel``.
     """
-    if pairs < 1 or any(np.ndim(v) != 1 or np.size(v) < 2 for v in (speeds, forces)):
+    if not 1 <= pairs <= ORDER // 2 or any(
+        np.ndim(v) != 1 or np.size(v) < 2 for v in (speeds, forces)
+    ):
         raise BadValue(
-            f"made_up: pairs = {pairs} must be at least 1, and speeds and forces lists of two"
-            " numbers or more"
+            f"made_up: pairs = {pairs} must be from 1 to {ORDER // 2}, and speeds and forces lists"
+            " of two numbers or more"
         )
     speed, force = (v.ravel() for v in np.meshgrid(speeds, forces, indexing="ij"))
     x, y = speed / speed.max(), force / force.max()

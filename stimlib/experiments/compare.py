@@ -354,7 +354,7 @@ def times_text(
     --------
     See `elapsed_times`.
     """
-    rows = {name: numbers("times_text", row) for name, row in times.items()}
+    rows = {name: _row(f"times_text: {name}", row, 1) for name, row in times.items()}
     told, lines, moments = {k: f"  paper: {v}" for k, v in (printed or {}).items()}, [], {}
     for name, row in rows.items():
         n, k = row.size, int(scipy.stats.binom.ppf(0.025, row.size, 0.5))

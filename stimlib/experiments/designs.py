@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import BadValue, need, public
+from ..errors import BadValue, Count, need, public
 from ..system.fields import number
 from .random_streams import seed_of, stream
 from .tasks import Task
@@ -50,7 +50,7 @@ def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
 
 
 @public
-def turn_of(participant: str, turns: int) -> int:
+def turn_of(participant: str, turns: Count) -> int:
     """Return which of n orders a participant gets, from 0 on.
 
     It is the number at the end of the code, less 1, modulo turns.
@@ -516,14 +516,6 @@ class ConstantStimuli:
     training: bool = False
 
     def __post_init__(self):
-        if not isinstance(self.items, (tuple, list)) or not all(
-            isinstance(i, (tuple, list)) and len(i) == 2 and hasattr(i[0], "trial")
-            for i in self.items
-        ):
-            raise BadValue(
-                f"ConstantStimuli: items = {self.items!r:.80} must be pairs (task, level), such as"
-                " ((task, 1.0), (task, 2.0)); of one alone write ((task, 1.0),)"
-            )
         if (
             not self.items
             or not _counts(self.repeats)

@@ -28,7 +28,7 @@ from ..core.scene import Scene
 from ..devices.available import SINKS as KINDS, make
 from ..devices.sink import Sink
 from ..devices.sources import Live, Signals
-from ..errors import BadValue, MotionError, UnknownName, public
+from ..errors import BadValue, MotionError, UnknownName, computed, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered, without_inverse
 from ..files.log_writer import LogWriter, header
@@ -493,6 +493,7 @@ def measured(
 
 
 @public
+@computed
 def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, float]:
     """Return how well a motion followed the reference.
 

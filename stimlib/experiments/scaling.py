@@ -9,8 +9,8 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, Below1, need, public
-from .compare import Coefficient
+from ..errors import BadValue, Below1, computed, need, public
+from .compare import LARGEST, Coefficient
 from .likelihood import numbers
 
 
@@ -42,6 +42,7 @@ class Line:
 
 
 @public
+@computed
 def line(x: ArrayLike, y: ArrayLike) -> Line:
     """Fit a straight line, such as Weber's law with an intercept to JNDs.
 
@@ -77,13 +78,14 @@ def line(x: ArrayLike, y: ArrayLike) -> Line:
     x, y = _points("line", x, y)
     found = scipy.stats.linregress(x, y)
     df = x.size - 2
+    errors = (found.stderr, found.intercept_stderr) if np.ptp(y) else (0.0, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        p = 2 * scipy.stats.t.sf(abs(np.float64(found.intercept) / found.intercept_stderr), df)
+        p = 2 * scipy.stats.t.sf(abs(np.float64(found.intercept) / errors[1]), df)
     return Line(
         float(found.slope),
         float(found.intercept),
-        float(found.stderr),
-        float(found.intercept_stderr),
+        float(errors[0]),
+        float(errors[1]),
         float(found.pvalue),
         float(p),
         float(found.rvalue**2),
@@ -121,6 +123,7 @@ class Law:
 
 
 @public
+@computed
 def fechner(intensity: ArrayLike, rating: ArrayLike) -> Law:
     """Fit Fechner's law, R = a + b log10(I).
 
@@ -156,6 +159,7 @@ def fechner(intensity: ArrayLike, rating: ArrayLike) -> Law:
 
 
 @public
+@computed
 def stevens(intensity: ArrayLike, rating: ArrayLike) -> Law:
     """Fit Stevens' law, R = c I^n, as a line in logarithms.
 
@@ -202,6 +206,7 @@ def _law(name: str, x: np.ndarray, y: np.ndarray, fitted: Line) -> Law:
 
 
 @public
+@computed
 def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
     """Return the increment at which d' is 1.
 
@@ -378,11 +383,11 @@ def _points(what: str, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarr
             f"{what}: give two rows of one length, of at least three points; got shapes {x.shape}"
             f" and {y.shape}"
         )
-    for name, row in (("first", x), ("second", y)):
-        if not np.isfinite(row).all():
-            raise BadValue(
-                f"{what}: number {int(np.argmin(np.isfinite(row)))} of the {name} row is not finite"
-            )
+    if max(np.abs([x, y]).max(), *(1 / np.ptp(v) for v in (x, y) if np.ptp(v))) > LARGEST:
+        raise BadValue(
+            f"{what}: numbers above {LARGEST:g}, or that differ by less than {1 / LARGEST:g}, have"
+            " no sums of squares; give them in another unit"
+        )
     if np.ptp(x) == 0:
         raise BadValue(f"{what}: all points have the same x, {x[0]:g}: a line needs two places")
     return x, y

@@ -722,7 +722,7 @@ def _intervals(
     s^2 is the diagonal of (J' J)^-1 times the variance of the errors.
     """
     free = miss.size - x.size
-    scale = np.linalg.norm(jacobian, axis=0)
+    scale = np.hypot.reduce(jacobian)  # of tiny ones, whose squares vanish, too
     scale[scale == 0] = 1.0
     _, s, v = np.linalg.svd(jacobian / scale, full_matrices=False)
     # the other directions make no difference to the fit, and whatever has a part in

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..core.scene import Scene
-from ..errors import Above0, BadValue, Count, counted, need, public
+from ..errors import Above0, BadValue, Count, computed, counted, need, public
 from ..motion.source import frames_of, positions, sources_of
 from ..run.processor import compile
 from ..system.packages import package
@@ -24,6 +24,7 @@ from .relaxation import _intervals
 
 SEGMENTS = 16  # the fewest of a Welch estimate
 BINS = 4  # between 0 Hz and the low end of its band
+LARGEST = 1e150  # of a target, whose square must be a number
 FAR = 300.0  # where the coordinate of a number with a bound ends: exp(FAR) is a number
 
 
@@ -90,6 +91,7 @@ def _ranges(params: Any, known: Mapping[str, float]) -> dict[str, Range]:
 
 
 # What is compared ---------------------------------------------------------------------
+@computed
 def welch(x: Any, fs: float, segment: int) -> Any:
     """Return a one-sided PSD by Welch's method, in JAX.
 
@@ -118,6 +120,18 @@ def welch(x: Any, fs: float, segment: int) -> Any:
     >>> bool(np.allclose(ours, signal.welch(x, 1000.0, nperseg=256)[1], rtol=1e-12))
     True
     """
+    if np.ndim(x) != 1 or not 1 <= segment <= np.size(x) or not fs > 0:
+        raise BadValue(
+            f"welch: fs = {fs} must be above 0, and segment = {segment} from 1 to the number of"
+            f" samples of the row x, of shape {np.shape(x)}"
+        )
+    x = package("jax.numpy", "welch").asarray(x)
+    x = package("jax.numpy", "welch").asarray(x)
+    if x.ndim != 1 or not 1 <= segment <= x.size or not fs > 0:
+        raise BadValue(
+            f"welch: fs = {fs} must be above 0, and segment = {segment} from 1 to the number of"
+            f" samples of the row x, of shape {x.shape}"
+        )
     return package("jax.scipy.signal", "welch").welch(x, fs, nperseg=segment)[1]
 
 
@@ -140,9 +154,10 @@ def _signal(name: str, target: Any, n: int | None) -> np.ndarray:
         )
     if n is not None and a.size != n:
         raise BadValue(f"fit: the target of {name} must be {n} samples, got {a.size}")
-    if not np.isfinite(a).all():
+    if not (fits := np.abs(a) <= LARGEST).all():
         raise BadValue(
-            f"fit: the target of {name} is not finite at sample {int(np.argmin(np.isfinite(a)))}"
+            f"fit: the target of {name} is not finite at sample {int(np.argmin(fits))}, or above"
+            f" {LARGEST:g}"
         )
     if not a.any():
         raise BadValue(f"fit: the target of {name} is 0 throughout: nothing can be relative to it")

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..design.texture import ORDER, TextureModel, frequencies
-from ..errors import BadValue, public
+from ..errors import BadValue, Count, public
 
 LARGEST = 1e9  # number in a recording, whatever its unit
 SHORTEST = 4  # samples for each coefficient in a stretch that is used
@@ -79,7 +79,8 @@ class TextureFit:
         )
 
 
-def burg(stretches: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float]:
+@public
+def burg(stretches: Sequence[np.ndarray], order: Count) -> tuple[np.ndarray, float]:
     """Fit an autoregressive model to several segments by Burg's method.
 
     All segments are realisations of one process.
@@ -113,6 +114,12 @@ def burg(stretches: Sequence[np.ndarray], order: int) -> tuple[np.ndarray, float
     >>> a.round(1), round(power, 2)
     (array([ 1. , -1.2,  0.8]), 0.25)
     """
+    stretches = [np.asarray(x, float) for x in stretches]
+    if any(x.ndim != 1 or x.size <= order or not np.isfinite(x).all() for x in stretches):
+        raise BadValue(
+            f"burg: stretches must be rows of more than order = {order} finite numbers; leave out"
+            " the shorter ones"
+        )
     forward, backward = [x[1:] for x in stretches], [x[:-1] for x in stretches]
     power = sum(float(x @ x) for x in stretches) / sum(x.size for x in stretches)
     a = np.ones(1)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.units import unit
-from ..errors import Above0, BadValue, UnitError, public
+from ..errors import Above0, BadValue, UnitError, computed, public
 from ..motion.source import unmasked
 from ..run.rendering import Rendering
 
@@ -36,6 +36,7 @@ class AmplifierLoad(NamedTuple):
 
 
 @public
+@computed
 def amplifier_load(
     voltage: Rendering | ArrayLike,
     capacitance: float,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, Upto1, public
+from ..errors import BadValue, Upto1, computed, public
 
 POINTS = 2048  # of a period
 
@@ -30,6 +30,7 @@ class Answer(NamedTuple):
 
 
 @public
+@computed
 def half_sine(u: ArrayLike, duty: Upto1 = 0.5) -> np.ndarray:
     """Return the envelope of ``bump(u, "half_sine", duty)`` for 0 <= u < 1.
 
@@ -41,10 +42,11 @@ def half_sine(u: ArrayLike, duty: Upto1 = 0.5) -> np.ndarray:
     array([0., 1., 0.])
     """
     u = np.asarray(u, np.float64)
-    return np.where(u < duty, np.sin(np.pi * u / duty), 0.0)
+    return np.where(u < duty, np.sin(np.pi * np.where(u < duty, u, 0.0) / duty), 0.0)
 
 
 @public
+@computed
 def envelope_behind(
     freq: float, q: float, rate: float, gain: float = 1.0, envelope: Callable = half_sine
 ) -> Answer:
@@ -127,6 +129,7 @@ def envelope_behind(
 
 
 @public
+@computed
 def best_gain(
     freq: float, q: float, rate: float, drive: float, envelope: Callable = half_sine
 ) -> float:
@@ -153,4 +156,4 @@ def best_gain(
     if not drive >= 1:
         raise BadValue(f"best_gain: drive = {drive!r} must be 1 or above")
     most = math.nextafter(2 * q, 0)
-    return most if over(most) <= 0 else float(bisect(over, 1.0, most))
+    return most if over(most) <= 0 else float(bisect(over, 1.0, most, maxiter=2000))

@@ -175,7 +175,7 @@ def test_items_without_a_finite_ability_are_named(pairs, groups):
     [
         (lambda: line([1, 2], [1, 2]), "three points"),
         (lambda: line([1, 2, 3], [1, 2]), "of one length"),
-        (lambda: line([1, 2, 3], [1, np.nan, 2]), "number 1 of the second"),
+        (lambda: line([1, 2, 3], [1, np.nan, 2]), "y = nan, number 1"),
         (lambda: line([1, 1, 1], [1, 2, 3]), "two places"),
         (lambda: fechner([1, 0, 2], [1, 2, 3]), r"intensity\[1\] = 0"),
         (lambda: stevens([1, 0, 3], [1, 2, 3]), r"intensity\[1\] = 0"),
