@@ -307,9 +307,10 @@ def computed(f: F) -> F:
     def call(*given: Any, **named: Any) -> Any:
         np = importlib.import_module("numpy")
         bound = signature.bind(*given, **named).arguments
-        rows = {where: np.ravel(v).astype(float) for where, v in bound.items() if _numbers(v)}
+        flat = {k: [*v.values()] if isinstance(v, dict) else v for k, v in bound.items()}
+        rows = {where: np.ravel(v).astype(float) for where, v in flat.items() if _numbers(v)}
         for where, row in rows.items():
-            if np.isnan(row).any() or (np.ndim(bound[where]) and np.isinf(row).any()):
+            if np.isnan(row).any() or (np.ndim(flat[where]) and np.isinf(row).any()):
                 k = int(np.argmin(np.isfinite(row)))
                 raise BadValue(f"{f.__name__}: {where} = {row[k]:g}, number {k}, must be finite")
         try:
@@ -320,11 +321,16 @@ def computed(f: F) -> F:
                 where: np.abs(np.log10(np.abs(row[row != 0]))).max(initial=20 * (not row.any()))
                 for where, row in rows.items()
             }
-            where = max(far, key=lambda name: far[name])
-            many = f", {rows[where].size} values up to {np.abs(rows[where]).max(initial=0):g},"
+            where = max(far, key=lambda name: far[name], default=next(iter(bound)))
+            row = rows.get(where, np.zeros(0))
+            size = (
+                f", with {row.size} numbers up to {np.abs(row).max(initial=0):g},"
+                if np.ndim(flat[where])
+                else f" = {row[0]:g}"
+            )
             raise BadValue(
-                f"{f.__name__}: {where}{many if np.ndim(bound[where]) else f' = {bound[where]:g}'}"
-                f" is too large, too small or too few for what is computed ({e}); check its unit"
+                f"{f.__name__}: {where}{size} is too large, too small or too few for what is"
+                f" computed ({e}); check its unit"
             ) from e
 
     return call  # type: ignore[return-value]

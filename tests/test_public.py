@@ -10,12 +10,15 @@ import functools
 import importlib
 import inspect
 import re
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from experiments.some import QUESTION, SPRING, TASK, experiment, observer, simulate
 from laws import STRESS
+from scipy import signal
 
 import stimlib
 from stimlib import (
@@ -37,12 +40,13 @@ from stimlib.experiments import (
     Trial,
     assign,
     columns,
+    psychometric,
     read,
 )
 from stimlib.experiments.likelihood import Sets
 from stimlib.experiments.papers import roughness
 from stimlib.fitting import maxwell_force
-from stimlib.plate import Patch, Plate
+from stimlib.plate import Patch, Plate, Resonance
 from stimlib.run import Safety
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -86,6 +90,11 @@ FORCE = 100 * HAND + 3 * np.gradient(HAND, 1 / FS)
 STEP = 0.01 * np.minimum(T / 0.02, 1.0)
 HELD = maxwell_force(T, STEP, 50.0, [(100.0, 0.05)])
 LEVELS, YES, ASKED = [1.0, 2.0, 3.0, 4.0], [1, 4, 7, 9], [10, 10, 10, 10]
+SECONDS = np.arange(2000) / FS
+SWEEP = np.sin(2 * np.pi * (50 + 50 * SECONDS) * SECONDS)
+RING = signal.lfilter([1.0], [1.0, -1.12, 0.91], SWEEP)  # at 150 Hz, q = 10
+PEAK = Resonance(150.0, 10.0, 0.1, 0.1, np.ones(1), np.ones(1), np.zeros(1), 99)
+FIT = psychometric(LEVELS, YES, ASKED)
 RUB = np.random.default_rng(1).normal(size=9000)
 MODEL = made_up(2)
 SOFT = stimlib.soft.array(np.eye(3))
@@ -276,6 +285,9 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "detection_threshold": {},
         "sensation_level": {"y": HAND, "unit": "m"},
         "stimlib.analysis.felt": {"mass": 0.1},
+        "weighted_rms": {"acceleration": FORCE},
+        "difference_steps": {"first": 1.0, "second": 2.0},
+        "stimlib.design.levels.amplitude": {"level": "2 m/s^2 rms", "unit": "m/s^2"},
         "stimlib.analysis.picture": {"path": folder / "a.png"},
         "judged": {"f": np.arange(1.0, 100.0), "W": np.ones(99)},
         "tail": {"c": np.ones(5), "s": 3.0},
@@ -336,6 +348,11 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "read": {"folder": folder / "data/pair/P01-s1"},
         "stimlib.experiments.sessions": {"experiment": "pair", "data": folder / "data"},
         "psychometric": {"levels": LEVELS, "yes": YES, "trials": ASKED},
+        "integrated": {"values": [1.0, 2.0], "sds": [0.5, 0.3]},
+        "likelihood_ratio": {
+            "simple": [FIT],
+            "full": [psychometric(LEVELS, YES, ASKED, lapse="free")],
+        },
         "psychometrics": {
             "data": {"P01": {"level": LEVELS, "outcome": [0, 1, 0, 1], "chance": [0.5] * 4}}
         },
@@ -409,7 +426,8 @@ def arguments(made: dict) -> dict[str, dict[str, object]]:
         "amplifier_load": {"voltage": T, "capacitance": 1e-8, "fs": FS},
         "best_gain": {"rate": 10.0, "drive": 1.0},
         "envelope_behind": {"rate": 10.0},
-        "identify": {"drive": np.sin(T * 300), "response": np.cos(T * 300)},
+        "identify": {"drive": SWEEP, "response": RING},
+        "drift": {"found": [PEAK] * 3, "temperature": [20.0, 21.0, 23.0]},
         "read_sweep": {"source": {"t": T, "u": T, "y": T}, "drive": "u", "response": "y"},
         "array": {"levels": np.eye(3)},
         "image": {"path": folder / "none.png"},
@@ -555,6 +573,33 @@ VALUES = {
     "set": {1},
     "odd array": np.array([Odd(), None]),
 }
+ROOMS = re.compile(r"stimlib\.(fitting|analysis|design|plate|experiments(?!.papers|.report))\b")
+"""Where numbers that are far too large, too small or too few are tried, too."""
+ENDS = 0.0, -1.0, 1e-300, 1e-160, 1e160, 1e300, np.nan, np.inf
+
+
+def extremes(v) -> Iterator[tuple[str, object]]:
+    """A number or a row of them at its ends, in other forms and sizes; each row of a
+    table.
+    """
+    kind = "O" if isinstance(v, (dict, Block, bool)) else np.array(v, object).ravel()
+    if isinstance(v, dict):
+        for name, row in v.items():
+            yield from ((f"{name}, {what}", v | {name: w}) for what, w in extremes(row))
+    elif len(kind) and all(isinstance(x, (int, float)) for x in kind):
+        a = np.array(v, float)
+        if not a.ndim:
+            yield from (
+                (f"{k:g}", int(k) if isinstance(v, int) and abs(k) < 2 else k) for k in ENDS
+            )
+            return
+        with np.errstate(all="ignore"):
+            yield from ((f"times {k:g}", a * k) for k in ENDS)
+        yield from ((f"last {k:g}", np.r_[a.ravel()[:-1], k].reshape(a.shape)) for k in ENDS)
+        forms = a.tolist(), a.round().astype(int), a[:0], a[:1], a[:2], a[None], np.float64(1.0)
+        yield from ((f"form {k}", form) for k, form in enumerate(forms))
+
+
 SAFE = {  # of each plain kind, what it takes or may take: all others must be refused
     "float": {"-1", "1.5"},
     "int": {"-1", "beyond"},
@@ -586,7 +631,7 @@ def refused(annotation: str) -> set[str]:
 MAY_FAIL = set(
     """
     load_texture as_scene stimlib.files.read read_log image displayed ratings
-    found located spent sorted_rightly text cues_text recorded identify
+    found located spent sorted_rightly text cues_text recorded
     """.split()
 )
 """Whose sensible arguments would be a file or the data of a whole experiment: here they
@@ -602,6 +647,8 @@ def tried(name: str, known: dict) -> list[str]:
     lacking = any(v is MISSING for v in given.values())
     # it runs when its values are asked for
     late = inspect.isgeneratorfunction(inspect.unwrap(PUBLIC[name]))
+    rooms = ROOMS.match(PUBLIC[name].__module__)
+    warnings.simplefilter("error" if rooms else "ignore", RuntimeWarning)
     if not lacking and not {name, short} & MAY_FAIL:
         call(name, given)
     for place, p in enumerate(inspect.signature(PUBLIC[name]).parameters.values()):
@@ -613,8 +660,9 @@ def tried(name: str, known: dict) -> list[str]:
         if isinstance(p.default, float) and not np.isfinite(p.default):
             must = must - {"nan"}
         # a third of them, others of other parameters
-        for what in list(VALUES) if STRESS else list(VALUES)[(place + len(name)) % 3 :: 3]:
-            value = VALUES[what]
+        values = VALUES | dict(extremes(given.get(p.name, p.default)) if rooms else ())
+        for what in list(values) if STRESS else list(values)[(place + len(name)) % 3 :: 3]:
+            value = values[what]
             if value is p.default:
                 continue  # which is what the sensible call has
             put = {p.VAR_POSITIONAL: (value,), p.VAR_KEYWORD: {"some": value}}.get(p.kind, value)

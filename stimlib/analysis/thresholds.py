@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..core.scene import Scene
 from ..core.units import unit as unit_of
-from ..errors import Above0, BadValue, UnitError, public
+from ..errors import Above0, BadValue, UnitError, computed, public
 from ..motion.source import unmasked
 from ..run.rendering import Rendering
 from ..scenes import ROWS
@@ -111,6 +111,7 @@ class Apart(NamedTuple):
 
 
 @public
+@computed
 def difference_steps(first: Above0, second: Above0) -> Apart:
     """Return how many difference thresholds lie between two vibrations.
 
@@ -154,7 +155,9 @@ def difference_steps(first: Above0, second: Above0) -> Apart:
     >>> print(difference_steps(158.0, 185.0))
     0.6 to 0.9 difference thresholds: not told apart
     """
-    few, many = (abs(float(np.log(second / first))) / float(np.log1p(w)) for w in DIFFERENCES[::-1])
+    few, many = (
+        abs(float(np.log(np.divide(second, first)))) / float(np.log1p(w)) for w in DIFFERENCES[::-1]
+    )
     return Apart(few, many)
 
 

@@ -92,6 +92,7 @@ def _quadratic(f: np.ndarray, corner: float, q: float) -> np.ndarray:
 
 
 @public
+@computed
 def weighted_rms(acceleration: ArrayLike, fs: Above0, name: str = "Wh") -> float | np.ndarray:
     """Return the frequency-weighted RMS of an acceleration.
 

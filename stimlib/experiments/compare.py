@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, UnknownName, need, public
+from ..errors import BadValue, UnknownName, computed, need, public
 from ..system.packages import package
 from .likelihood import numbers
 from .tables import Columns, grouped
@@ -625,6 +625,7 @@ class Mixed:
 
 
 @public
+@computed
 def mixed(
     columns: Mapping[str, Sequence[Any]], formula: str, participant: str = "participant"
 ) -> Mixed:

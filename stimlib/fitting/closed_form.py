@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..blocks.fractional import Alpha
-from ..errors import Above0, BadValue, Below1, Count, From0, Upto1, public
+from ..errors import Above0, BadValue, Below1, Count, From0, Upto1, computed, public
 
 Onset = Literal["steady", "step"]
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
@@ -25,6 +25,7 @@ TINY = 1e-20  # imaginary step of an order, whose effect is a derivative without
 
 # The exact answers --------------------------------------------------------------------
 @public
+@computed
 def springpot_force(
     t: ArrayLike, y: ArrayLike, chi: From0, alpha: Alpha, *, onset: Onset = "steady"
 ) -> np.ndarray:
@@ -80,6 +81,7 @@ def springpot_force(
 
 
 @public
+@computed
 def maxwell_force(
     t: ArrayLike,
     y: ArrayLike,
@@ -185,6 +187,7 @@ def mittag_leffler(x: ArrayLike, alpha: Upto1, beta: Above0 = 1.0) -> np.ndarray
 
 
 @public
+@computed
 def springpot_series_force(
     t: ArrayLike,
     y: ArrayLike,

@@ -24,7 +24,7 @@ from .relaxation import _intervals
 
 SEGMENTS = 16  # the fewest of a Welch estimate
 BINS = 4  # between 0 Hz and the low end of its band
-LARGEST = 1e150  # of a target, whose square must be a number
+LARGEST = 1e150  # of a target, and 1 over the least: their squares must be numbers
 FAR = 300.0  # where the coordinate of a number with a bound ends: exp(FAR) is a number
 
 
@@ -159,7 +159,7 @@ def _signal(name: str, target: Any, n: int | None) -> np.ndarray:
             f"fit: the target of {name} is not finite at sample {int(np.argmin(fits))}, or above"
             f" {LARGEST:g}"
         )
-    if not a.any():
+    if not np.abs(a).max(initial=0) > 1 / LARGEST:
         raise BadValue(f"fit: the target of {name} is 0 throughout: nothing can be relative to it")
     return a.astype(float)
 

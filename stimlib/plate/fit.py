@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, public
+from ..errors import BadValue, computed, public
 from ..system.packages import package
 from .model import Plate
 
@@ -31,6 +31,7 @@ class FrameFit:
 
 
 @public
+@computed
 def fit_frame(
     model: Plate,
     measured: Mapping[int, float],

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, RecordingError, counted, public
+from ..errors import BadValue, RecordingError, computed, counted, public
 from ..motion.reports import column_of
 from ..motion.table import read_table
 
@@ -164,6 +164,7 @@ class Resonance:
 
 
 @public
+@computed
 def identify(
     drive: ArrayLike,
     response: ArrayLike,
@@ -510,6 +511,7 @@ class Drift(NamedTuple):
 
 
 @public
+@computed
 def drift(found: Sequence[Resonance], temperature: ArrayLike) -> Drift:
     """Fit the change of a resonance with temperature.
 
