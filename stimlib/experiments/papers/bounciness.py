@@ -67,7 +67,10 @@ def bounciness(
     as_printed : bool
         The thesis' procedure where its text differs from the law: the derivative from
         100 points of the history (section 3.4, ``scheme="gl-downsampled"``), and an
-        exploration that begins after half a second of contact (section 3.5).
+        exploration that begins after half a second of contact (section 3.5).  A
+        movement that does not begin at y = 0 has no jump of force: y counts as held at
+        its first value before, and the force begins at 0, as without it; where that
+        value is above 0, the half second of contact begins there.
 
     Returns
     -------
