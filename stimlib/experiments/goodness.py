@@ -220,6 +220,8 @@ def highest_of_any(sets: Sets, low: float, high: float) -> Array:
     >>> sets = Sets(*np.array([[[1.0, 2.0, 3.0]], [[0, 2, 1]], [[2, 2, 2]]]))
     >>> highest_of_any(sets, 0.0, 0.0).round(3)  # of 0, 3/4 and 3/4
     array([-2.249])
+    >>> highest_of_any(sets, 0.5, 0.3).round(3)  # of 0.5, 0.7 and 0.7
+    array([-3.66])
     """
     best, fitted = np.empty(len(sets.n)), scipy.optimize.isotonic_regression
     for at, (yes, n) in enumerate(zip(sets.yes, sets.n, strict=True)):
