@@ -12,6 +12,7 @@ import pytest
 from laws import STRESS
 
 import stimlib
+from stimlib.core.graph import registry
 from stimlib.devices import NullSink
 from stimlib.scenes import SHIPPED
 from stimlib.system.packages import EXTRAS, PROJECTS
@@ -65,6 +66,20 @@ try: main()
 except SystemExit: assert gc.get_threshold()[0] >= 50_000"""
     said = {"stimlib", stimlib.__version__}
     assert loaded(f"import sys\n{code}", ("numpy", "rich")) == said | {"rich"}
+
+
+def test_a_scene_file_defines_its_own_classes_alone():
+    assert all(hasattr(stimlib.blocks, name) for name in stimlib.blocks.__all__)  # all are there
+    made = {n for n, c in registry.items() if c.__module__.startswith("stimlib.blocks.")}
+    code = "from stimlib.core.scene import _define, registry"
+    code = f"{code}\n_define({made!r})\nassert {made!r} <= registry.keys(), registry.keys()"
+    assert loaded(code) == set() and len(made) > 80
+    few = "bumps", "contact", "friction", "viscoelastic"
+    read = f"import stimlib; stimlib.Scene.from_dict({SHIPPED['wall']().to_dict()!r})"
+    assert loaded(read, (f"stimlib.blocks.{m}" for m in few)) == {
+        "stimlib.blocks.contact",
+        "stimlib.blocks.friction",
+    }
 
 
 def test_the_packages_of_sweeps_are_loaded_where_they_are_used():

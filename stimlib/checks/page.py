@@ -11,7 +11,6 @@ import json
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -389,6 +388,8 @@ def _reproduced(e: Evidence, command: str | None) -> str:
     They name what to install and where files belong, commands, hashes, versions, and
     the scene as a file.
     """
+    from importlib.metadata import version
+
     used = {
         p: version(p) for p in ("stimlib", "numpy", "scipy", "llvmlite", "soundfile", "matplotlib")
     }

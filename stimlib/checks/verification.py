@@ -293,8 +293,8 @@ def _impulse(b: Block, p: Any, fs: float):
         peak = max(peak, last)
     h = np.concatenate(parts) / SMALL
     spectrum = np.fft.rfft(h)
-    bins = np.unique(np.geomspace(1, spectrum.size - 1, 600).astype(int))
-    f = bins * fs / h.size
+    bins = sorted({*np.geomspace(1, spectrum.size - 1, 600).astype(int).tolist()})
+    f = np.array(bins) * fs / h.size
     settled = len(parts) >= least and last <= 1e-15 * peak
     # of a tail that falls as a power of time, what is cut off is about its last sample
     # times the length

@@ -6,7 +6,10 @@ import dataclasses as dc
 import hashlib
 import json
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -361,14 +364,11 @@ class Scene:
                 f"{where}: file version {version!r:.40}, this stimlib reads {VERSION}: update"
                 " stimlib"
             )
-        blocks = above("blocks")
-        for name in blocks.__all__:
-            getattr(blocks, name)  # registers ours
-
         entries, outputs = data.get("blocks"), data.get("outputs")
         if not isinstance(entries, list) or not isinstance(outputs, dict):
             raise SceneFileError(f"{where}: needs a list of blocks and a table of outputs")
         limits.check("scene_blocks", len(entries), f"{where}: blocks", SceneFileError)
+        _define({str(entry.get("class")) for entry in entries if isinstance(entry, dict)})
         made: list[Block] = []
         for entry in entries:
             made.append(_block_of(entry, made, where))
@@ -464,6 +464,17 @@ def _joined(share: Mapping[str, Any]) -> dict[str, str]:
                     f"share: {name!r} would be {one[name]!r} and {joint!r}; give it one name"
                 )
     return one
+
+
+def _define(names: set[str]) -> None:
+    """Import the modules of ``blocks`` that define classes of these names.
+
+    The texts are searched for them: to import all modules takes ten times as long.
+    """
+    blocks, new = above("blocks"), names - registry.keys()
+    for path in sorted(Path(blocks.__file__).parent.glob("*.py")) if new else ():
+        if not new.isdisjoint(re.findall(r"^class (\w+)", path.read_text("utf-8"), re.MULTILINE)):
+            import_module(f"{blocks.__name__}.{path.stem}")
 
 
 def _block_of(entry: Any, made: list[Block], where: str) -> Block:
