@@ -346,8 +346,8 @@ def free(made: Modes, rest: Row) -> Row:
 def _decays(made: Modes, n: int) -> tuple[Row, Row]:
     """Return the samples at which decays are fitted, and n samples of each decay."""
     L = made.L
-    late = np.geomspace(1, n, 16 * L.size).astype(int) - 1
-    at = np.array(sorted({*range(min(64, n)), *late.tolist()}))  # np.unique loads numpy.ma
+    # sorted, as np.unique does, which loads numpy.ma
+    at = np.array(sorted({*range(min(64, n)), *(np.geomspace(1, n, 16 * L.size) // 1 - 1)}), int)
     powers = np.exp(np.multiply.outer(np.arange(n), L[L.imag >= -1e-12 * np.abs(L)]))
     return at, np.hstack([powers.real, powers.imag]).astype(float)
 

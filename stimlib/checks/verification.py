@@ -179,7 +179,7 @@ def scene_told(path: str | os.PathLike[str]) -> Scene:
 
 def _motion_told(path: Any, told: dict[str, Any]) -> dict[str, Any]:
     """Return the motion made from the texts of a sidecar."""
-    from ..motion.recorded import parse_source
+    from .. import motion  # which imports what reads recordings where there is one
 
     if any(text.startswith("log of") for text in told["motion"].values()):
         raise BadValue(
@@ -189,7 +189,11 @@ def _motion_told(path: Any, told: dict[str, Any]) -> dict[str, Any]:
     known: dict[str, Any] = {}
     for name, text in told["motion"].items():
         try:
-            known[text] = known[text] if text in known else parse_source(text, pinned=True)
+            known[text] = known.get(text) or (
+                motion.parse_source(text, pinned=True)
+                if "recording" in text
+                else motion.parse_motion(text)
+            )
         except BadValue as e:
             why = (
                 f"{e}; or"

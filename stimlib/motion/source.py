@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import sys
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -186,6 +187,8 @@ def sources_of(
 
 def unmasked(values: ArrayLike) -> Array:
     """Return numbers as float64; what a mask hides is nan, not what lies below."""
+    if "numpy.ma" not in sys.modules:  # before it is loaded, nothing is masked
+        return np.asarray(values, np.float64)
     return np.ma.filled(np.ma.asarray(values, np.float64), np.nan)
 
 
