@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 from llvmlite import ir
@@ -40,17 +41,24 @@ def store(b, vector, address, first=0):
 
 def splat(b, number, count=8):
     """Return a vector with one number in all lanes."""
-    none = ir.Constant(ir.VectorType(number.type, count), ir.Undefined)
-    return b.shuffle_vector(
-        b.insert_element(none, number, I32(0)),
-        none,
-        ir.Constant(ir.VectorType(I32, count), [0] * count),
-    )
+    none = undefined(number.type, count)
+    return shuffle(b, b.insert_element(none, number, I32(0)), none, (0,) * count)
 
 
 def shuffle(b, one, other, lanes):
     """Return selected lanes of two vectors."""
-    return b.shuffle_vector(one, other, ir.Constant(ir.VectorType(I32, len(lanes)), lanes))
+    return b.shuffle_vector(one, other, _numbers(*lanes))
+
+
+@cache
+def undefined(kind, count):
+    """Return a vector constant without values; the same each time, so it is written once."""
+    return ir.Constant(ir.VectorType(kind, count), ir.Undefined)
+
+
+@cache
+def _numbers(*lanes):
+    return ir.Constant(ir.VectorType(I32, len(lanes)), lanes)
 
 
 def known(b, name, *given):
