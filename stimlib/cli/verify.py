@@ -15,7 +15,6 @@ import typer
 
 from .. import checks, files
 from ..errors import BadValue
-from ..system.packages import in_part
 from . import options as opt
 from .app import command, end, print_json, print_result
 from .motions import given, motions_of
@@ -95,8 +94,6 @@ def verify_(
 
         check_place(report, "page", PAGES)
     run_files(import_)
-    in_part("scipy.special", "_ufuncs")
-    in_part("scipy.linalg", "lapack")
     scene, wav = _what(scene, wav, log)
     from ..virtual import read_device
 

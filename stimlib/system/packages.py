@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import sys
-from importlib.util import find_spec, module_from_spec
-from types import ModuleType
 from typing import Any
 
 from ..errors import MissingPackage
@@ -55,37 +52,3 @@ def package(module: str, what: str) -> Any:
         raise MissingPackage(
             f"{what} needs the package {name}, which cannot be imported ({e}): {remedy}"
         ) from None
-
-
-class _Part(ModuleType):
-    """A package whose own code runs when more of it is asked for than there is."""
-
-    def __getattr__(self, name: str) -> Any:
-        spec: Any = self.__spec__
-        self.__class__, self.__path__ = ModuleType, spec.submodule_search_locations  # type: ignore
-        spec.loader.exec_module(self)
-        return getattr(self, name)
-
-
-def in_part(package: str, part: str) -> None:
-    """Import one compiled module of a package, and all of it once more is needed.
-
-    ``scipy.special`` and ``scipy.linalg`` take a fifth of the time of ``stimlib
-    verify``, mostly for arrays of other libraries; one module of each has what it
-    needs. Only for a process with one thread: others could find the package half made.
-
-    Examples
-    --------
-    >>> import scipy.special
-    >>> from stimlib.system.packages import in_part
-    >>> in_part("scipy.special", "_ufuncs")  # it is there: nothing is done
-    >>> scipy.special.ndtr(0.0)
-    np.float64(0.5)
-    """
-    if package not in sys.modules:
-        spec: Any = find_spec(package)
-        made: Any = sys.modules.setdefault(package, module_from_spec(spec))
-        there = importlib.import_module(f"{package}.{part}")
-        vars(made).update({n: getattr(there, n) for n in getattr(there, "__all__", ())})
-        made.__class__ = _Part
-        del made.__path__  # so whoever imports another module of it comes to its code first

@@ -52,7 +52,7 @@ def shuffle(b, one, other, lanes):
 
 @cache
 def undefined(kind, count):
-    """Return a vector constant without values, the same each time: it is written once."""
+    """Return a vector constant without values, made once so that it is written once."""
     return ir.Constant(ir.VectorType(kind, count), ir.Undefined)
 
 
