@@ -216,7 +216,7 @@ ALL = f"{LISTED}, ready"
     ("words", "says"),
     [
         # usage
-        ("render squeeze", "Missing option '--out'; see stimlib render --help"),
+        ("render squeeze", "Missing option '--out' / '-o'; see stimlib render --help"),
         ("show", "Missing argument 'SCENE'; see"),
         ("render squeeze --ou a.wav", "No such option"),
         ("rendr", "No such command 'rendr'"),

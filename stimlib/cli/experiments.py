@@ -487,7 +487,7 @@ def analyse(
         bool, typer.Option("--pilot", help="Analyse the pilot sessions instead of the data.")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(help="Also write all trials as a table, .csv.")
+        Path | None, typer.Option("--out", "-o", help="Also write all trials as a table, .csv.")
     ] = None,
     report: Annotated[
         Path | None,

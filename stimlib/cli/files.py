@@ -69,7 +69,12 @@ def render_(
     scene: SceneText,
     out: Annotated[
         Path,
-        typer.Option(help="File to write: .wav, .rf64, .w64, .caf or .flac.", show_default=False),
+        typer.Option(
+            "--out",
+            "-o",
+            help="File to write: .wav, .rf64, .w64, .caf or .flac.",
+            show_default=False,
+        ),
     ],
     motions: Any,
     seconds: opt.Length = None,

@@ -59,7 +59,9 @@ def sweep_(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for the figures, as Parquet files; an interrupted sweep continues there."
+            "--out",
+            "-o",
+            help="Folder for the figures, as Parquet files; an interrupted sweep continues there.",
         ),
     ] = None,
     live: Annotated[

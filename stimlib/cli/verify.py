@@ -185,6 +185,8 @@ def replay(
     out: Annotated[
         Path | None,
         typer.Option(
+            "--out",
+            "-o",
             help="Also write the delivered samples: .wav, .rf64, .w64 or .caf.",
             show_default=False,
         ),
