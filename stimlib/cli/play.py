@@ -48,9 +48,10 @@ def _play(
                 except FaultError as e:
                     if isinstance(reloaded, nullcontext):
                         raise
-                    if now not in failures:
-                        failures.append(now)
-                        failed(f"{e}; save the file again to go on")
+                    for one in now.onward():  # it may have followed since
+                        if one.error is e and one not in failures:
+                            failures.append(one)
+                            failed(f"{e}; save the file again to go on")
                     time.sleep(0.1)
                 before, done = done, now.since + now.pump.index
                 advance(done - before)
