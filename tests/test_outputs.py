@@ -16,6 +16,7 @@ import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, blocks as b
 from stimlib.core import units as un
 from stimlib.core.graph import Block, Map
+from stimlib.core.guard import Guard
 from stimlib.core.maths import where
 
 x, c = Input("x"), Input("c")
@@ -102,6 +103,7 @@ CASES = {
     "of a map": {"sum": PARTS.above - PARTS.below, "below": PARTS.below},
     "of a parameter": {"y": OF_PARAM.below * x + OF_PARAM.above},
     "on a clock": {"y": b.enabled(Parts(b.white_noise(1)).above, by=x)},
+    "of an output that others read": {"y": x, "z": b.first_order(abs(Guard(x)), 0.01)},
 }
 
 

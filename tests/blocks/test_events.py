@@ -9,7 +9,7 @@ from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, UnitError, blocks as b
-from stimlib.blocks.clock import Every
+from stimlib.blocks.clock import At, Every
 from stimlib.blocks.events import is_event
 from stimlib.design.filters import resampled
 
@@ -74,6 +74,11 @@ HAND = {  # block, rows of its inputs or a number of samples, samples worked out
         b.at([0.0, 0.0104, 0.0106, 0.0107]),
         20,
         impulse(20, 0, 10) + 2 * impulse(20, 11),
+    ),
+    "times of a clock that turns back": (
+        At(X, np.array([0.005])),
+        [[0.0, 0.005, 0.005, 0.001]],
+        [0, 1, 1, 0],
     ),
     "periods at the nearest sample": (b.every(0.0104), 40, impulse(40, 0, 10, 21, 31)),
     "what comes soon is lost": (
