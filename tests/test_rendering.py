@@ -5,6 +5,7 @@ import math
 import warnings
 import weakref
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -13,6 +14,8 @@ from refusals import refused, warned
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Scene, StimlibError, UnknownName, blocks, render
+from stimlib.blocks.clock import Every, EveryParams
+from stimlib.core.graph import Block, Map
 from stimlib.files import audio
 from stimlib.motion import parse_motion, recording
 from stimlib.run import rendering
@@ -103,6 +106,12 @@ def test_a_recording_and_a_table_are_told_how_to_be_a_motion():
 def test_whole_and_short_numbers_are_taken_as_they_are():
     for motion in (RAMP.astype(np.int16), RAMP.astype(np.float32), list(range(6)), tuple(RAMP)):
         np.testing.assert_array_equal(render(Scene({"y": x}), {"x": motion}, 1000)["y"], RAMP)
+
+
+def test_a_motion_may_write_to_its_times():
+    motion = {"x": lambda t: np.multiply(t, 2.0, out=t), "z": lambda t: t}
+    y = render(Scene({"x": x, "z": 1.0 * Input("z", "m")}), motion, 8, 1.0).y
+    np.testing.assert_array_equal(y[:, :3], [[0.0, 0.25, 0.5], [0.0, 0.125, 0.25]])
 
 
 @pytest.mark.parametrize(
@@ -247,10 +256,20 @@ def test_inputs_of_other_units_may_be_fast():
     assert told == []
 
 
+@dataclass(frozen=True, eq=False)
+class Own(Map):
+    x: Block
+
+    @staticmethod
+    def step(p, s, x):
+        return x, s
+
+
 def test_what_a_scene_left_for_its_next_render_is_not_heard():
     """In threads, after a fault, after another output; and it ends with the scene."""
     x, level = Input("x"), stimlib.Param("level", 1.0)
-    scene = Scene({"y": level * blocks.sqrt(x) + NOISE.outputs["y"]})
+    slow = blocks.first_order(blocks.sqrt(x), 0.01)  # which another rate has otherwise
+    scene = Scene({"y": level * slow + NOISE.outputs["y"]})
     told = [
         (fs, seed, {"level": v}, target)
         for fs in (1000, 1500)
@@ -278,12 +297,39 @@ def test_what_a_scene_left_for_its_next_render_is_not_heard():
     render(other, {"x": RAMP}, 1000)
     large = Scene({"y": blocks.delay(x, 2**16)})
     render(large, {"x": RAMP}, 1000)
+    own = Scene({"y": Own(x)})
+    render(own, {"x": RAMP}, 1000, target="python")
     left = {key[0] for key in rendering._LEFT}
-    assert id(other) in left and id(large) not in left
-    gone = weakref.ref(other)
+    assert id(other) in left and not {id(large), id(own)} & left
+    gone, number = weakref.ref(other), id(other)
     del other
     gc.collect()
-    assert gone() is None
+    assert gone() is None and number not in {key[0] for key in rendering._LEFT}
+    many = [Scene({"y": float(k) * x}) for k in range(2, 2 + 2 * rendering.MOST_LEFT)]
+    for one in many:
+        render(one, {"x": RAMP}, 1000, target="python")
+    kept = many[-rendering.MOST_LEFT :]
+    assert [key[0] for key in rendering._LEFT] == [id(one) for one in kept]
+
+
+def every_third(self, fs):
+    return EveryParams(fs, 3.0), ()
+
+
+@pytest.mark.parametrize(
+    ("of", "name", "other"),
+    [
+        (Every, "design", every_third),
+        (Every, "step", staticmethod(lambda p, s, t: (float(t % 3.0 == 0.0), s))),
+        (Every.design, "__code__", every_third.__code__),
+    ],
+)
+def test_a_block_that_was_exchanged_is_made_anew(monkeypatch, of, name, other):
+    """As an editor exchanges a method when it reloads a module, or its code."""
+    made = partial(render, Scene({"y": blocks.every(2.0)}), None, 1.0, 4.0, target="python")
+    assert made()["y"].tolist() == [1, 0, 1, 0]
+    monkeypatch.setattr(of, name, other)
+    assert made()["y"].tolist() == [1, 0, 0, 1]
 
 
 def test_first_guesses_of_a_call_are_told_what_to_write():
