@@ -236,3 +236,5 @@ def share_(
                 f"the page checks {counted(page.samples, 'sample')} of each output: SHA-256"
                 f" {page.sha256}"
             )
+        else:
+            print("without --motion the page has no samples to check")

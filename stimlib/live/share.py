@@ -46,6 +46,8 @@ PATIENCE = 300.0
 own library.
 """
 LONGEST = 5.0  # s, of a recorded motion without an end
+FOLDER = re.compile(r"(?<=^recording\()(['\"])(?:\\.|(?!\1).)*[/\\]")
+"""Of a recording's file: it may tell who the author is."""
 SLOW = 1e-6  # of its range, that a motion at rest may move in a sample: a turn is a rest
 ORDERS = 5
 """Differences of recorded motion that are tried, to store it in few bytes."""
@@ -174,7 +176,7 @@ def share(
                 y[:, at : (at := at + part.shape[1])] = part
                 advance(part.shape[1], "computing the motion's samples")
             data |= {"motion": packed(x, advance), "samples": n}
-        texts = {name: describe(m) for name, m in motion.items()}
+        texts = {name: FOLDER.sub(r"\1", describe(m)) for name, m in motion.items()}
         alike = {t: ", ".join(n for n in texts if texts[n] == t) for t in texts.values()}
         driven = "; ".join(f"{names} = {text}" for text, names in alike.items())
         facts["length"] = f"{n / fs:g} s" + f" of {driven}" * bool(driven)

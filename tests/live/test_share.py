@@ -233,6 +233,13 @@ def test_the_command_writes_a_page(tmp_path):
     assert said["bytes"] == len(page.encode()) and said["samples"] == 800
     assert said["sha256"] in page and "<title>tone</title>" in page
     assert "the page checks 800 samples" in ran(words).stdout
+    recorded = tmp_path / "hand.csv"
+    recorded.write_text("t_s,x_m\n0,0\n0.1,0.01\n")
+    words = ["share", "wall", "--out", tmp_path / "b.html"]
+    ran([*words, "--motion", recorded, "--map", "x=x_m", "--max-gap", "1"])
+    page = (tmp_path / "b.html").read_text("utf-8")
+    assert "0.1 s of x = recording('hand.csv'" in page and str(tmp_path) not in page
+    assert "has no samples to check" in ran(words).stdout
 
 
 pytestmark = pytest.mark.xdist_group("browser")
@@ -443,6 +450,8 @@ def test_a_page_says_which_output_is_not_finite_and_may_start_again(page, tmp_pa
     outputs = {"a": 1.0 * Input("x", "m"), "b": Param("p", 1.0) / Param("q", 1.0)}
     share(Scene(outputs), FS, tmp_path / "b.html", params={"q": 0.0})
     other = page.browser.page((tmp_path / "b.html").as_uri())
+    identity = other.js("document.querySelector('#identity').innerText")
+    assert identity.endswith("so there are no samples to check.")
     note = "document.querySelector('#note').textContent"
     other.click("#run")
     other.until(f"scene.phase === 'idle' && {note} === 'Not finite: b. It was faded out.'")

@@ -225,7 +225,10 @@ function identity(scene) {
   element(list, "dd", cite).hidden = !cite;
   for (const [name, value] of facts) { element(list, "dt", name); element(list, "dd", value); }
   document.querySelector(".wide").append(section);
-  if (!sha256) return;
+  if (!sha256) {
+    element(section, "p", "It was made without a recorded motion, so there are no samples to check.").className = "hint";
+    return;
+  }
   const said = element(section, "p", `Computing the ${samples} samples of the recorded motion ..`);
   said.id = "checked";
   said.setAttribute("role", "status");
