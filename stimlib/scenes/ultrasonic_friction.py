@@ -19,10 +19,10 @@ VISCOSITY, AIR, LEAST = 18.5e-6, 101325.0, 10.0  # Pa s, Pa; squeeze number
     felt=("A glass plate is slippery in some places and sticky in others, as if it had bumps."),
     do="drag to and fro",
     words=(
-        "F is Coulomb's friction of a spring, mu N' at most; N' = max(0, normal - area p0"
-        " (sqrt((1 + 3/2 e^2)/(1 - e^2)) - 1)), e = a/gap, a + q/(pi freq) da/dt = per_volt V, V ="
-        " A on the part duty of each bump (Salbu 1964; Wiertlewski, Fenton Friesen and Colgate"
-        " 2016)"
+        "F is Coulomb's friction of a spring, mu N' at most; N' = max(0, normal - area p_0"
+        " (sqrt((1 + 3/2 e^2)/(1 - e^2)) - 1)), p_0 = 101325 Pa the pressure of the air, e = a/gap,"
+        " a + q/(pi freq) da/dt = per_volt V, V = A on the part duty of each bump (Salbu 1964;"
+        " Wiertlewski, Fenton Friesen and Colgate 2016)"
     ),
     full={"N": 1.0},
     drive={"x": "sinusoid(0.05, 1.0)"},
@@ -92,9 +92,11 @@ def ultrasonic_friction(
 
     References
     ----------
-    Salbu, Journal of Basic Engineering 86 (1964), and Wiertlewski, Fenton Friesen and
-    Colgate, PNAS 113 (2016), see the block ``squeeze_film``; the touch-screen thesis,
-    chapter 7, has ultrasound as future work. The numbers are no measurement.
+    Salbu, "Compressible squeeze films and squeeze bearings", Journal of Basic
+    Engineering 86 (1964) 355, and Wiertlewski, Fenton Friesen and Colgate, "Partial
+    squeeze film levitation modulates fingertip friction", PNAS 113 (2016) 9210. The
+    touch-screen thesis, chapter 7, has ultrasound as future work. The numbers are no
+    measurement.
 
     Examples
     --------

@@ -23,8 +23,9 @@ REFERENCES = (0.0, 0.25, 0.5, 0.75, 1.0)
     felt=("A material yields slowly while it is pressed, and recovers slowly."),
     do="press to the right, hold, and let go",
     words=(
-        "F = firmness chi D^alpha y, D^alpha being the fractional derivative of the position y as"
-        " the full sum over its history (Çaldıran's thesis, eqs. (3.1), (3.2) and (4.1))"
+        "F = firmness chi D^alpha y, chi = chi_0/w^alpha, D^alpha being the fractional derivative"
+        " of the position y as the full sum over its history (Çaldıran's thesis, eqs. (3.1), (3.2)"
+        " and (4.1))"
     ),
     full={"N": 10.0},
     drive={"y": "sinusoid(0.01, 1.0)"},

@@ -544,7 +544,8 @@ COMPUTED = {
         return [
           ...["F = k (x, y), else 0; x is deep (Hooke (1678))", "V = d(x), d being far",
             "It moves; so it is (here)", "F = 1", "F = k (x)"].map(t => Object.values(m.parted(t))),
-          html("alpha^k x_max - sqrt(k) a rod's, 5 m chi"), html("b' c'"), html("tau_r"), shown,
+          html("alpha^k x_max - sqrt(k) a rod's, 5 m chi"), html("b' c'"), html("tau_r"),
+          html("exp(-t/a) + 3/2 e^2 per_volt c"), shown,
         ]; })()""",
         [
             *(
@@ -555,6 +556,7 @@ COMPUTED = {
             "<i>α</i><sup><i>k</i></sup> <i>x</i><sub>max</sub> − √(<i>k</i>)"
             " a rod's, 5 m <i>χ</i>",
             *("b' c'", "<i>τ</i><sub><i>r</i></sub>"),
+            "exp(−<i>t</i>/<i>a</i>) + 3/2 <i>e</i><sup>2</sup> per_volt <i>c</i>",
             ["F = k x", "the force.", "Source: A.", "It moves.", "n = 2: How many."],
         ],
     ),

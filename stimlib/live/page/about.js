@@ -2,7 +2,14 @@
 
 const $ = id => document.getElementById(id);
 const GREEK = { alpha: "α", chi: "χ", gamma: "γ", mu: "µ", pi: "π", tau: "τ" };
-const TOKENS = /(?<mark>[\^_](?:\w+|\([^()]*\)))|\b(?<greek>alpha|chi|gamma|mu|pi|tau)(?=_|\b)|(?<![\d'’] ?)\b(?<letter>a(?! [a-z])|[A-Zb-z])(?=_|\b)(?!')|(?<root>\bsqrt\b)|(?<minus> - )/g;
+const UNIT = "[ACFHJKNTVWgms]"; // what a letter after a number is
+const TOKENS = new RegExp([
+  String.raw`(?<mark>(?:\^|(?<=\b(?:[A-Za-z]|${Object.keys(GREEK).join("|")}))_)(?:\w+|\([^()]*\)))`, // no underscore of a longer name
+  String.raw`\b(?<greek>${Object.keys(GREEK).join("|")})(?=_|\b)`,
+  String.raw`(?<!['’] ?|\d ?(?=${UNIT}))\b(?<letter>a(?! [a-z])|[A-Zb-z])(?=_|\b)(?!')`,
+  String.raw`(?<root>\bsqrt\b)`,
+  String.raw`(?<minus> - )|(?<sign>(?<=\()-(?=\w))`,
+].join("|"), "g");
 
 function element(parent, tag, textContent = "") { return Object.assign(parent.appendChild(document.createElement(tag)), { textContent }); }
 
@@ -25,12 +32,12 @@ export function parted(text) {
 /** Writes a text with formulas: Greek letters by their signs, powers raised, and letters that are no word slanted, but for units. */
 export function write(parent, text, slanted = true) {
   let at = 0;
-  for (const { 0: found, index, groups: { mark, greek, letter, minus } } of text.matchAll(TOKENS)) {
+  for (const { 0: found, index, groups: { mark, greek, letter, minus, sign } } of text.matchAll(TOKENS)) {
     parent.append(text.slice(at, index));
     at = index + found.length;
     if (mark) write(element(parent, mark[0] === "^" ? "sup" : "sub"), mark.slice(1), slanted);
     else if (greek || letter) element(parent, slanted ? "i" : "span", GREEK[greek] ?? letter);
-    else parent.append(minus ? " − " : "√");
+    else parent.append(minus ? " − " : sign ? "−" : "√");
   }
   parent.append(text.slice(at));
   return parent;
