@@ -15,7 +15,7 @@ from .shipped import shipped
 
 
 @shipped(
-    felt=("A tool that strokes a measured surface vibrates, by its speed and pressing force."),
+    felt=("A tool that strokes a rough surface vibrates, by its speed and pressing force."),
     do="stroke the field, slowly and fast",
     words=(
         "a(t) = level times what the models' recursion (AR and MA, of the three models around speed"
@@ -40,7 +40,7 @@ def texture(
     Parameters
     ----------
     model : TextureModel or path, optional
-        Model of a measured surface, see ``load_texture`` and
+        Model of a surface, see ``load_texture`` and
         ``stimlib.fitting.texture.fit_texture``.  By default an invented one of
         stimlib's, because those of the toolkit may not be passed on.
     level : float
@@ -67,7 +67,8 @@ def texture(
     References
     ----------
     Culbertson, Unwin and Kuchenbecker, "Modeling and Rendering Realistic Textures from
-    Unconstrained Tool-Surface Interactions", IEEE Transactions on Haptics 7 (2014).
+    Unconstrained Tool-Surface Interactions", IEEE Transactions on Haptics 7 (2014). The
+    model that is taken by default, "made up", is no measurement.
 
     Examples
     --------
