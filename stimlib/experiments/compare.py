@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, UnknownName, computed, need, public
+from ..errors import BadValue, UnknownName, need, public
 from ..system.packages import package
 from .likelihood import numbers
 from .tables import Columns, grouped
@@ -625,7 +625,6 @@ class Mixed:
 
 
 @public
-@computed
 def mixed(
     columns: Mapping[str, Sequence[Any]], formula: str, participant: str = "participant"
 ) -> Mixed:
@@ -701,18 +700,25 @@ def mixed(
                     f"mixed: {formula}: {e}; the columns are {', '.join(map(str, table))}"
                 ) from None
             raise BadValue(f"mixed: {formula}: {type(e).__name__}: {e}") from e
-    ends = fit.conf_int()
-    fixed = tuple(
-        Coefficient(
-            n,
-            float(v),
-            float(fit.bse[n]),
-            float(fit.tvalues[n]),
-            float(fit.pvalues[n]),
-            *map(float, ends.loc[n]),
+        # NumPy warns of a variance of 0, which has no standard error
+        ends = fit.conf_int()
+        fixed = tuple(
+            Coefficient(
+                n,
+                float(v),
+                float(fit.bse[n]),
+                float(fit.tvalues[n]),
+                float(fit.pvalues[n]),
+                *map(float, ends.loc[n]),
+            )
+            for n, v in fit.fe_params.items()
         )
-        for n, v in fit.fe_params.items()
-    )
+    for one in fixed:
+        if not np.isfinite([one.value, one.error]).all():
+            raise BadValue(
+                f"mixed: {formula}: {one.name} = {one.value:g} with a standard error of"
+                f" {one.error:g}; look for values that are too large, too small or all the same"
+            )
     good = bool(fit.converged) and not any(
         "ConvergenceWarning" in w.category.__name__ for w in said
     )

@@ -526,7 +526,7 @@ def followed(x: NDArray[np.float64], cursor: Cursor, fs: float) -> dict[str, flo
     ... }
     {'gain': 0.9, 'lag': 0.05, 'error': 0.002215}
     """
-    if np.ndim(x) != 1 or np.asarray(x).dtype.kind not in "iuf":
+    if np.ndim(x) != 1 or np.asarray(x).dtype.kind not in "iuf" or not len(x):
         raise BadValue(f"followed: x = {x!r:.80} must be a row of positions")
     t = np.arange(len(x)) / fs
     w = 2 * np.pi * cursor.frequency

@@ -209,6 +209,14 @@ def test_a_mixed_model_is_that_of_statsmodels_and_takes_drift_away():
     assert found.coefficients[2].low < 0.5 < found.coefficients[2].high
 
 
+def test_a_mixed_model_of_people_who_do_not_differ_has_errors_of_its_slopes():
+    """A variance of 0 has no standard error; the slopes have theirs."""
+    same = {"y": [1, 2, 3, 4] * 3, "x": [0, 1] * 6, "participant": [*"aaaabbbbcccc"]}
+    found = mixed(same, "y ~ x")
+    assert found.coefficients[1].value == pytest.approx(1) and not found.converged
+    assert found.coefficients[1].error == pytest.approx(0.4**0.5, rel=1e-6)
+
+
 # Detection ----------------------------------------------------------------------------
 def test_sensitivity_to_six_digits():
     counts = 50, 50, 0, 50
@@ -294,6 +302,7 @@ def test_proportions_of_the_nodules():
             "at least two of them",
         ),
         (lambda: mixed({"participant": [1, 2], "y": [1, 2, 4]}, "y ~ 1"), "same length"),
+        (lambda: mixed({"participant": [1, 1, 2, 2], "y": [0] * 4}, "y ~ 1"), "error of nan"),
     ],
 )
 def test_what_cannot_be_used_is_said(call, said):
