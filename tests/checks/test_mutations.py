@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from correct import rendering
 from faults import FAULTS, OLD, caught, failed
-from laws import STRESS
+from laws import mostly
 
 import stimlib
 
@@ -28,7 +28,7 @@ def test_what_is_faulty_is_not_the_scene():
         assert not failed(scene, fault.motion, 0.3)
 
 
-@pytest.mark.parametrize("seed", range(200 if STRESS else 12))
+@pytest.mark.parametrize("seed", mostly(range(12), range(200)))
 def test_correct_renderings_of_every_kind_pass(seed):
     """Own blocks, parameters, limits, 1 to 192 kHz, held hands."""
     kind, scene, motion, render = rendering(np.random.default_rng(10**6 + seed))
