@@ -130,9 +130,7 @@ def fixed(part: Part) -> list[dict[str, str]]:
 def _value(v: Any, unit: str) -> str:
     if v is None or isinstance(v, bool | str):
         return "yes" if v is True else v or ""
-    if isinstance(v, int | float):
-        return f"{v:g} {unit}".rstrip()
-    return getattr(v, "name", "") or "as given"
+    return f"{v:g} {unit}".rstrip() if isinstance(v, int | float) else "as given"
 
 
 def _entries(name: str) -> Iterator[tuple[list[str], list[str]]]:

@@ -22,7 +22,7 @@ from stimlib.analysis.overview import (
     picture,
     rows_of,
 )
-from stimlib.errors import BadValue, UnknownName
+from stimlib.errors import BadValue, UnknownName, counted
 from stimlib.files import audio
 from stimlib.motion.generators import constant_speed, minimum_jerk
 
@@ -233,7 +233,11 @@ def test_odd_signals_have_a_page_and_a_picture(name, tmp_path):
     data = (tmp_path / "a.png").read_bytes()
     assert data.startswith(b"\x89PNG") and len(data) > 10_000
     page = (tmp_path / "a.html").read_text()
-    assert "</html>" in page and f"{x.size} samples at" in page and "How to reproduce it" in page
+    assert (
+        "</html>" in page
+        and f"{counted(x.size, 'sample')} at" in page
+        and "How to reproduce it" in page
+    )
 
 
 # Copies to listen to: the vibration alone, and loud enough ----------------------------

@@ -139,7 +139,7 @@ U, R = sweep()
     [
         (lambda: identify(U, R[:-1], FS), "same samples"),
         (lambda: identify(U, R, FS, quantity="force"), "displacement, velocity"),
-        (lambda: identify(U, R * np.nan, FS), "not finite"),
+        (lambda: identify(U, R * np.nan, FS), "must be finite"),
         (lambda: identify([], [], FS), "same samples"),
         (lambda: identify(U, 1j * R, FS), "identify: response = "),
         (lambda: identify(U, R, 0.0), "fs = 0.0"),

@@ -309,7 +309,7 @@ METRES = stimlib.render(
         (BadValue, (T, 0, 1000.0), "above 0; a plate without patches has none"),
         (BadValue, (T, C, -1.0), "must be a number above 0"),
         (BadValue, (T[:1], C, 1000.0), "at least two finite samples"),
-        (BadValue, ([0.0, np.nan], C, 1000.0), "at least two finite samples"),
+        (BadValue, ([0.0, np.nan], C, 1000.0), "must be finite"),
         (BadValue, (np.ones((2, 3)), C, 1000.0), "one row"),
     ],
 )
