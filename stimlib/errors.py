@@ -306,13 +306,23 @@ def computed(f: F) -> F:
     @functools.wraps(f)
     def call(*given: Any, **named: Any) -> Any:
         np = importlib.import_module("numpy")
-        bound = signature.bind(*given, **named).arguments
-        flat = {k: [*v.values()] if isinstance(v, dict) else v for k, v in bound.items()}
-        rows = {where: np.ravel(v).astype(float) for where, v in flat.items() if _numbers(v)}
-        for where, row in rows.items():
-            if np.isnan(row).any() or (np.ndim(flat[where]) and np.isinf(row).any()):
-                k = int(np.argmin(np.isfinite(row)))
-                raise BadValue(f"{f.__name__}: {where} = {row[k]:g}, number {k}, must be finite")
+        try:
+            bound = signature.bind(*given, **named).arguments
+        except TypeError:
+            return f(*given, **named)  # which says what is wrong with the call
+        rows, many = {}, {}
+        for where, v in bound.items():
+            parts = [*v.values()] if isinstance(v, dict) else [v]
+            if parts and all(map(_numbers, parts)):
+                # of a masked array too all numbers, which is what functions take
+                each = [np.asarray(part).ravel().astype(float, copy=False) for part in parts]
+                rows[where] = row = np.concatenate(each) if each[1:] else each[0]
+                many[where] = isinstance(v, dict) or np.ndim(v) > 0
+                if not np.isfinite(row).all() and (many[where] or np.isnan(row[0])):
+                    k = int(np.argmin(np.isfinite(row)))
+                    raise BadValue(
+                        f"{f.__name__}: {where} = {row[k]:g}, number {k}, must be finite"
+                    )
         try:
             with np.errstate(over="raise", divide="raise", invalid="raise"):
                 return f(*given, **named)
@@ -321,16 +331,18 @@ def computed(f: F) -> F:
                 where: np.abs(np.log10(np.abs(row[row != 0]))).max(initial=20 * (not row.any()))
                 for where, row in rows.items()
             }
-            where = max(far, key=lambda name: far[name], default=next(iter(bound)))
-            row = rows.get(where, np.zeros(0))
-            size = (
-                f", with {row.size} numbers up to {np.abs(row).max(initial=0):g},"
-                if np.ndim(flat[where])
-                else f" = {row[0]:g}"
-            )
+            what = "what is given"
+            if far:
+                what = max(far, key=lambda name: far[name])
+                row = rows[what]
+                what += (
+                    f", with {counted(row.size, 'number')} up to {np.abs(row).max(initial=0):g},"
+                    if many[what]
+                    else f" = {row[0]:g}"
+                )
             raise BadValue(
-                f"{f.__name__}: {where}{size} is too large, too small or too few for what is"
-                f" computed ({e}); check its unit"
+                f"{f.__name__}: {what} is too large, too small or too few for what is computed"
+                f" ({e}); check its unit"
             ) from e
 
     return call  # type: ignore[return-value]

@@ -5,18 +5,26 @@ import pytest
 from refusals import refused
 
 import stimlib
-from stimlib import BadValue, Input, Scene
+from stimlib import BadValue, Input, Param, Scene
 from stimlib.analysis import cues, sensation_level, vibration, weighted_rms
+from stimlib.experiments import psychometric
+from stimlib.fitting import fit_springpot, fit_texture
 from stimlib.motion.source import positions
 from stimlib.plate import amplifier_load
 
 WAVE = np.sin(np.arange(400) / 9)
+TIME, RAMP = np.arange(400) / 1000.0, np.linspace(0.1, 1.0, 400)
+SPRING = Scene({"f": Param("k", 1.0, "N/m") * Input("x", "m")})
 GAP = np.ma.masked_where((np.arange(400) > 200) & (np.arange(400) < 220), WAVE)
 CALLS = {
     "render": lambda y: stimlib.render(Scene({"y": Input("x") * 2.0}), {"x": y}, 1000.0),
     "cues": lambda y: cues(y, WAVE, 1000.0),
     "sensation_level": lambda y: sensation_level(y, 1000.0, "m"),
     "weighted_rms": lambda y: weighted_rms(y, 1000.0),
+    "fit_springpot": lambda y: fit_springpot(TIME, y, WAVE),
+    "fit": lambda y: stimlib.fit(SPRING, {"x": WAVE}, y, {"k": 2.0}, fs=1000.0, steps=1),
+    "fit_texture": lambda y: fit_texture(y, RAMP, RAMP, fs=1e3, order=3, seconds=0.05),
+    "psychometric": lambda y: psychometric(y, WAVE > 0),
     "amplifier_load": lambda y: amplifier_load(y, 1e-9, 1000.0),
 }
 

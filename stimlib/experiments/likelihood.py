@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue
+from ..motion.source import unmasked
 
 Array = np.ndarray
 LINKS = ("probit", "logit", "gumbel", "weibull")
@@ -148,7 +149,7 @@ def numbers(what: str, values: ArrayLike) -> Array:
     stimlib.errors.BadValue: line: x must be rows of numbers: could not convert ...
     """
     try:
-        return np.asarray(values, float)
+        return unmasked(values)
     except (TypeError, ValueError) as e:
         raise BadValue(f"{what} must be rows of numbers: {e}") from None
 
@@ -476,7 +477,8 @@ def _within(step: Array, at: Array, highest: Array) -> Array:
     """Return steps cut at FAR, and where a rate comes to the end of its range."""
     part = (FAR + np.abs(at[1]) / 2) / np.maximum(np.abs(step[:2]).max(axis=0), FLOOR)
     room = np.where(step[2:] > 0, highest - at[2:], at[2:])
-    with np.errstate(divide="ignore", invalid="ignore"):
+    # a step so small that it has all the room there is, or none
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         parts = np.where(room > 0, room / np.abs(step[2:]), 1.0)
     return step * np.minimum(np.minimum(part, 1.0), parts.min(axis=0))
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..blocks.fractional import Alpha
-from ..errors import Above0, BadValue, Below1, Count, From0, Upto1, computed, public
+from ..errors import Above0, BadValue, Below1, Count, From0, Upto1, computed, counted, public
+from ..motion.source import unmasked
 
 Onset = Literal["steady", "step"]
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory
@@ -386,7 +387,7 @@ def signals_at(t, *signals) -> list[np.ndarray]:
     )
     for name, v in zip(names, (t, *signals), strict=False):
         try:
-            a = np.array(v, float)
+            a = np.array(unmasked(v))
         except (TypeError, ValueError):
             raise BadValue(f"{name} must be an array of numbers") from None
         if a.ndim != 1 or (out and a.size != out[0].size):
@@ -398,7 +399,7 @@ def signals_at(t, *signals) -> list[np.ndarray]:
             raise BadValue(f"{name}[{int(np.argmin(np.isfinite(a)))}] is not finite")
         out.append(a)
     if out[0].size < 2:
-        raise BadValue(f"{out[0].size} samples are not enough; give at least 2")
+        raise BadValue(f"{counted(out[0].size, 'sample')} cannot be fitted; give at least 2")
     late = np.diff(out[0]) > 0
     if not late.all():
         i = int(np.argmin(late))

@@ -634,7 +634,8 @@ def _use(
             raise BadValue("where: none of these samples is after the motion has begun")
     if used.sum() < least:
         raise BadValue(
-            f"{int(used.sum())} samples to fit are not enough for this model; give at least {least}"
+            f"{counted(int(used.sum()), 'sample')} to fit: not enough for this model; give at"
+            f" least {least}"
         )
     if not f[used].any():
         raise BadValue("the force f is 0 at all samples to fit")

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core.scene import Scene
 from ..errors import Above0, BadValue, Count, computed, counted, need, public
-from ..motion.source import frames_of, positions, sources_of
+from ..motion.source import frames_of, positions, sources_of, unmasked
 from ..run.processor import compile
 from ..system.packages import package
 from ..system.progress import progress as bar
@@ -154,6 +154,7 @@ def _signal(name: str, target: Any, n: int | None) -> np.ndarray:
         )
     if n is not None and a.size != n:
         raise BadValue(f"fit: the target of {name} must be {n} samples, got {a.size}")
+    a = unmasked(target)
     if not (fits := np.abs(a) <= LARGEST).all():
         raise BadValue(
             f"fit: the target of {name} is not finite at sample {int(np.argmin(fits))}, or above"
@@ -161,7 +162,7 @@ def _signal(name: str, target: Any, n: int | None) -> np.ndarray:
         )
     if not np.abs(a).max(initial=0) > 1 / LARGEST:
         raise BadValue(f"fit: the target of {name} is 0 throughout: nothing can be relative to it")
-    return a.astype(float)
+    return a
 
 
 def _force(targets: Mapping[str, Any], n: int, weight: Any) -> View:

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..design.texture import ORDER, TextureModel, frequencies
 from ..errors import BadValue, Count, public
+from ..motion.source import unmasked
 
 LARGEST = 1e9  # number in a recording, whatever its unit
 SHORTEST = 4  # samples for each coefficient in a stretch that is used
@@ -337,7 +338,7 @@ def _signals(**signals) -> list[np.ndarray]:
             x = np.array("")
         if x.dtype.kind not in "iuf":
             raise BadValue(f"fit_texture: {name} must be an array of real numbers, got {x.dtype}")
-        x = x.astype(float)
+        x = np.array(unmasked(given))
         if x.ndim != 1 or not x.size or (out and x.size != out[0].size):
             raise BadValue(
                 f"fit_texture: {name} has shape {x.shape}; all three signals must be rows of one"
