@@ -20,6 +20,7 @@ from stimlib import BadValue, Input, Scene, SinkError
 from stimlib.blocks import generalized_maxwell, springpot_series
 from stimlib.blocks.fractional import relaxation_modulus, springpot
 from stimlib.fitting.closed_form import (
+    Pairs,
     Sampled,
     arm_forces,
     maxwell_force,
@@ -570,3 +571,15 @@ def test_pictures_and_words(tmp_path):
     np.testing.assert_array_equal(errors.get_ydata(), 100 * fits[0].relative)
     refused(SinkError, None, fits[0].plot, tmp_path / "nowhere" / "p.png")
     refused(SinkError, None, fits[0].plot, tmp_path / "p.movie")
+
+
+@pytest.mark.parametrize("onset", ["steady", "step"])
+@pytest.mark.parametrize("of", ["pairs", "gl", "l1"])
+def test_a_springpot_s_slope_by_alpha_is_that_of_its_response(of, onset):
+    """Against a central difference of the response, from the second sample on."""
+    t = np.arange(60) / 100.0
+    y, some = 0.2 + np.sin(5.0 * t), np.arange(1, t.size)
+    given = (t, y, some, onset) if of == "pairs" else (0.01, y, some, of, onset)
+    response = (Pairs if of == "pairs" else Sampled)(*given)
+    above, below = (response(0.3 + h)[0] for h in (1e-6, -1e-6))
+    np.testing.assert_allclose(response(0.3)[1], (above - below) / 2e-6, rtol=1e-6, atol=1e-7)
