@@ -322,7 +322,7 @@ def test_goodness_of_fit_is_that_of_refitted_draws():
 def test_answers_that_scatter_are_named_and_their_intervals_are_wider(interval):
     yes, how = [0, 9, 7, 19, 13, 20], {"interval": interval}
     fit, plain = (psychometric(LEVELS, yes, ASKED, dispersion=v, **how) for v in (None, 1.0))
-    assert fit.problems == plain.problems == ("overdispersed",) and fit.p < 0.01
+    assert fit.problems == plain.problems == ("overdispersed",) and 0 < fit.p < 0.01
     assert fit.dispersion > 2 and fit.pse == plain.pse
     near = psychometric(LEVELS, [0, 7, 7, 18, 16, 20], ASKED, interval="none")
     assert 0.01 < near.p < 0.03 and not near.problems
