@@ -59,10 +59,14 @@ def test_each_save_plays_and_errors_name_the_line(watched, capfd):
     file.unlink()
     assert "watch_spring.py" in until(told.copy).pop()
     file.write_text(SCENE)
-    until(lambda: played)
-    said = capfd.readouterr().err
-    assert len(re.findall(r"scene: plays, \d\.\d\d s after it was saved", said)) == 4
-    assert said.count("; the version before plays on") == 5
+    said = []  # after it plays
+
+    def told_of_four():
+        said.append(capfd.readouterr().err)
+        return len(re.findall(r"scene: plays, \d\.\d\d s after it was saved", "".join(said))) == 4
+
+    until(told_of_four)
+    assert "".join(said).count("; the version before plays on") == 5
 
 
 def test_only_another_content_counts_and_a_file_may_be_replaced(watched, tmp_path):
