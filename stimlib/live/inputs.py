@@ -25,6 +25,8 @@ from ..run.processor import Processor, compile
 from .protocol import FINGERS, POINTERS
 
 Array = NDArray[np.float64]
+Row = dict[Any, float]
+Reports = dict[int, list[tuple[float, ...]]]
 SMOOTH = 8.0
 """Bandwidth in Hz of the smoothing of a pointer, which delays by 40 ms."""
 # parts of its length, of three means in turn: of all threes this has the least above
@@ -307,11 +309,10 @@ class Inputs:
         self.fingers[finger] = (u, v, p if on else 0.0, float(on))
         at = 1e-3 * t + self._page.offset(1e-3 * t, now) if t else now
         last = reports[-1][0]
-        # where it was until it landed, left, or began to move
+        # where it was until it landed, left, or began to move; both at once
         held = at if self.touches and on != before[3] else at - CATCH_UP
-        if held > last:
-            reports.append((held - 1e-6, *before))
-        reports.append((max(at, last), *self.fingers[finger]))
+        rests = [(held - 1e-6, *before)] if held > last else []
+        reports.extend([*rests, (max(at, last), *self.fingers[finger])])
         self._moves.append((at, t, now))
 
     def lift(self) -> None:
@@ -365,9 +366,12 @@ class Inputs:
         if self._follow is None:
             return x
         sources, t = dict(self.sources), self._times(at, n)
+        # read once: what comes meanwhile would reach some inputs of a finger, not all
+        fingers = {s["finger"] for s in sources.values()}
+        known = self.row, {f: [*self._reports[f]] for f in fingers}
         landed = np.zeros((len(self.names), n))
         for k, source in enumerate(sources.values()):
-            x[k], landed[k] = self._way(k, source, t, at)
+            x[k], landed[k] = self._way(k, source, t, at, *known)
         followed = self._follow.process(x - landed) + landed
         for k, (name, source) in enumerate(sources.items()):
             if source["from"] != "contact":
@@ -391,14 +395,16 @@ class Inputs:
             _, *self.newest = self._moves.popleft()
         return t
 
-    def _way(self, k: int, source: Mapping[str, Any], t: Array, at: int) -> tuple[Array, Array]:
+    def _way(
+        self, k: int, source: Mapping[str, Any], t: Array, at: int, row: Row, fingers: Reports
+    ) -> tuple[Array, Array]:
         """Return an input before it is smoothed, and its jumps at landings.
 
         Without these jumps it goes on where it was, also if what is known now of the
         sample before is not what it had: the rest is caught up with.
         """
         zero = self.touches and self.names[k] in self._forces
-        x, on = (np.broadcast_to(v, len(t)) for v in self._held(source, t, zero))
+        x, on = (np.broadcast_to(v, len(t)) for v in self._held(source, t, zero, row, fingers))
         end, touched, last = self._ends[k] or (x[0], on[0], x[0])
         chosen, length = self._changed[self.names[k]] is None, CATCH_UP * self.fs
         # what the source before had to catch up with is nothing to the new one
@@ -418,7 +424,7 @@ class Inputs:
         return way, landed
 
     def _held(
-        self, source: Mapping[str, Any], t: Array, zero: bool
+        self, source: Mapping[str, Any], t: Array, zero: bool, row: Row, fingers: Reports
     ) -> tuple[Array | float, Array | float]:
         """Return an input's target, and whether the finger is in contact.
 
@@ -426,12 +432,12 @@ class Inputs:
         """
         kind, low, high = source["from"], source["low"], source["high"]
         if kind == "stream":
-            there = source["channel"] in self.row
-            v = self.row[source["channel"]] * source["scale"] if there else max(0.0, low)
+            there = source["channel"] in row
+            v = row[source["channel"]] * source["scale"] if there else max(0.0, low)
             return min(max(v, low), high), 1.0
         if kind not in POINTERS and not (zero and kind == "value"):
             return source["value"], 1.0
-        reports = list(self._reports[source["finger"]])
+        reports = fingers[source["finger"]]
         k = len(reports) - 1
         while k > 0 and reports[k][0] > t[0]:
             k -= 1

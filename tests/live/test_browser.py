@@ -406,7 +406,7 @@ def test_a_page_sees_that_its_server_is_silent_killed_or_another(site, begun):
 def test_captions_and_words_say_the_sample_that_is_drawn(page):
     """While the finger moves, and after it: of one frame."""
     look = """new Promise(done => requestAnimationFrame(() => setTimeout(() => done(
-      ["#inputs output", "#inputs span:nth-child(2) output", "#where", "#outputs output"].map(
+      ["[aria-label=x1]", "[aria-label=x2]", "#where", "[aria-label=force1]"].map(
       css => document.querySelector(css).textContent)))))"""
     press(page, 0.2, 0.5)
     found = []

@@ -95,6 +95,25 @@ def test_where_contact_is_told_a_finger_that_hovers_moves_nothing_and_begins_whe
         assert inputs.columns(at, 3).tolist() == [[pytest.approx(0.08)] * 3, [on] * 3]
 
 
+def test_all_inputs_of_a_finger_know_the_same_reports():
+    """Also where reports come while their motion is computed."""
+
+    class Meanwhile(Inputs):
+        def _way(self, k, *of):
+            self.move(0, 0.1 * (k + 1), 0.0, 0.0, 1)
+            self.take([[0.02 * (k + 1)]])
+            return super()._way(k, *of)
+
+    scene = Scene({"y": Input("x1", "m") + Input("x2", "m")})
+    ranges = {"x1": (0.0, 0.1), "x2": (0.0, 0.1)}
+    inputs = Meanwhile(scene, FS, ranges, delay=1e-4, stream=lambda timeout: ([], []))
+    for kind in ("u", "stream"):
+        for name in ranges:
+            inputs.choose(name, **{"from": kind})
+        rows = np.concatenate([inputs.columns(4 * k, 4) for k in range(100)], axis=1)
+        assert np.array_equal(*rows) and np.ptp(rows) > 0.005
+
+
 def test_an_input_goes_over_to_a_sine_within_a_tenth_of_a_second_and_then_is_one():
     inputs = Inputs(SPRING, FS, {"x": (0.0, 0.1)}, delay=0.0)
     inputs.move(0, 1.0, 0.0, 0.0, 1)
