@@ -150,6 +150,8 @@ def test_an_edit_is_felt_at_once_and_a_mistake_is_shown(site, page):
     assert page.js("document.querySelector('#note').hidden") and page.js(RUNS)
     sliders = page.js("[...document.querySelectorAll('#params input[type=range]')].length")
     assert sliders == 2 and live(page, "live.state.params.level") == 0.5
+    # of the scene before no picture stays
+    assert page.js("document.querySelectorAll('.plot').length") == live(page, "live.panels.length")
     stream.reload(springs())
     until(page, "Math.abs(live.outputs.force1 - 100) < 1")
     release(page, 0.5)
@@ -172,9 +174,14 @@ def test_a_pointer_reaches_the_processor_and_the_curves(page):
 def test_a_slider_changes_the_force_and_a_reset_brings_it_back(page):
     press(page, 0.5, 0.5)
     release(page, 0.5)
-    page.click("#params input[type=range]")
-    slid = page.js("+document.querySelector('#params input[type=range]').value")
-    assert slid != 2000
+
+    def slid():
+        """Again where the page moved meanwhile."""
+        page.click("#params input[type=range]")
+        value = page.js("+document.querySelector('#params input[type=range]').value")
+        return value != 2000 and value
+
+    slid = waiting.until(slid)
     until(page, f"Math.abs(live.outputs.force1 - {slid} * {WIDE / 2}) < 1")
     page.click("#params button")
     until(page, f"Math.abs(live.outputs.force1 - 2000 * {WIDE / 2}) < 1")

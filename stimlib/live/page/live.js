@@ -49,7 +49,7 @@ function greet(hello) {
   live.hello = hello;
   live.history = spectrum.history = new History(Math.ceil(LONGEST * hello.fs), [...all, ...outputs].map(s => s.full ?? 1));
   $("title").textContent = document.title = hello.title;
-  for (const parent of ["inputs", "outputs"]) $(parent).replaceChildren();
+  for (const parent of ["inputs", "outputs", "first"]) $(parent).replaceChildren();
   const drawnIn = (signals, where) => grouped(signals).map(g => new Panel(g, live.history, $(where)));
   const vibrates = o => drawnIn(!o.vibrates ? [] : [{ ...o, index: o.index + outputs.length, least: LEAST * o.full, whole: o.index }], "outputs");
   live.panels = [...drawnIn(inputs, "inputs"), ...grouped(outputs).flatMap(g => [...drawnIn(g, "outputs"), ...g.flatMap(vibrates)])];
