@@ -183,7 +183,7 @@ class EveryNodeOfAStep(Block):
         s.register[1] = chosen ^ U(k + 9)
         y -= maths.flush(x * 1e-190) * 1e190 + abs(total)
         sign = (maths.bits(maths.flush(x * 1e-191)) ^ maths.bits(SMALL)) >> U(63)
-        sign += maths.bits(x % -2.5) >> U(63)
+        sign += (maths.bits(x % -2.5) >> U(63)) + u % (s.n & U(1))  # 0, by 0 too
         y += maths.as_float(sign) + maths.unbits(maths.bits(x) & POSITIVE)
         return y, Memory(double, u + U(1), s.st_line, s.register, s.none)
 

@@ -117,13 +117,16 @@ class Words(Block):
 def test_what_needs_float64_is_refused_by_name(tmp_path):
     x, way = Input("x", "m"), {"x": 1.0 + 1e-6 * np.sin(np.arange(100) / 7)}
     near = (2.0 * x - stimlib.constant(2.0, "m")) * stimlib.constant(5.0, "N/m")
-    for scene, says in (
+    k = Param("k", 1e30)  # its square is beyond float32, and no sample has it
+    for scene, says, *params in (
         (Scene({"y": near}), "more than 0.001 of its peak 1e-05, first after Sub.Mul."),
+        (Scene({"y": k * k * near}), "first after Sub.Mul.", ("k", 1.0)),
         (Scene({"y": elapsed() * x}), "Time..: in float32 a count ends at 2.24"),
         (Scene({"y": Words(x)}), "Words.tile: 64-bit words take the room of two float32"),
         (Scene({"y": friction(x, 20.0)}), "ElastoPlastic.*: 1e.100 is beyond float32"),
     ):
-        error = refused(SceneError, says, export_c, scene, 1000, tmp_path, way, **NARROW)
+        how = {"params": dict(params)} | NARROW
+        error = refused(SceneError, says, export_c, scene, 1000, tmp_path, way, **how)
         assert not list(tmp_path.iterdir()), error
         assert ".py:" not in str(error) or "test_export_float32.py:" in str(error)
 

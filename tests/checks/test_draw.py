@@ -64,6 +64,8 @@ def test_every_block_has_its_place(name):
     for i, box in p.box.items():  # signals go to the right
         for a in p.sources(i):
             assert p.box[a].last <= box.last if box.inner else p.box[a].last < box.first
+    for a, wire in p.wires.items():  # as far as the block before the last that it reaches
+        assert wire.last == max(c for b in p.box.values() for n, c in p.needs(b) if n == a) - 1
 
 
 @pytest.mark.parametrize("name", SCENES)

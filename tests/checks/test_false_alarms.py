@@ -388,6 +388,12 @@ CORRECT = {
             )
         }
     ),
+    "a turn at the limit, where the law slips by rounding and the block does not": (
+        sticky,
+        {"x": np.array([-0.0125, -0.0051, -0.0045, -0.0045, -0.0055]), "n": np.ones(5)},
+        {"fs": 1000},
+        "StickSlip",
+    ),
     "slips whose place is a rounding, after a way": (
         sticky,
         {"x": WANDERS, "n": np.ones(WANDERS.size)},

@@ -564,9 +564,10 @@ def test_bootstrap_draws_lapses_too():
     wanted = np.quantile(pses, [0.025, 0.975], method="median_unbiased")
     found = bootstrap(Sets(LEVELS, yes, asked), Model(lapse=0.1), seed=3, n=n)[0]
     np.testing.assert_allclose(found, wanted, rtol=1e-9)
-    other = bootstrap(Sets(LEVELS, yes, asked), Model(lapse=0.1), seed=4)
+    once = Sets(*np.c_[[LEVELS, yes, asked], [5.0, 1, 1]])  # one level was asked once
+    other = bootstrap(once, Model(lapse=0.1), seed=4)
     how = {"lapse": 0.1, "interval": "bootstrap", "dispersion": 1.0}
-    fit = psychometric(LEVELS, yes, asked, **how, seed=4)
+    fit = psychometric(*once, **how, seed=4)
     assert fit.pse_interval == tuple(other[0])
     for wrong in ({"seed": -1}, {"n": 0}, {"confidence": 1.0}):
         refused(BadValue, "bootstrap: .*must be", bootstrap, Sets(LEVELS, YES, ASKED), **wrong)

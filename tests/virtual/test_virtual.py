@@ -207,6 +207,12 @@ def test_axis_motion_and_parameters():
         refused(BadValue, f"{word} .*(finite|numbers)", try_on, scene, FULL, **how | {word: value})
 
 
+def test_contacts_are_counted_from_the_first_sample_on():
+    trial = try_on(NOTHING, FULL, seconds=0.005)
+    for force in ([0, 1, 1, 0, 2], [3, 0, 0, 0, -1], [2, 2, 0, 1, 1]):
+        assert dc.replace(trial, force=np.array(force)).contacts == 2
+
+
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 @pytest.mark.parametrize(
     ("law", "device", "of"),
