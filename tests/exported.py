@@ -178,12 +178,15 @@ class EveryNodeOfAStep(Block):
             turn = turn + 0.75
         for i in range(4, 0, -2):
             total += k * i % MANY
+        far, below = s.n & U(127), index & 127  # no word has so many bits
+        total += k % (index & 1) + (index << below) + (index >> below + 60)
         for i in range(1, p.none.size + s.st_line.size):
             s.st_line[i] = 0.5 * s.st_line[i] + maths.fma(x, p.gain, double)
         s.register[1] = chosen ^ U(k + 9)
         y -= maths.flush(x * 1e-190) * 1e190 + abs(total)
         sign = (maths.bits(maths.flush(x * 1e-191)) ^ maths.bits(SMALL)) >> U(63)
-        sign += (maths.bits(x % -2.5) >> U(63)) + u % (s.n & U(1))  # 0, by 0 too
+        sign += maths.bits(x % -2.5) >> U(63)
+        sign += (u << far ^ u >> far) + u % (far & U(1))  # by 0: 0
         y += maths.as_float(sign) + maths.unbits(maths.bits(x) & POSITIVE)
         return y, Memory(double, u + U(1), s.st_line, s.register, s.none)
 
