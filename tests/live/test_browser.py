@@ -221,6 +221,14 @@ def test_keys_move_the_finger_mark_start_stop_and_record(page, site):
     assert right["on"] == 1 and right["u"] > before + 0.005
     page.key("ArrowLeft", 0.1)
     until(page, f"live.field.fingers.get(0).u < {right['u']}")
+    tapped = """(f => {
+      f.key({ key: "ArrowLeft" }, true);
+      const { u } = f.fingers.get(0);
+      f.tick(performance.now() - 1e3); // a frame that began before the key came
+      f.key({ key: "ArrowLeft" }, false);
+      return f.fingers.get(0).u - u;
+    })(live.field)"""
+    assert live(page, tapped) == 0
     page.key("Enter")
     assert live(page, "live.field.fingers.get(0).on") == 0
     page.key("m")

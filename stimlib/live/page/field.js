@@ -127,6 +127,7 @@ export class Field {
     for (const hold of [this.hover, ...this.held.values()]) hold.late?.();
     if (!this.keys.size) return;
     const dt = Math.min(0.1, (now - this.since) / 1000), f = this.fingers.get(0);
+    if (dt <= 0) return; // a frame that began before the key came would move it back
     let { u, v } = f;
     for (const [key, speed] of this.keys) { u += ARROWS[key][0] * speed * dt; v += ARROWS[key][1] * speed * dt; }
     this.since = now;
