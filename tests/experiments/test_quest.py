@@ -9,7 +9,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from experiments.some import TASK, experiment, observer, simulate, some
+from experiments.some import TASK, experiment, nothing, observer, simulate, some
 from laws import STRESS
 from refusals import refused
 from scipy.special import ndtr
@@ -148,9 +148,9 @@ def test_a_session_that_ends_on_precision_is_resumed(tmp_path):
     """And has the trials, through a sink, that it has without one."""
     made = experiment(design=PRECISE, bounds={"k": (0.1, 8.0)})
     found = [simulate(tmp_path / "whole", made)]
-    for left_at in (5, 21):
+    for left_at, show in ((5, nothing), (21, "offline")):
         some(tmp_path / str(left_at), left_at, made)
-        found.append(simulate(tmp_path / str(left_at), made, show="offline", resume=True))
+        found.append(simulate(tmp_path / str(left_at), made, show=show, resume=True))
     facts = [[(r.number, r.trial, r.answer.values) for r in s.records] for s in found]
     assert facts[0] == facts[1] == facts[2] and 20 <= len(facts[0]) < 90
 
