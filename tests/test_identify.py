@@ -326,8 +326,7 @@ def test_a_gate_has_an_effect_with_a_surrogate():
 
 
 def test_a_start_at_the_truth_stays_there():
-    f = stimlib.compile(static, FS, target="jax")
-    target = np.asarray(f({"k": 300.0}, {"y": X})["force"])
+    target = np.asarray(stimlib.compile(static, FS, target="jax")({"k": 300.0}, {"y": X})["force"])
     fit = stimlib.fit(static, {"y": X}, target, {"k": 300.0}, fs=FS)
     assert fit.converged and fit.steps <= 1 and fit.loss < 1e-28
     assert fit.params == pytest.approx({"k": 300.0}, rel=1e-13)

@@ -93,8 +93,7 @@ def test_rows_have_the_bits_of_render():
     rows = grid(motion=hands, fingers=[2, 1], A=[0.0, 3.4], seed=[3, 2**64 - 1])
     words = {"motion": hands, "fs": 8000, "seconds": 0.1, "live": ["A"]}
     table = sweep(squeeze, rows, measures=["rms(force1)", "peak(force1)"], **words)
-    names = "motion fingers A seed rms_force1 peak_force1 fault error"
-    assert table.column_names == names.split()
+    assert table.column_names == "motion fingers A seed rms_force1 peak_force1 fault error".split()
     for at, row in enumerate(table.to_pylist()):
         motion = {
             f"x{i + 1}": HAND if row["motion"] == "slow" else hands["fast"]

@@ -205,8 +205,7 @@ def test_a_scene_that_is_active_on_purpose_is_judged_by_its_own_bound(monkeypatc
     place = np.interp(t, [0.0, 0.5, 1.0], [0.0, 0.1, 0.05])
     push = constant(-1.0, "N") + 0.0 * spring(x, 1.0)
     for power, beyond in ((None, 100), (0.04, 80), (0.3, 0)):
-        force = push if power is None else active(push, power)
-        scene = Scene({"F": force})
+        scene = Scene({"F": push if power is None else active(push, power)})
         made = stimlib.render(scene, {"x": place}, fs=1000, seconds=1.0)
         (told,) = stimlib.verify(scene, {"x": place}, made).evidence.numbers
         assert told.startswith("F over x: gave at most 100 mJ more")
