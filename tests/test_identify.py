@@ -300,6 +300,12 @@ WRONG = {
         {"k": 1.0},
         {"loss": lambda s, t: jnp.log(-(s["force"][1] ** 2))},
     ),
+    "the derivative by k is not finite at the start, k = 1": (
+        static,
+        X,
+        {"k": 1.0},
+        {"loss": lambda s, t: jnp.abs(s["force"][0] * 0.0) ** 0.5},
+    ),
 }
 
 

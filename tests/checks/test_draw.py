@@ -13,7 +13,7 @@ from refusals import refused
 
 from stimlib import BadValue, Input, Param, Scene, SinkError, compile, constant, draw, enabled
 from stimlib.analysis.layout import SPACE, Layout
-from stimlib.blocks import delay, loading, lut, pink_noise, velocity, where, white_noise
+from stimlib.blocks import delay, loading, loop, lut, pink_noise, velocity, where, white_noise
 from stimlib.core.program import lower
 from stimlib.scenes import squeeze
 
@@ -103,6 +103,8 @@ def test_the_words_of_a_block():
         assert words in text
     assert any(t[0] == "Velocity" and "cutoff = 100" in t for t in text)
     assert Layout(lower({"y": Input("x") - 0.0})).text(2)[1:] == ["b = 0"]
+    p = Layout(lower({"y": loop(lambda y: lut(2.0 * y, [0, 1], [0, 1]))}))
+    assert ["loop", "\u00d7 Lut"] in map(p.text, p.box)
 
 
 @pytest.mark.parametrize(

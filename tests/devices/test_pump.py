@@ -2,6 +2,8 @@
 that stays away, full rings.
 """
 
+import ctypes
+import sys
 import time
 
 import numpy as np
@@ -121,6 +123,31 @@ def test_the_samples_do_not_depend_on_the_block(kind):
 
 
 STEADY = Scene({"y": stimlib.constant(50.0)})
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the clock of Windows is another")
+def test_a_machine_that_is_late_by_nine_blocks_has_lost_nine():
+    """With a clock that moves while the pump sleeps: once, by 10 blocks more."""
+    bench, slept, calls = Bench(STEADY, None).begun(), [], []
+    pump = bench.pump  # which writes into the buffer of the bench
+    time_of_day = pump.buffers("TIME")
+
+    def clock(_id, _at):
+        time_of_day[:] = 1, sum(slept)
+        return 0
+
+    def sleep(us):
+        slept.append(1000 * us + (len(slept) == 20) * 10 * 64 * 10**9 // FS)
+        if len(slept) == 30:
+            pump.write("STATE", words.CLOSED)
+        return 0
+
+    i4, i8, form = ctypes.c_int, ctypes.c_int64, ctypes.CFUNCTYPE
+    for word, call in ("CLOCK", form(i4, i4, i8)(clock)), ("SLEEP", form(i4, i4)(sleep)):
+        calls.append(call)
+        pump.write(word, ctypes.cast(call, ctypes.c_void_p).value)
+    pump.native.null(pump.context, 64, float(FS), 1)
+    assert pump.read("LOST") == 9 * 64
 
 
 @pytest.mark.parametrize(

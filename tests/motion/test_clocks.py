@@ -83,11 +83,12 @@ def test_a_row_from_before_the_wrap_that_comes_too_late_is_refused(late, reports
 
 
 def test_a_clock_that_was_set_back_is_told_from_rows_out_of_order():
-    """Sorted, the rows of a clock set back by 64 ms would be a zigzag."""
-    back = np.where(T > 0.801, T - 0.064, T)
-    says = "row 201: time goes back from 0.8 to 0.74 s; if the clock was set back, say rate="
-    # a column of many values does not say which recording a row is of
-    refused(RecordingError, says, recording, table(back, n=T), {"x": "x"})
+    """Sorted, the rows of a clock set back, by two rows or by 16, would be a zigzag."""
+    for by, to in ((0.01, "0.794"), (0.064, "0.74")):
+        back = np.where(T > 0.801, T - by, T)
+        says = f"row 201: time goes back from 0.8 to {to} s; if the clock was set back, say rate="
+        # a column of many values does not say which recording a row is of
+        refused(RecordingError, says, recording, table(back, n=T), {"x": "x"})
     order = np.arange(400)
     order[[100, 101, 300, 302]] = order[[101, 100, 302, 300]]
     says = "3 of 400 rows come too late; put the rows into the order of time"
