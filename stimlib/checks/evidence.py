@@ -284,6 +284,7 @@ def seen_by(
         y = seen[: len(e.scene.outputs)].copy()
         empty: dict[str, Any] = {field: {} for field in ("whites", "fingers", "curves", "wanted")}
         empty |= {field: [] for field in ("taps", "numbers", "skipped", "held")}
+        empty["drive"] = drive if whole else None
         new = replace(
             e, at=at, x=x, y=y, shown=y if shown is None else shown[:, at:stop], all=whole, **empty
         )
@@ -301,7 +302,7 @@ def seen_by(
             for at, stop in pairwise(edges):
                 yield part(proc, at, stop)
 
-        first.later, first.drive = later, drive
+        first.later = later
         seconds = f"{edges[0] / e.fs:.6g} s of {frames / e.fs:.6g} s"
         first.skipped.append(
             "pictures, the slope of force over position, and how small an error is seen: of the"

@@ -283,3 +283,21 @@ def test_of_many_channels_the_interpreter_makes_some_again_and_each_kind_of_bloc
     assert [c for c in report.checks if c.name.endswith("from 0 of 9 of 21 outputs")]
     made.y[0, 5] += 1e-300  # of whichever output
     assert not stimlib.verify(scene, {"x": np.sin, "y": np.cos}, made).passed
+
+
+@pytest.mark.parametrize("size", [800, 100])
+@pytest.mark.parametrize("seed", range(3))
+def test_the_interpreter_begins_before_a_gate_of_what_was_drawn_opens(seed, size, monkeypatch):
+    """In the first of the stretches that a recording is verified in, or a later one."""
+    monkeypatch.setattr("stimlib.checks.evidence.at_once", lambda scene: size)
+    monkeypatch.setattr("stimlib.checks.evidence.LATER", size)
+    x = Input("x")
+    gated = [blocks.enabled(blocks.white_noise(k), by=x > float(k)) for k in range(20)]
+    scene, motion = Scene({f"a{k}": y for k, y in enumerate(gated)}), {"x": lambda t: 200.0 * t}
+    report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.1, seed=seed))
+    drawn = [int(name[1:]) for name in verification._drawn(report.evidence)]
+    (name,) = (c.name for c in report.checks if c.name.startswith("interpreter"))
+    opens = int(np.argmax(np.arange(800) / 40 > drawn[0]))
+    start = max(opens - opens % size, opens - 16)
+    assert drawn == sorted(drawn) and report.passed and report.evidence.at == 0
+    assert name.endswith(f" from {start} of 8 of 20 outputs")
