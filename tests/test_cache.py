@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from contextlib import nullcontext, suppress
 from pathlib import Path
@@ -333,6 +334,22 @@ def test_forks_and_threads_in_any_order_compile_each_entry_once(tmp_path):
     assert all(re.fullmatch(r"(ends|entry\d|slow)_\w{20}", name) for name in left), "no lock"
 
 
+def test_an_entry_is_loaded_while_other_threads_wait(monkeypatch):
+    def load(*given):
+        thread = threading.Thread(
+            target=lambda: free.append(cache_folder.lock.acquire(blocking=False))
+        )
+        thread.start()
+        thread.join()
+
+    free = []
+    monkeypatch.setattr(caches, "_loaded", {})
+    monkeypatch.setattr(caches, "_load", load)
+    for _ in range(2):
+        caches.load(TWICE, "twice")
+    assert free == [False], "once"
+
+
 LAZY = """
 import os, signal, sys, threading
 import numpy as np
@@ -386,7 +403,7 @@ def helper(x):
     return {helper}
 
 class GainParams(NamedTuple):
-    gain: float
+    {params}
 
 class GainState(NamedTuple):
     last: float
@@ -396,12 +413,13 @@ class Gain(Block):
     x: Block
     gain: float = 2.0
     def design(self, fs):
-        return GainParams(self.gain), GainState(0.0)
+        return GainParams(*(self.gain, 7.0)[: len(GainParams._fields)]), GainState(0.0)
     @staticmethod
     def step(p, s, x):
         return {step}, GainState(x)
 """
 DEFAULT = {"top": "", "factor": "3.0", "helper": "x + 1.0", "step": "p.gain * FACTOR * helper(x)"}
+DEFAULT |= {"params": "gain: float"}
 
 USER = """
 import numpy as np, sys
@@ -442,6 +460,22 @@ def test_an_edit_is_never_served_stale(tmp_path, cache):
     pair = "class Pair(NamedTuple):\n    a: float\n    b: float = "
     edits += [
         ({"helper": "x * Pair(x).b", "top": f"{pair}{b}"}, [6 * b, 12 * b]) for b in (2.0, 3.0)
+    ]
+    pair = "class Pair(NamedTuple):\n    %s: float\n    %s: float"
+    edits += [
+        ({"helper": "Pair(x, 2.0).b", "top": pair % tuple(names)}, wanted)
+        for names, wanted in (("ab", [12, 12]), ("ba", [6, 12]))
+    ]
+    default = "def other(x, {}k=4.0):\n    return x * k\nother.__{}__ = {}"  # of one text
+    edits += [
+        ({"helper": "other(x)", "top": default.format(*how)}, [6 * v, 12 * v])
+        for v in (5.0, 8.0)
+        for how in (("", "defaults", (v,)), ("*, ", "kwdefaults", {"k": v}))
+    ]
+    names = "gain: float", "more: float"
+    edits += [
+        ({"params": "\n    ".join(order)}, [6 * gain, 9 * gain])
+        for order, gain in ((names, 2.0), (names[::-1], 7.0))
     ]
     texts = [MODULE.format(**(DEFAULT | edit)) for edit, _ in edits]
     (tmp_path / "texts.json").write_text(json.dumps(texts))

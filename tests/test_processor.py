@@ -1,6 +1,7 @@
 """The processor: messages, `out`, parameters, latency, response, plan."""
 
 import ctypes
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -215,6 +216,7 @@ def test_a_ramp_may_turn_on_the_way(target):
     proc = make({"y": Param("a", 0.0)}, target=target)
     proc.set("a", 1.0, 0.01)
     y = proc.process(np.empty((0, 5)))[0]
+    middle = proc.state
     proc.set("a", 3.0, 1.0)  # never heard: the next call replaces it
     proc.set("a", -1.0, 0.003)
     y = np.r_[y, proc.process(np.empty((0, 5)))[0]]
@@ -226,6 +228,10 @@ def test_a_ramp_may_turn_on_the_way(target):
     proc.set("a", 2.0, 0.0)  # is there: the next one begins at it
     proc.set("a", 4.0, 0.002)
     assert proc.process(np.empty((0, 4)))[0].tolist() == [3.0, 4.0, 4.0, 4.0]
+    proc.state = middle  # a parameter is where its ramp leads
+    assert proc.log == [] and proc.params == {"a": 1.0}
+    proc.set("a", 0.5, 0.0)
+    assert proc.log == [(5, "a", 0.5, 0.0)]
     proc.reset()
     assert proc.log == [] and proc.params == {"a": 0.0}
     assert not proc.process(np.empty((0, 5))).any()
@@ -453,6 +459,26 @@ def test_state_reset_and_set_wait_for_each_other():
     for seed, start in starts.items():
         proc.reset(seed)
         assert_same(proc.state, start)
+
+    def waits():  # a thread that would touch the engine
+        free = []
+        thread = threading.Thread(target=lambda: free.append(proc._lock.acquire(blocking=False)))
+        thread.start()
+        thread.join()
+        return free == [False]
+
+    class Waited:
+        def __getattr__(self, name, own=proc._engine):
+            assert waits(), name
+            return getattr(own, name)
+
+        def __setattr__(self, name, value, own=proc._engine):
+            assert waits(), name
+            setattr(own, name, value)
+
+    proc._engine = Waited()
+    for action in (lambda k: proc.reset(30), *actions[:-1]):
+        action(0)
 
 
 def test_a_seed_is_a_plain_number_and_samples_have_a_limit(monkeypatch):
