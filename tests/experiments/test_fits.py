@@ -498,6 +498,18 @@ def test_a_climb_ends_at_the_top(x, yes, n, model, held, highest):
     assert found.loglik == pytest.approx(highest, abs=1e-6)
 
 
+def test_a_step_is_cut_where_a_rate_rises_or_falls_to_the_end_of_its_range():
+    rng, highest = np.random.default_rng(1), np.array([[0.1], [0.5]])
+    at = rng.uniform(0.0, 1.0, (4, 200)) * np.append([[1.0], [1.0]], highest, axis=0)
+    step = rng.uniform(-0.3, 0.3, at.shape)
+    cut = likelihood._within(step, at, highest)
+    share, rates = (cut / step)[0], (at + cut)[2:]
+    np.testing.assert_allclose(cut, share * step, rtol=1e-12)
+    assert (rates > -1e-15).all() and (rates < highest + 1e-15).all()
+    end = np.minimum(abs(rates), abs(highest - rates)).min(axis=0) < 1e-15
+    assert (end == (share < 1.0)).all() and share.max() == 1.0 > share.min()
+
+
 ONE, OTHER, ROUGH = [1, 4, 9, 17, 19, 20], [0, 2, 8, 12, 19, 20], [0, 9, 7, 19, 13, 20]
 HALF = {"guess": 0.5, "interval": "none"}
 
