@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from laws import STRESS, assert_same, pair, rows, run
+from laws import STRESS, Set, assert_same, pair, random_cuts, rows, run
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.core import silence
+from stimlib.core.units import ONE
 
 FS = 1000.0
 X, A = Input("x"), Param("A", 0.0)
@@ -81,19 +82,24 @@ def test_a_burst_says_it_rather_than_a_parameter(block, says):
     assert repr(tone.contact.x) == repr(says)
 
 
+F = Param("F", 31.0, "Hz")
+SOUND = b.playback(np.resize([0.5, 0.0, -0.0, -1.0], 70), rate=FS)
+GATES = [A, B, F / constant(1.0, "Hz"), BURST, SOUND, X, X > 0.0, b.nonzero(X), X == 0.0]
+GATES += [b.envelope(X > 0.5, 0.002, 0.003, 0.5, 0.001), b.hysteresis(X, 0.5, -0.5)]
+GATES += [b.loading(constant(1.0, "m/s") * X, on=0.5, off=0.2), b.burst(0.1 * A * X, 0.03)]
+
+
 @st.composite
-def composed(draw, depth=4):
+def composed(draw, most=9):
     """Sources, what lets them through, and sums and choices of both."""
     sources = [
-        b.carrier(
-            draw(st.sampled_from([31.0, 125.0, 499.0])), draw(st.sampled_from([None, "half"]))
-        ),
+        b.carrier(draw(st.sampled_from([31.0, 499.0, F])), draw(st.sampled_from([None, "half"]))),
         b.white_noise(draw(st.integers(0, 3)), shared=True),
         b.oscillator(77.0, "triangle"),
     ]
-    gates = [A, BURST, X > 0.0, b.nonzero(X), Param("B", 0.5), b.enabled(sources[1], by=X), X]
+    gates = [*GATES, b.enabled(sources[1], by=X), b.segment(BURST * sources[1], 0.03, 0.2, seed=1)]
     pool = [*sources, sources[0] * draw(st.sampled_from(gates))]
-    for _ in range(draw(st.integers(2, 9))):
+    for _ in range(draw(st.integers(2, most))):
         one, other = draw(st.sampled_from(pool[-5:])), draw(st.sampled_from(pool))
         gate = draw(st.sampled_from([*gates, *pool[-2:]]))
         makers = [
@@ -104,6 +110,7 @@ def composed(draw, depth=4):
             lambda one=one: -one,
             lambda one=one, other=other, gate=gate: b.where(gate, one, other),
             lambda one=one: b.first_order(one, 0.01),
+            lambda one=one: b.delay(one, 70),
             lambda one=one: b.tanh(one),
             lambda one=one, other=other: one / (1.5 + b.tanh(other)),
             lambda one=one, other=other: one / other,
@@ -112,24 +119,55 @@ def composed(draw, depth=4):
     return pool[-1], draw(st.sampled_from(pool))
 
 
-@settings(max_examples=900 if STRESS else 40, deadline=None)
-@given(composed(), st.integers(0, 99), st.sampled_from([1, 7, 64, 100]))
-def test_no_bit_tells_who_rested(blocks, seed, size):
-    """Beside what is heard throughout, and without rest; nor the sign of a zero."""
+def shown(v):
+    """A signal with numbers for what is none, at which the guard would fade it out."""
+    return b.where(v - v == 0.0, v, b.where(v > 0.0, 7e9, b.where(v < 0.0, -7e9, 8e9)))
+
+
+def stretches(rng, n):
+    """Motion in stretches: of zeros with either sign, of numbers, of everything."""
+    values = [[0.0], [-0.0], [0.0, -0.0, 1.0, -2.0], [0.0, -0.0, 0.5, np.nan, np.inf, -np.inf]]
+    lengths = rng.choice([1, 3, 20, 64, 130], n, p=[0.1, 0.1, 0.3, 0.3, 0.2])
+    parts = [
+        rng.standard_normal(k) if (of := rng.integers(5)) == 4 else rng.choice(values[of], k)
+        for k in lengths[: np.searchsorted(np.cumsum(lengths), n) + 1]
+    ]
+    return np.concatenate(parts)[None, :n]
+
+
+def no_bit_tells(blocks, seed, size, n=300):
+    """Compare the samples of compositions that rest with those that do not.
+
+    Beside all that they are made of, and without rest; the interpreter makes one of the
+    three.
+    """
     rng = np.random.default_rng(seed)
-    motion = np.where(rng.random((1, 300)) < 0.5, rng.standard_normal((1, 300)), 0.0)
-    motion[0, 100:200] = rng.choice([0.0, -0.0, 1.0, np.nan], p=[0.4, 0.3, 0.25, 0.05])
-    cuts = range(0, 300, size)
+    motion, interpreted = stretches(rng, n), rng.integers(3)
+    sets = [
+        Set(int(rng.integers(n)), name, float(rng.choice(values)), float(rng.choice(ramps)))
+        for name, values in (
+            ("A", [0.0, -0.0, 5e-324, -1.3]),
+            ("B", [0.0, 2.0]),
+            ("F", [0.0, 99.0]),
+        )
+        for ramps in ([0.0, 0.004, 0.07],) * 2
+    ]
+    cuts = range(0, n, size) if size else random_cuts(n, rng)
 
-    def samples(outputs):
-        fast, slow = pair(Scene(outputs), FS, seed)
-        y = run(fast, rows(fast, motion, ["x"]), cuts)
-        assert_same(run(slow, rows(slow, motion, ["x"]), (128,)), y, "llvm and python")
-        return y[0]
+    def samples(outputs, turn):
+        fast, slow = pair(Scene({name: shown(block) for name, block in outputs.items()}), FS, seed)
+        moves = [one for one in sets if one.name in fast.params]
+        y = run(fast, rows(fast, motion, ["x"]), cuts, moves)
+        if turn == interpreted:
+            assert_same(run(slow, rows(slow, motion, ["x"]), (), moves), y, "llvm and python")
+        return y[: len(blocks)]
 
-    y = samples({"y": blocks[0]})
-    beside = {f"z{k}": one for k, one in enumerate(stimlib.core.graph.reach(blocks))}
-    assert_same(samples({"y": blocks[0], **beside}), y, "with all that it is made of beside it")
+    roots = {f"y{k}": one for k, one in enumerate(blocks)}
+    y = samples(roots, 0)
+    beside = {
+        f"z{k}": one for k, one in enumerate(stimlib.core.graph.reach(blocks)) if one.dim == ONE
+    }
+    assert_same(samples(roots | beside, 1), y, "with all that it is made of beside it")
     with pytest.MonkeyPatch.context() as patched:
         whole = silence._contacts
 
@@ -138,7 +176,15 @@ def test_no_bit_tells_who_rested(blocks, seed, size):
             return dict.fromkeys(contacts), products
 
         patched.setattr(silence, "_contacts", throughout)
-        assert_same(samples({"y": blocks[0]}), y, "without rest")
+        assert_same(samples(roots, 2), y, "without rest")
+    return y
+
+
+@settings(max_examples=900 if STRESS else 40, deadline=None)
+@given(composed(), st.integers(0, 999), st.sampled_from([0, 1, 7, 64, 100]))
+def test_no_bit_tells_who_rested(blocks, seed, size):
+    """Nor the sign of a zero, nor what is no number."""
+    no_bit_tells(blocks[:1], seed, size)
 
 
 def test_a_source_at_rest_goes_on():
