@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from laws import STRESS, Set, assert_same, pair, random_cuts, rows, run
+from laws import STRESS, Set, assert_same, random_cuts, rows, run
 
 import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
@@ -155,14 +155,19 @@ def no_bit_tells(blocks, seed, size, n=300):
     cuts = range(0, n, size) if size else random_cuts(n, rng)
 
     def samples(outputs, turn):
-        fast, slow = pair(Scene({name: shown(block) for name, block in outputs.items()}), FS, seed)
-        moves = [one for one in sets if one.name in fast.params]
-        y = run(fast, rows(fast, motion, ["x"]), cuts, moves)
+        scene = Scene(outputs)
+
+        def made(target, cuts):
+            proc = stimlib.compile(scene, FS, target, seed)
+            moves = [one for one in sets if one.name in proc.params]
+            return run(proc, rows(proc, motion, ["x"]), cuts, moves)
+
+        y = made("llvm", cuts)
         if turn == interpreted:
-            assert_same(run(slow, rows(slow, motion, ["x"]), (), moves), y, "llvm and python")
+            assert_same(made("python", ()), y, "llvm and python")
         return y[: len(blocks)]
 
-    roots = {f"y{k}": one for k, one in enumerate(blocks)}
+    roots = {f"y{k}": shown(one) for k, one in enumerate(blocks)}
     y = samples(roots, 0)
     beside = {
         f"z{k}": one for k, one in enumerate(stimlib.core.graph.reach(blocks)) if one.dim == ONE
