@@ -203,10 +203,10 @@ class Calibration:
         """
         return self._inverse(fs, taps)[0]
 
-    def _inverse(self, fs: float, taps: int | None = None) -> tuple[Array, float]:
-        """Return the taps of the inverse filter, and its largest relative error.
+    def _inverse(self, fs: float, taps: int | None = None) -> tuple[Array, float, Array, float]:
+        """Return the taps of the inverse filter and its largest error; and ``_response``.
 
-        The taps minimise the squared error of filter and device over all frequencies.
+        The error is relative. The taps minimise the squared error of filter and device over all frequencies.
         """
         if (taps is not None and (taps < 3 or taps % 2 == 0)) or self.band[1] >= 0.48 * fs:
             raise BadValue(
@@ -214,7 +214,8 @@ class Calibration:
                 f" {self.band[1] / 0.48:.0f} Hz"
             )
         f, measured, known, wanted, held = self._over(fs)
-        fit = np.fft.rfft(self._response(fs)[0], GRID) / held
+        response, apart = self._response(fs)
+        fit = np.fft.rfft(response, GRID) / held
         ends = np.clip(np.arange(f.size), *np.flatnonzero(measured)[[0, -1]])
         device = np.where(known, held * fit[ends], np.abs(self.gain).max())
         found, overall, error, spill = np.empty(0), np.zeros(f.size), math.inf, math.inf
@@ -232,7 +233,8 @@ class Calibration:
                 f" {error:.1%}, and a gain of up to {spill:.2g} where nothing was measured: give"
                 " more taps, sweep more beyond the band, or leave out the deepest gap"
             )
-        return found / max(1.0, np.abs(overall[wanted < 1.0]).max(initial=0.0)), error
+        most = np.abs(overall[wanted < 1.0]).max(initial=0.0)
+        return found / max(1.0, most), error, response, apart
 
     def _over(self, fs: float) -> tuple[Any, Any, Any, Any, Any]:
         """Return frequencies up to fs/2, and what holds there.
@@ -398,7 +400,7 @@ def _fitted(weights: Array, device: Any, wanted: Any, n: int) -> Array:
 @lru_cache(8)
 def _inverse_of(made: Calibration, fs: float) -> Inverse:
     """Return the inverse filter and the modelled response at a sample rate."""
-    (taps, error), (response, apart) = made._inverse(fs), made._response(fs)
+    taps, error, response, apart = made._inverse(fs)
     if not apart <= SPILL:
         raise BadValue(
             f"Calibration.safety: at fs = {fs:g} Hz no response fits the gains better than"
