@@ -55,7 +55,7 @@ def taken(rng, noise, takes=5, seconds=4.0):
 
 
 def test_the_uncertainty_holds_in_95_of_100():
-    """Each run its own noise, 20 dB below the signal; at frequencies that share none."""
+    """Each run its own noise, 20 dB below the signal, and each frequency too."""
     rng, runs = np.random.default_rng(4), 40 if os.environ.get("STIMLIB_STRESS") else 6
     at, inside = np.arange(90.0, 391.0, 20.0), []
     for _ in range(runs):

@@ -101,6 +101,7 @@ def test_the_command_takes_a_recording_or_renders_the_experiment(tmp_path, monke
     monkeypatch.chdir(tmp_path)
     Path("finger.csv").write_text("t_s,x_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n0.03,4,1\n")
     monkeypatch.setattr("stimlib.scenes.bumps_set", lambda: bumps_set()[::27])
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)  # as many workers as there are cores
     words = "render-set set --motion finger.csv --map x=x_mm*1e-3 --workers 1"
     ran(words, 2, "has no input contact; add --contact")
     ran(words + " --contact")

@@ -569,15 +569,18 @@ def ahap_of(n):
 @pytest.mark.parametrize(
     ("call", "tree", "says", "points"),
     [
-        (read_hjif, lambda: hjif_of(10_000), "1600.. .*limits.scene_blocks", 10_000),
-        (read_ahap, lambda: ahap_of(10_000), "1600.. .*limits.scene_blocks", 10_000),
-        (read_hjif, lambda: hjif_of(6000, 2), r"effects\[1\]: points so far", 7 * 6000),
+        (read_hjif, lambda: hjif_of(2000), "320.. .*limits.scene_blocks", 2000),
+        (read_ahap, lambda: ahap_of(2000), "320.. .*limits.scene_blocks", 2000),
+        (read_hjif, lambda: hjif_of(1200, 2), r"effects\[1\]: points so far", 7 * 1200),
     ],
 )
-def test_curves_of_too_many_points_are_refused_before_they_are_made(call, tree, says, points):
+def test_curves_of_too_many_points_are_refused_before_they_are_made(
+    call, tree, says, points, monkeypatch
+):
     """The points of the file are in memory, and sixteen times as many of those curves
     alone that are within the limits.
     """
+    monkeypatch.setattr(stimlib.limits, "scene_blocks", 20_000)
     _, most = most_memory(refused, SceneFileError, says, *(call, tree(), PatternDevice(power=2.0)))
     assert most < 600 * points
 
