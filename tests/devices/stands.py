@@ -239,6 +239,13 @@ STANDS = [
 ]
 
 
+@pytest.fixture(params=STANDS)
+def stand(request, tmp_path, monkeypatch):
+    """Each kind of sink, with somebody at its other end."""
+    with request.param(tmp_path, monkeypatch) as made:
+        yield made
+
+
 def textured_sink(make, channels, **options):
     """A sink of the textured scene with one or two outputs, and its log."""
     scene, log = textured(min(channels, 2)), Seen()

@@ -31,7 +31,6 @@ from devices.servers import (
 from devices.stands import (
     FAILS,
     FS,
-    STANDS,
     STEADY,
     Task,
     alsa,
@@ -49,13 +48,6 @@ from stimlib.run.safety import Safety
 
 WAVE = Param("level", 1.0) * (0.5 * carrier(110.0, phase=0.3) + 0.05 * blocks.white_noise(3))
 SCENE = Scene({"wave": WAVE, "other": 0.25 * carrier(60.0)})
-
-
-@pytest.fixture(params=STANDS)
-def stand(request, tmp_path, monkeypatch):
-    """Each kind of sink, with somebody at its other end."""
-    with request.param(tmp_path, monkeypatch) as made:
-        yield made
 
 
 def inside(heard, expected, rise):
@@ -117,8 +109,7 @@ def test_channels_carry_the_outputs_that_are_named(stand):
     options = {"name": "Dev1/ao0:3"} if stand.kind == "nidaq" else {}
     sink = stand.make(scene, log=log, **options)
     played(sink, 0.1, channels=["b", None, "a", "b"], block=64)
-    assert np.concatenate(log.frames)[-1].tolist() == [1.0, 0.0, 0.5, 1.0]
-    assert sink.channels == 4
+    assert np.concatenate(log.frames)[-1].tolist() == [1.0, 0.0, 0.5, 1.0] and sink.channels == 4
 
 
 def test_what_a_stall_loses_is_told_and_accounted(stand):

@@ -317,13 +317,6 @@ BAD_XDF = {
 }
 
 
-@pytest.mark.parametrize("what", BAD_XDF)
-def test_odd_xdf_files(tmp_path, what):
-    pytest.importorskip("pyxdf")
-    data, why = BAD_XDF[what]
-    refused(RecordingError, why, recording, written(tmp_path / "a.xdf", data), {"x": "x"})
-
-
 # C3D ----------------------------------------------------------------------------------
 RATE, STEP = 100.0, 10  # Hz; samples of a channel in a frame
 TIP = np.round(500 * np.stack([np.sin(T), np.cos(T), T / 1e4], axis=1))  # mm
@@ -458,11 +451,14 @@ BAD_C3D = {
 }
 
 
-@pytest.mark.parametrize("what", BAD_C3D)
-def test_odd_c3d_files(tmp_path, what):
-    pytest.importorskip("c3d")
-    data, why = BAD_C3D[what]
-    refused(RecordingError, why, recording, written(tmp_path / "a.c3d", data), {"x": "'P1:Tip.X'"})
+ODD = [("xdf", "pyxdf", "x", *bad) for bad in BAD_XDF.values()]
+ODD += [("c3d", "c3d", "'P1:Tip.X'", *bad) for bad in BAD_C3D.values()]
+
+
+@pytest.mark.parametrize(("form", "package", "x", "data", "why"), ODD, ids=[*BAD_XDF, *BAD_C3D])
+def test_odd_files(tmp_path, form, package, x, data, why):
+    pytest.importorskip(package)
+    refused(RecordingError, why, recording, written(tmp_path / f"a.{form}", data), {"x": x})
 
 
 def test_many_rows_and_columns_of_a_c3d_file_are_refused(tmp_path, monkeypatch):
