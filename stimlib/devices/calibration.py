@@ -204,9 +204,10 @@ class Calibration:
         return self._inverse(fs, taps)[0]
 
     def _inverse(self, fs: float, taps: int | None = None) -> tuple[Array, float, Array, float]:
-        """Return the taps of the inverse filter and its largest error; and ``_response``.
+        """Return the taps of the inverse filter, its largest error, and ``_response``.
 
-        The error is relative. The taps minimise the squared error of filter and device over all frequencies.
+        The error is relative. The taps minimise the squared error of filter and device
+        over all frequencies.
         """
         if (taps is not None and (taps < 3 or taps % 2 == 0)) or self.band[1] >= 0.48 * fs:
             raise BadValue(
