@@ -2,7 +2,9 @@
 take; `make stress` tries more; JACK.
 """
 
+import ast
 import ctypes
+import functools
 import gc
 import importlib
 import os
@@ -183,9 +185,32 @@ def pytest_configure(config):
         "jack: needs a JACK server",
         "systems: in an emulation of Windows or macOS",
         "stress: more of what another test tries too; make stress alone",
-        "longer: tries more in make stress; tests of hypothesis do without it",
+        "longer: reads STRESS, to try more in make stress; given by conftest.py alone",
     ):
         config.addinivalue_line("markers", marker)
+
+
+@functools.cache
+def longer(path):
+    """Return the names at the top of a file that depend on STRESS: what reads it, in
+    its body or decorators, and what reads that.  What a helper of another file tries
+    more is an argument of it, or has a mark (``mostly``).
+    """
+    reads: dict[str, set] = {}
+    text = path.read_text(encoding="utf-8")
+    for node in ast.parse(text if "STRESS" in text else "").body:
+        inside = list(ast.walk(node))
+        words = {getattr(n, kind, None) for n in inside for kind in ("id", "arg", "attr", "value")}
+        sets = [n for n in inside if isinstance(n, ast.Assign | ast.AugAssign | ast.AnnAssign)]
+        left = [t for n in sets for t in getattr(n, "targets", None) or [n.target]]
+        made = {n.id for t in left for n in ast.walk(t) if isinstance(n, ast.Name)}
+        for name in {node.name} if hasattr(node, "name") else made:
+            reads.setdefault(name, set()).update(words)
+    found, more = set(), {"STRESS", "STIMLIB_STRESS"}
+    while more:
+        found |= more
+        more = {name for name, words in reads.items() if words & found} - found
+    return found
 
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
@@ -195,6 +220,10 @@ def pytest_collection_modifyitems(config, items):
             items=[item for item in items if item.get_closest_marker("stress")]
         )
         items[:] = [item for item in items if not item.get_closest_marker("stress")]
+    else:
+        for item in items:
+            if item.nodeid.split("::")[1].partition("[")[0] in longer(item.path):
+                item.add_marker("longer")
     if marked := [item for item in items if item.get_closest_marker("jack")]:
         from devices.servers import no_jack
 

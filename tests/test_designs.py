@@ -18,7 +18,6 @@ from stimlib import blocks as b
 HERE = os.path.dirname(__file__)
 
 
-@pytest.mark.longer
 def test_every_design_ends_in_time_with_a_processor_or_a_reason():
     """All blocks, each number at its ends, from 1e-3 to 1e9 Hz: a sample of them here,
     a larger one in make stress.

@@ -156,7 +156,7 @@ def test_every_example_is_tested():
 
 # searches that take long to compile, as those of test_identify and of the pages do, and
 # sessions and recordings of half a minute
-STRESS = {
+SLOW = {
     name: pytest.mark.stress
     for name in (
         "fit_arms.py",
@@ -168,9 +168,7 @@ STRESS = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=STRESS.get(name, ())) for name in PRINTED]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=SLOW.get(name, ())) for name in PRINTED])
 def test_example_prints_its_result_and_draws_only_when_asked(name, tmp_path, monkeypatch, capsys):
     """In this process, with a folder of its own and warnings that are errors: a process
     for each pays the imports each time.

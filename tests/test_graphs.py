@@ -328,7 +328,6 @@ def check_independence(scene, fs, seed, x, sets):
 GRAPHS = 120 if STRESS else 10  # each is compiled anew
 
 
-@pytest.mark.longer
 def test_generated_graphs_keep_the_laws():
     seen: Counter = Counter()
     structures = set()

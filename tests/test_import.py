@@ -151,7 +151,6 @@ for words in each:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
-@pytest.mark.longer
 def test_what_each_command_and_scene_loads(tmp_path, monkeypatch):
     """Their CPU time is in benchmarks/results/compile.csv."""
     monkeypatch.chdir(tmp_path)

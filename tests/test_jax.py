@@ -126,7 +126,6 @@ COSTLY = {"springpot_live", "cursor", "texture", "spatial_noise", "track_contact
 @pytest.mark.parametrize(
     "name", mostly((ONES | STEPS) - COSTLY - LINEAR, [e.name for e in contract.TABLE if smooth(e)])
 )
-@pytest.mark.longer
 def test_derivatives_along_the_inputs(name):
     """Backwards, which is forwards transposed, and as a difference of the processor,
     which agrees with JAX to 1e-12.

@@ -18,6 +18,7 @@ from laws import (
     garbage,
     guarded,
     impulse_response,
+    kept,
     pair,
     played,
     random_cuts,
@@ -42,11 +43,6 @@ def case(e, fs, chosen, name=""):
     """Of a table of tests; in `make stress` alone where it is not chosen."""
     marks = [] if chosen else [pytest.mark.stress]
     return pytest.param(e, fs, id=name or f"{e.name}-{fs:g}", marks=marks)
-
-
-def kept(table):
-    """What is chosen of a table; in `make stress` all of it."""
-    return [p for p in table if STRESS or not p.marks]
 
 
 TURNS = [  # of an example's rates each has its turn
@@ -90,7 +86,6 @@ if STRESS:
     SIZES += [2053, 4096, 4099, 8191, 8192, 8193]
 
 
-@pytest.mark.longer
 @pytest.mark.parametrize(("entry", "fs"), FORMS)
 def test_law_1_cuts_change_nothing(entry, fs):
     n = 2 * 8193 + 1 if STRESS else 1000
@@ -428,7 +423,7 @@ def test_law_3_whatever_a_state_says_means_the_same_everywhere(entry, fs):
     procs = pair(entry.scene(), fs)
     rng = np.random.default_rng(12)
     x = rows(procs[0], entry.x(5, fs), entry.inputs)
-    for state in garbage(procs[0], rng):
+    for state in garbage(procs[0], rng, 12 if STRESS else 6):
         got = []
         for proc in procs:
             proc.state = state

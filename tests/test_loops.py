@@ -204,7 +204,6 @@ def scene_of(outputs):
 
 
 @pytest.mark.parametrize("name", mostly(set(CASES) - LIKE_OTHERS, CASES))
-@pytest.mark.longer
 def test_every_target_every_cut(name):
     outputs = CASES[name]()
     scene = scene_of(outputs)

@@ -610,7 +610,6 @@ def test_philox_known_answers(counter, key, result):
         assert tuple(map(int, noise.philox(*words))) == tuple(out.tolist()) == result
 
 
-@pytest.mark.longer
 def test_radius_is_right_to_a_few_ulps():
     top, near_1 = U(2**64 - 1), np.arange(0, 4096, 1 if STRESS else 5, dtype=U)
     all_sizes, near_0 = integers(6000 if STRESS else 600, 5), integers(300, 7) // U(2**50)

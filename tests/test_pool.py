@@ -67,7 +67,6 @@ STOPS = [
 
 
 @IN_PROC
-@pytest.mark.longer
 @pytest.mark.parametrize(("to", "signals", "code"), STOPS if STRESS else STOPS[2:4] + STOPS[5:])
 def test_what_stops_the_parent_stops_its_workers(tmp_path, to, signals, code):
     (tmp_path / "work.py").write_text(WORK)

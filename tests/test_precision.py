@@ -71,7 +71,6 @@ def test_what_was_measured_before_an_interruption_is_kept_whole(tmp_path, asked)
 
 
 @pytest.mark.parametrize("problem", ALL, ids=lambda p: p.name)
-@pytest.mark.longer
 def test_errors_are_those_that_were_recorded(problem):
     """And every rung that says a tolerance keeps it; JAX, which compiles long, at
     length only.

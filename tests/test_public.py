@@ -683,7 +683,6 @@ def tried(name: str, known: dict) -> list[str]:
 
 @pytest.mark.parametrize("module", sorted({f.__module__ for f in PUBLIC.values()}))
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.longer
 def test_an_argument_of_a_wrong_kind_is_refused_by_the_name_of_the_function(
     module, made, tmp_path, monkeypatch
 ):

@@ -34,7 +34,6 @@ x = Input("x")
 
 
 @pytest.mark.parametrize("entry", mostly(EACH.values(), TABLE), ids=lambda e: e.name)
-@pytest.mark.longer
 def test_a_file_gives_back_the_scene(entry, tmp_path):
     scene = entry.scene()
     scene.save(tmp_path / "scene.json")

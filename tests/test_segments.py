@@ -66,7 +66,6 @@ def check(scene, x, names, fs, at, target, rng, sets=()):
 @pytest.mark.parametrize(
     "case", mostly(CHOSEN, [(e.name, t) for e in TABLE for t in ("llvm", "python")]), ids="-".join
 )
-@pytest.mark.longer
 def test_a_segment_is_a_rendering(case):
     name, target = case
     k, entry = next((k, e) for k, e in enumerate(TABLE) if e.name == name)

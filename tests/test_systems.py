@@ -12,17 +12,17 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from laws import STRESS
 from systems import flow
 
 HERE = Path(__file__).parent / "systems"
 pytestmark = [
     pytest.mark.systems,
-    pytest.mark.longer,
     pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="looks at open files in /proc"),
 ]
 STEPS = {"windows": [step.__name__ for step in flow.STEPS]}
 # Windows lacks all that macOS lacks; what is left: a POSIX system without priorities
-if os.environ.get("STIMLIB_STRESS"):
+if STRESS:
     STEPS["macos"] = STEPS["windows"]
 else:  # sweeps are those of the command line, and one whose driver is killed
     STEPS["windows"].remove("sweep")

@@ -331,7 +331,6 @@ def test_no_motion_takes_energy_out(name):
     assert abs(w[-1]) < 1e-15 * taken if name == "detents" else w[-1] > 1e-6 * taken
 
 
-@pytest.mark.longer
 @pytest.mark.parametrize(
     ("law", "mm_in_10_min"), [("coulomb", 0), ("elastoplastic", 0), ("dahl", 731), ("lugre", 493)]
 )

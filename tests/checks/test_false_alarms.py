@@ -523,7 +523,6 @@ def test_a_correct_rendering_passes(name):
 
 
 # Noise, ramps, sources ----------------------------------------------------------------
-@pytest.mark.longer
 def test_a_long_rest_and_one_squeeze_pass_and_the_slope_is_recovered():
     """The noise is then in few samples, so the deviation of the slope is not that of
     noise spread evenly.
@@ -538,7 +537,6 @@ def test_a_long_rest_and_one_squeeze_pass_and_the_slope_is_recovered():
     assert 0.02 < np.std(apart) < 0.25
 
 
-@pytest.mark.longer
 def test_springpots_are_proved_at_every_order_rate_and_tolerance():
     """900 designs, the law against the discrete response; 139 were refused when both
     subtracted numbers that nearly cancel.
@@ -607,7 +605,6 @@ def test_a_ramp_of_a_minute_whose_roundings_add_up_passes(tmp_path, make, name, 
 
 
 # Statistics ---------------------------------------------------------------------------
-@pytest.mark.longer
 @pytest.mark.parametrize("n", mostly({10}, [10, 40, 300]))
 def test_p_values_are_those_of_the_hypothesis(n):
     """Of streams of the model; normal tails were wrong by a factor of 14 at 1e-4."""

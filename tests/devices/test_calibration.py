@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import os
 from contextlib import suppress
 from pathlib import Path
 from tempfile import mkdtemp
@@ -12,6 +11,7 @@ import pytest
 from actuators import ACTUATORS, Played, figures
 from commands import ran
 from devices.servers import played
+from laws import STRESS
 from refusals import refused
 from scipy.signal import freqz, lfilter
 
@@ -56,7 +56,7 @@ def taken(rng, noise, takes=5, seconds=4.0):
 
 def test_the_uncertainty_holds_in_95_of_100():
     """Each run its own noise, 20 dB below the signal, and each frequency too."""
-    rng, runs = np.random.default_rng(4), 40 if os.environ.get("STIMLIB_STRESS") else 6
+    rng, runs = np.random.default_rng(4), 40 if STRESS else 6
     at, inside = np.arange(90.0, 391.0, 20.0), []
     for _ in range(runs):
         found = calibrate(taken(rng, 0.3), "m/s^2", BAND)
@@ -160,7 +160,7 @@ def rig(rng, noise, gain=1.0):
 def test_the_right_device_passes_and_one_of_1_db_more_or_less_is_refused():
     """Each run its own noise, in the calibration and in the check."""
     rng, passed = np.random.default_rng(7), 0
-    runs = 100 if os.environ.get("STIMLIB_STRESS") else 10
+    runs = 100 if STRESS else 10
     for k in range(runs):
         made = calibrate(taken(rng, 0.05), "m/s^2", BAND)
         tone = (FS, *((180.0, 2.0), (300.0, 0.3))[k % 2])

@@ -1,9 +1,8 @@
 """Force per current of a motor: a simulated rig with load cells is recovered."""
 
-import os
-
 import numpy as np
 import pytest
+from laws import STRESS
 from refusals import refused
 from written import written
 
@@ -40,15 +39,14 @@ def test_the_interval_holds_in_95_of_100_rigs():
     """Each rig has its own readings; the share is over 5 positions, and the zero of the
     cell, intervals whose errors are hardly correlated."""
     rng, inside, errors, zeros = np.random.default_rng(3), [], [], []
-    stress = bool(os.environ.get("STIMLIB_STRESS"))
-    for _ in range(400 if stress else 60):
+    for _ in range(400 if STRESS else 60):
         found = calibrate_motor(rig(rng))
         at = np.arange(0, found.position.size, 10)
         true = NB * gamma(found.position[at])
         inside.append((found.low[at] <= true) & (true <= found.high[at]))
         errors.append((found.table[at] - true) / found.error[at])
         zeros.append((found.zero - ZERO) / found.zero_error)
-    share, slack = np.mean(inside), 1.0 if stress else 2.6
+    share, slack = np.mean(inside), 1.0 if STRESS else 2.6
     assert abs(share - 0.95) < 0.012 * slack, share
     assert (np.abs(np.std(errors, axis=0) - 1) < 0.12 * slack).all()
     assert abs(np.std(zeros) - 1) < 0.12 * slack and abs(np.mean(zeros)) < 0.2 * slack

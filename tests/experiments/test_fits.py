@@ -719,7 +719,6 @@ def test_ends_beyond_a_float_are_infinite():
     assert float(found[-1].level(1 - 1e-12)) == np.inf
 
 
-@pytest.mark.longer
 @pytest.mark.parametrize(
     ("chance", "how", "least", "most"),
     [

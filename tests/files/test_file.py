@@ -386,7 +386,6 @@ WRITES = f"""if True:
 
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
 @pytest.mark.parametrize("suffix", mostly([".flac"], [".flac", ".wav"]))
-@pytest.mark.longer
 def test_whenever_it_is_killed_the_file_is_whole_or_refused(tmp_path, suffix):
     """At a random moment.  What a session leaves then: test_log.py."""
     words, chance = (MOTION, 20.0), random.Random(7)

@@ -66,7 +66,6 @@ def test_what_was_found_stays_mended(case):
 
 
 @pytest.mark.parametrize("name", READERS)
-@pytest.mark.longer
 def test_changed_files_give_a_result_or_an_error_of_stimlib(name):
     seeds, chance = READERS[name].seeds(), random.Random(name)
     with warnings.catch_warnings(), little_memory():

@@ -202,7 +202,6 @@ def test_a_small_archive_of_much_is_refused_without_unpacking(tmp_path):
     assert "67108864" not in str(error) and most < 8 << 20
 
 
-@pytest.mark.longer
 def test_memory_of_many_rows(path):
     """10 million rows within 1 GB is 100 bytes a row, for file, time, position and
     cubics; it was 430.

@@ -26,7 +26,6 @@ def sweep(f0=F0, q=Q, seconds=2.0, rest=0.4, low=60.0, high=320.0, velocity=Fals
     return u, lfilter(b[0], a, u)
 
 
-@pytest.mark.longer
 def test_what_is_measured_is_found_within_what_is_said():
     """40 dB of signal over noise: 0.05 % and 3 %; of all intervals 95 in 100 hold the
     truth.

@@ -55,7 +55,6 @@ def integrated(rows, finger=None, modes=2):
     return np.array(out)
 
 
-@pytest.mark.longer
 def test_the_block_is_what_an_integrator_finds():
     rows = stroke(24000 if STRESS else 40)
     want = integrated(rows)
