@@ -192,7 +192,8 @@ DAMAGE = {
 }
 
 
-HEALED = ("a bit", "other functions")  # whatever is not sound goes the same way
+# the others are not sound either, and go the way of the first
+HEALED = ("a bit", "a pipe", "other functions")
 FORKS = (
     RUN
     + """

@@ -18,7 +18,7 @@ import stat
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -180,12 +180,15 @@ def _sound(entry: Path, own_hash: str) -> tuple[dict[str, Any], bytes] | None:
 
 
 def _publish(entry: Path, text: str, make: Callable[[], walk.Intermediate] | None) -> None:
-    """Compile an entry and move it into the cache, whatever is there."""
+    """Compile an entry and move it into the cache, whatever but a folder is there."""
     made = make() if make else walk.of_module(text, entry.name, known.TWINS)
     # a text without make is a file of ours: the runtime or a part of it
     code_bytes, calls = machine.machine_code(made.llvm, ours=make is not None)
     header = {"of": _sums(text), "names": made.names, "calls": calls}
     line = json.dumps(header | {"sha256": _sum(json.dumps(header).encode() + code_bytes)}).encode()
+    if not entry.is_file():  # a pipe or a device, which publish replaces for nobody
+        with suppress(OSError):
+            entry.unlink()
     try:
         safe_files.publish(entry, line + b"\n" + code_bytes)
     except SinkError as e:
