@@ -388,15 +388,15 @@ class _Writer:
         new = f"t{member.number}"
         state = member.named("s.m", member.s)
         if state and self.tiled:
-            self.before.append(f"{new} = {self._record(member.s, state)}")
+            self.before.append(f"{new} = {codegen.record(self.names(member.s), state)}")
             state = codegen.each(f"{new}.%s", fields(member.s))
         if member.contact:
             state = self._enter(member, state)
-        numbers = self._record(member.p, member.named("p.m", member.p))
+        numbers = codegen.record(self.names(member.p), member.named("p.m", member.p))
         if member.tile:
             self._call_tile(member, numbers, new if state else "()", args)
         else:
-            old = self._record(member.s, state)
+            old = codegen.record(self.names(member.s), state)
             made = codegen.several(member.values, bool(member.outputs))
             self.lines.append(
                 f"{made}, {new} = {codegen.call(self.names(member.f), numbers, old, *args)}"
@@ -408,10 +408,6 @@ class _Writer:
             self.lines.append(
                 f"{new} = {codegen.warm(self.names(member.s), fields(member.s), new)}"
             )
-
-    def _record(self, kind: type, values: list[str]) -> str:
-        # without a field it has no name either
-        return codegen.call(self.names(kind), *values) if values else "()"
 
     def _call_tile(self, member: Member, numbers: str, state: str, args: list[str]) -> None:
         """Write the call of a tile.

@@ -291,6 +291,7 @@ def affine(M: Any, v: Any, first: Any, anew: Any = None) -> Any:
             along, (jnp.eye(k, dtype=v.dtype), jnp.zeros((blocks, k), v.dtype)), v
         )
         all_powers = all_powers[:, None]  # those of any block: M is the same in all
+        starts = affine(powers, offsets, first)  # of the blocks
     else:
         M = (
             jnp.pad(M, ((0, length * blocks - n), (0, 0), (0, 0)))
@@ -314,12 +315,6 @@ def affine(M: Any, v: Any, first: Any, anew: Any = None) -> Any:
             (M, v, anew),
         )
         starts = jnp.where(cuts[..., None], 0.0, affine(powers, offsets, first, cut))
-        return (
-            (_apply(all_powers, starts) + all_offsets)
-            .swapaxes(0, 1)
-            .reshape(blocks * length, k)[:n]
-        )
-    starts = affine(powers, offsets, first)  # of the blocks
     return (_apply(all_powers, starts) + all_offsets).swapaxes(0, 1).reshape(blocks * length, k)[:n]
 
 

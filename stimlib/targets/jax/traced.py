@@ -111,16 +111,11 @@ def search(knots, x, per):
     return jnp.sum(jnp.asarray(x)[..., None] >= knots[1:-1], axis=-1)
 
 
-def tree(s):
-    """Return the sum of eight numbers, in the order of the definition."""
-    return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
-
-
 TWINS: dict[str, Any] = {
-    f.__name__: f for f in (fma, sqrt, log, flush, settle, as_float, bits, unbits, search, tree)
+    f.__name__: f for f in (fma, sqrt, log, flush, settle, as_float, bits, unbits, search)
 } | dict(
     floor=floor, exp=exp, moderate_exp=exp, sin=sin, cos=cos, tanh=tanh, where=where,
-    quotient=maths.quotient,
+    quotient=maths.quotient, tree=maths.tree,
 )  # fmt: skip
 
 NAMESPACE = types.SimpleNamespace(**TWINS, SILENT=SILENT, TINY=TINY, F=F)
