@@ -50,11 +50,8 @@ def midpoint_ratio(p, x, y, dx, dy):
 
 
 @dataclass(frozen=True, eq=False)
-class Cursor(Block):
-    """A reversible cursor: dx = c dp, with c = ratio(S) half-way along its step.
-
-    Because the rule is symmetric in time, a movement back retraces the path.
-    """
+class OverMap(Block, abstract=True):
+    """Base class of cursors that move over a map of levels."""
 
     px: Block
     py: Block
@@ -70,6 +67,14 @@ class Cursor(Block):
     def units(self, *u):
         check_places("cursor", *u[:2])
         return u[0], u[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Cursor(OverMap):
+    """A reversible cursor: dx = c dp, with c = ratio(S) half-way along its step.
+
+    Because the rule is symmetric in time, a movement back retraces the path.
+    """
 
     def design(self, fs):
         return grid(levels_of(self)), CursorState(0.0, 0.0, 0.0, 0.0, 1.0)
@@ -105,35 +110,24 @@ def next_speed(speed, last, S):
 
 
 @dataclass(frozen=True, eq=False)
-class CursorFrames(Block):
+class CursorFrames(OverMap):
     """A cursor by eq. (1) of the paper, computed once per frame.
 
     The level at the cursor gives the speed; then the cursor moves by speed times the
     displacement of the device.
     """
 
-    px: Block
-    py: Block
-    contact: Block
-    levels: np.ndarray
-    width: float
-    height: float
     frame: Above0
     slowest: Above0
     fastest: float
-    outputs = ("x", "y")
 
     def check(self):
-        levels_of(self)
+        super().check()
         if not self.slowest <= 1 <= self.fastest:
             raise BadValue(
                 f"cursor: the speed begins at 1, which is not within bounds = ({self.slowest:g},"
                 f" {self.fastest:g})"
             )
-
-    def units(self, *u):
-        check_places("cursor", *u[:2])
-        return u[0], u[1]
 
     def design(self, fs):
         p = FramesParams(*grid(levels_of(self)), self.frame * fs, self.slowest, self.fastest)
