@@ -71,7 +71,7 @@ def document(title: str, body: str) -> str:
     """Return a self-contained HTML page, for screens of any width and for paper."""
     return (
         '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport"'
-        f' content="width=device-width,initial-scale=1"><title>{_q(title)}</title>'
+        f' content="width=device-width,initial-scale=1"><title>{esc(title)}</title>'
         f"<style>{STYLE}</style>{body}</html>\n"
     )
 
@@ -83,11 +83,12 @@ def page(
     good = sum(c.passed for c in checks)
     kind = "bad" if e.unknown or good < len(checks) else "ok"
     said = headline(good == len(checks), e)
-    word = f'<span class="{kind}">{_q(said)}</span>'
+    word = f'<span class="{kind}">{esc(said)}</span>'
     drawn = "".join(picture(title, svg) for title, svg in figures(e))
     return document(
         f"{said}; {what}",
-        f"<h1>{word}</h1><p>{_q(what)}. {good} of {len(checks)} checks passed.</p>{_laws(e)}{drawn}"
+        f"<h1>{word}</h1><p>{esc(what)}. {good} of {len(checks)} checks passed.</p>"
+        f"{_laws(e)}{drawn}"
         f"<h2>What was verified</h2>{facts(_displayed(e))}"
         f"<h2>What was compared</h2>{table_of(checks)}"
         f"<h2>Numbers in the scene</h2>{items(e.numbers)}"
@@ -102,7 +103,7 @@ def picture(title: str, svg: str) -> str:
     """Return the HTML of a figure below its heading."""
     wide = float(svg.partition('width="')[2].partition("pt")[0] or 0)
     return (
-        f'<figure tabindex="0"><h2>{_q(title)}</h2><svg role="img" aria-label="{_q(title)}"'
+        f'<figure tabindex="0"><h2>{esc(title)}</h2><svg role="img" aria-label="{esc(title)}"'
         f' style="min-width:{0.8 * wide:.0f}px"{svg.removeprefix("<svg")}</figure>'
     )
 
@@ -147,7 +148,7 @@ def _laws(e: Evidence) -> str:
         for p in e.scene.parts
     ]
     return "".join(
-        f"<p>{_q(': '.join(filter(None, same[0])))}"
+        f"<p>{esc(': '.join(filter(None, same[0])))}"
         + (f" ({len(same)} times)" if same[1:] else "")
         + "</p>"
         for same in alike(said, lambda named: named[1])
@@ -164,24 +165,25 @@ def verdict(passed: bool, unknown: list[str]) -> str:
     )
 
 
-def _q(text: object) -> str:
+def esc(text: object) -> str:
+    """Return a text as HTML that shows it."""
     return html.escape(shown(text))
 
 
 def facts(rows: Mapping[str, str]) -> str:
     """Return an HTML table of names and texts."""
-    cells = "".join(f"<tr><th>{_q(k)}</th><td>{_q(v)}</td></tr>" for k, v in rows.items())
+    cells = "".join(f"<tr><th>{esc(k)}</th><td>{esc(v)}</td></tr>" for k, v in rows.items())
     return f"<table>{cells}</table>"
 
 
 def items(texts: Iterable[str]) -> str:
     """Return an HTML list of texts, or a sentence that says that it is empty."""
-    return "<ul>" + ("".join(f"<li>{_q(t)}</li>" for t in texts) or "<li>nothing</li>") + "</ul>"
+    return "<ul>" + ("".join(f"<li>{esc(t)}</li>" for t in texts) or "<li>nothing</li>") + "</ul>"
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return an HTML table of rows with equal keys; it scrolls if it is too wide."""
-    head = "".join(f"<th>{_q(name.replace('_', ' '))}</th>" for name in (rows or [{}])[0])
+    head = "".join(f"<th>{esc(name.replace('_', ' '))}</th>" for name in (rows or [{}])[0])
     body = "".join(f"<tr>{''.join(map(_cell, row.values()))}</tr>" for row in rows)
     made = f'<div class="rows" tabindex="0"><table><tr>{head}</tr>{body}</table></div>'
     return made if rows else "<p>nothing</p>"
@@ -189,10 +191,10 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _cell(value: Any) -> str:
     if isinstance(value, str):
-        return f"<td>{_q(value)}</td>"
+        return f"<td>{esc(value)}</td>"
     if isinstance(value, (tuple, list)):
-        return f'<td class="n">{_q(", ".join(map(_number, value)))}</td>'
-    return f'<td class="n">{_q(_number(value))}</td>'
+        return f'<td class="n">{esc(", ".join(map(_number, value)))}</td>'
+    return f'<td class="n">{esc(_number(value))}</td>'
 
 
 def _number(value: Any) -> str:
@@ -216,7 +218,7 @@ def alike(rows: Iterable[Any], key: Callable[[Any], Any]) -> list[list[Any]]:
 
 def _folded(summary: str, content: str) -> str:
     """Return content to unfold on a screen; on paper it is left out."""
-    return f'<details class="all"><summary>{_q(summary)}</summary>{content}</details>' * bool(
+    return f'<details class="all"><summary>{esc(summary)}</summary>{content}</details>' * bool(
         content
     )
 
@@ -231,7 +233,7 @@ def table_of(checks: list[Check]) -> str:
     for group, title in GROUPS.items():
         here = [c for c in checks if c.group == group]
         if here:
-            rows.append(f'<tr><th colspan="5">({group}) {_q(title)}</th></tr>')
+            rows.append(f'<tr><th colspan="5">({group}) {esc(title)}</th></tr>')
         for same in alike(here, lambda c: (c.passed or c.name, c.name.rpartition(": ")[2])):
             worst = max(same, key=lambda c: c.measured / c.limit if c.limit else c.measured)
             name, text, each = worst.name, worst.text, ""
@@ -255,8 +257,8 @@ def table_of(checks: list[Check]) -> str:
 def _row(name: str, text: str, c: Check, more: str = "") -> str:
     mark = '<td class="ok">ok</td>' if c.passed else '<td class="bad">FAILED</td>'
     return (
-        f'<tr>{mark}<td>{_q(name)}</td><td class="n">{c.measured:.3g}</td><td'
-        f' class="n">{c.limit:.3g}</td><td>{_q(text)}{more}</td></tr>'
+        f'<tr>{mark}<td>{esc(name)}</td><td class="n">{c.measured:.3g}</td><td'
+        f' class="n">{c.limit:.3g}</td><td>{esc(text)}{more}</td></tr>'
     )
 
 
@@ -282,18 +284,18 @@ def _blocks(e: Evidence) -> str:
         kind: [h for h in rest if h.kind == kind] for kind in dict.fromkeys(h.kind for h in rest)
     }
     classes = "".join(
-        f"<tr><td>{_q(kind)}</td><td"
+        f"<tr><td>{esc(kind)}</td><td"
         f' class="n">{len(same)}</td>{_held(same[0], min(h.least for h in same))}</tr>'
         for kind, same in kinds.items()
     )
     place = {id(b): f"{k} " for k, b in enumerate(reach(e.scene.outputs.values()))}
     each = "".join(
-        f"<tr><td>{place.get(id(h.block), '')}{_q(f'{h.block!r}{h.where}')}</td>"
+        f"<tr><td>{place.get(id(h.block), '')}{esc(f'{h.block!r}{h.where}')}</td>"
         f"{_held(h, h.least)}</tr>"
         for h in rest
     )
     unheld = "".join(
-        f"<tr><td>{_q(f'{h.block!r}{h.where}')}</td><td>{_q(h.why)}</td></tr>" for h in free
+        f"<tr><td>{esc(f'{h.block!r}{h.where}')}</td><td>{esc(h.why)}</td></tr>" for h in free
     )
     if free:
         unheld = f"<table><tr><th>block</th><th>why not</th></tr>{unheld}</table>"
@@ -360,8 +362,8 @@ def _certainty(found: list[Shows]) -> str:
         of, _, kind = s.check.rpartition(": ")
         check = f"{kind}, {counted(len(same), 'time')}; worst of {of}" if same[1:] else s.check
         rows.append(
-            f"<tr><td>{_q(check)}</td><td>{_q(s.kind)}</td><td"
-            f' class="n">{_q(size)}</td><td>{s.chance:.0%}</td></tr>'
+            f"<tr><td>{esc(check)}</td><td>{esc(s.kind)}</td><td"
+            f' class="n">{esc(size)}</td><td>{s.chance:.0%}</td></tr>'
         )
     asked = (
         " The law of the scene was also computed with each of its parameters smaller, by the part"
@@ -393,7 +395,7 @@ def _reproduced(e: Evidence, command: str | None) -> str:
     used = {
         p: version(p) for p in ("stimlib", "numpy", "scipy", "llvmlite", "soundfile", "matplotlib")
     }
-    again = f"<p>Repeat the verification with <code>{_q(command)}</code>.</p>" if command else ""
+    again = f"<p>Repeat the verification with <code>{esc(command)}</code>.</p>" if command else ""
     signal = _sha256(s.y.T for s in e.stretches())
     rows = {
         "scene hash": e.scene.hash,
@@ -412,7 +414,7 @@ def _reproduced(e: Evidence, command: str | None) -> str:
     return (
         f"{_installed(used)}{_beside(e)}{again}{_program(e, signal)}<p>Hashes are"
         f" SHA-256.</p>{facts(rows)}<h3>scene.json, for"
-        f' <code>stimlib.load</code></h3><div class="scene" tabindex="0"><pre>{_q(text)}</pre>'
+        f' <code>stimlib.load</code></h3><div class="scene" tabindex="0"><pre>{esc(text)}</pre>'
         "</div>"
     )
 
@@ -425,7 +427,7 @@ def _installed(used: Mapping[str, str]) -> str:
     windows = "on Windows the second line is <code>proof\\Scripts\\activate</code>"
     return (
         f"<p>Install what this page was made with, under Python {python};"
-        f" {windows}:</p><pre>{_q(lines)}</pre>"
+        f" {windows}:</p><pre>{esc(lines)}</pre>"
     )
 
 
@@ -433,13 +435,13 @@ def _beside(e: Evidence) -> str:
     """Return which files a reader needs in addition to this page."""
     if e.session:
         return (
-            f"<p>Keep the folder of the log, <code>{_q(e.source)}</code>, whole: each of its files"
+            f"<p>Keep the folder of the log, <code>{esc(e.source)}</code>, whole: each of its files"
             " is needed.</p>"
         )
     if e.path is None:
         return ""
-    name, beside = _q(e.path.name), _q(sidecar_of(e.path).name)
-    own = ", ".join(f"<code>{_q(m)}</code>" for m in definitions(e.scene))
+    name, beside = esc(e.path.name), esc(sidecar_of(e.path).name)
+    own = ", ".join(f"<code>{esc(m)}</code>" for m in definitions(e.scene))
     import_ = (
         " Import what defines the scene's own blocks, with the hash below, by"
         f" <code>--import</code>: {own}."
@@ -498,7 +500,7 @@ def _program(e: Evidence, signal: str) -> str:
         'print(hashlib.sha256(made.y.T.astype("<f8").tobytes()).hexdigest())',
         f"# {signal}",
     )
-    return f"<p>Make the samples again:</p><pre>{chr(10).join(map(_q, lines))}</pre>"
+    return f"<p>Make the samples again:</p><pre>{chr(10).join(map(esc, lines))}</pre>"
 
 
 def _sha256(parts: Iterable[np.ndarray]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..checks.figures import svg
-from ..checks.page import document, facts, items, picture, table
+from ..checks.page import document, esc, facts, items, picture, table
 from ..core.units import pretty
 from ..errors import UnknownName, need, public, shown
 from ..system import safe_files
@@ -126,7 +125,7 @@ def write_report(
     """
     fits = fits or {}
     need("report", NEEDED, columns)
-    paragraphs = "".join(f"<p>{_q(text)}</p>" for text in method.split("\n\n"))
+    paragraphs = "".join(f"<p>{esc(text)}</p>" for text in method.split("\n\n"))
     result = _simulated(columns)
     parts = [f"<h2>Method</h2>{paragraphs}", f"<h2>Answers</h2>{facts(_counts(columns))}"]
     if notes:
@@ -158,16 +157,12 @@ def write_report(
         size = 3.0 * min(ACROSS, len(tracks)), 2.0 * -(-len(tracks) // ACROSS)
         parts.append(picture("Staircases", svg(lambda f: _tracks(f, tracks, unit), size)))
         parts.append("<p>Each line is one staircase; a dot is a trial.</p>")
-    parts += [f"<h2>{_q(name)}</h2>{table(plain(rows))}" for name, rows in (tables or {}).items()]
+    parts += [f"<h2>{esc(name)}</h2>{table(plain(rows))}" for name, rows in (tables or {}).items()]
     if result:
         parts.insert(0, f"<h2>Result</h2>{items(result)}")
     made = ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy"))
-    body = f'<h1>{_q(title)}</h1>{"".join(parts)}<p class="small">Made with {_q(made)}.</p>'
+    body = f'<h1>{esc(title)}</h1>{"".join(parts)}<p class="small">Made with {esc(made)}.</p>'
     safe_files.publish(path, document(title, body))
-
-
-def _q(text: object) -> str:
-    return html.escape(shown(text))
 
 
 def _label(text: str) -> str:
