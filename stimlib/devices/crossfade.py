@@ -88,7 +88,7 @@ class Following(Sink):
     def _take_over(self) -> None:
         """Stop what receives the motion of the session before, which holds its last."""
         if isinstance(self.before._feeder, Receiver):
-            self.before._feeder.stop()
+            self.before._feeder.over.set()
             self.before._feeder.join(1.0)
 
     def link(self, at: int) -> None:

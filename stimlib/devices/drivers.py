@@ -10,6 +10,7 @@ from collections import deque
 from functools import cache
 from importlib import import_module
 from types import ModuleType
+from typing import Any
 
 from ..errors import SinkError
 from .process import close_all, keep_loaded
@@ -47,6 +48,11 @@ def jack_client() -> ModuleType:
         raise SinkError(f"the JACK library is missing ({e}): {JACK}") from None
     _keep_from_printing(jack)
     return jack
+
+
+def address(jack: ModuleType, v: Any) -> int:
+    """Return the address of an object of libjack."""
+    return int(jack._ffi.cast("uintptr_t", v))
 
 
 def sounddevice() -> ModuleType:

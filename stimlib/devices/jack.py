@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from ..errors import BadValue, SinkError
-from .drivers import JACK, SAID, jack_client
+from .drivers import JACK, SAID, address, jack_client
 from .sink import Sink
 from .sources import Signals
 
@@ -186,20 +186,16 @@ class JackSink(Sink):
     ) -> None:
         pump = self.pump
         lib, ffi = jack._lib, jack._ffi
-
-        def address(v: Any) -> int:
-            return int(ffi.cast("uintptr_t", v))
-
-        pump.buffers("PORTS")[:] = [address(p._ptr) for p in outs]
+        pump.buffers("PORTS")[:] = [address(jack, p._ptr) for p in outs]
         if ins:
-            pump.buffers("IN_PORTS")[:] = [address(p._ptr) for p in ins]
-        pump.write("CLIENT", address(client._ptr))
+            pump.buffers("IN_PORTS")[:] = [address(jack, p._ptr) for p in ins]
+        pump.write("CLIENT", address(jack, client._ptr))
         for word, f in (
             ("GET_BUFFER", "port_get_buffer"),
             ("FRAME_TIME", "last_frame_time"),
             ("PORT_CONNECTED", "port_connected"),
         ):
-            pump.write(word, address(getattr(lib, f"jack_{f}")))
+            pump.write(word, address(jack, getattr(lib, f"jack_{f}")))
         user = ffi.cast("void*", pump.context)
         try:
             process = ffi.cast("JackProcessCallback", pump.callback("jack"))

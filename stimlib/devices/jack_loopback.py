@@ -21,7 +21,7 @@ from ..errors import BadValue, SinkError, counted, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered
 from ..run.safety import Safety
-from .drivers import JACK, jack_client
+from .drivers import JACK, address, jack_client
 from .engine import native
 from .jack import JackSink
 
@@ -130,20 +130,17 @@ class Capture(AbstractContextManager["Capture"]):
             self._times = np.ones(size, np.int64)
             lib, ffi = jack._lib, jack._ffi
 
-            def address(v: Any) -> int:
-                return int(ffi.cast("uintptr_t", v))
-
-            self._ports = np.array([address(p._ptr) for p in ins], np.int64)
+            self._ports = np.array([address(jack, p._ptr) for p in ins], np.int64)
             words = [
-                address(lib.jack_port_get_buffer),
+                address(jack, lib.jack_port_get_buffer),
                 self._ports.ctypes.data,
                 channels,
                 self._data.ctypes.data,
                 size,
                 0,
                 self._times.ctypes.data,
-                address(lib.jack_last_frame_time),
-                address(client._ptr),
+                address(jack, lib.jack_last_frame_time),
+                address(jack, client._ptr),
             ]
             self._words = np.array(words, np.int64)
             callback = ffi.cast("JackProcessCallback", native().addresses["jack_capture"])

@@ -585,7 +585,7 @@ class Sink:
             self.pump.write("STATE", words.CLOSED)
             self.pump.write("WAIT", 0)
             if self._started and self._feeder:
-                self._feeder.stop()
+                self._feeder.over.set()
             if not self._let_it_go(max(0.2, end - 0.3 - time.monotonic())):
                 why = f"{self.device}: the device did not let go; it was left behind, silent"
                 warnings.warn(why, RuntimeWarning, stacklevel=3)
@@ -599,7 +599,7 @@ class Sink:
     def _finish(self, end: float) -> None:
         """End the threads of a started session, and with them the log."""
         if self._feeder:
-            self._feeder.stop()
+            self._feeder.over.set()
         self._over.set()
         if self._worker is None:  # no thread could be started
             self._work()

@@ -402,8 +402,8 @@ class Receiver(threading.Thread):
             for n in pump.proc.inputs
         ]
         self._newest: tuple[float, list[float]] = (-math.inf, [])  # the sender's time, positions
+        self.over = threading.Event()  # set: it ends
         self._late: deque[float] = deque(maxlen=10_000)  # arrival less the sender's time
-        self._over = threading.Event()
 
     @property
     def jitter(self) -> float:
@@ -414,7 +414,7 @@ class Receiver(threading.Thread):
     def run(self) -> None:
         """Receive rows until the session ends; report an error to the session."""
         heard, patience = time.monotonic(), FIRST
-        while not self._over.is_set():
+        while not self.over.is_set():
             try:
                 found = self._source.receive(0.02)  # type: ignore[misc]
                 self.turns += 1
@@ -461,14 +461,10 @@ class Receiver(threading.Thread):
         self.examples = {why: came[:40] for why, came in reversed(refused)} | self.examples
         self.rows += len(taken)
         left = np.array(taken, np.float64, order="F").T
-        while left.size and not self._over.is_set():  # more than the ring holds: the newest count
+        while left.size and not self.over.is_set():  # more than the ring holds: the newest count
             left = np.ascontiguousarray(left[:, self._pump.put_motion(left) :])
             time.sleep(0.001 if left.size else 0.0)
         return len(taken)
-
-    def stop(self) -> None:
-        """End the thread."""
-        self._over.set()
 
 
 class Feeder(threading.Thread):
@@ -493,12 +489,12 @@ class Feeder(threading.Thread):
         self._sources = sources_of(source.motion, pump.proc.inputs, 1)
         self._end = length(source)
         self._stands, self._last = False, np.zeros((len(self._sources), 1))
-        self._over = threading.Event()
+        self.over = threading.Event()  # set: it ends
 
     def fill(self) -> None:
         """Write as many columns as the ring buffer has room for."""
         pump = self._pump
-        while not self._over.is_set():
+        while not self.over.is_set():
             at = pump.next_motion()
             stop = min(
                 at + 1024, at + pump.motion_room(), *([] if self._end is None else [self._end])
@@ -516,7 +512,7 @@ class Feeder(threading.Thread):
 
     def run(self) -> None:
         """Write the motion until it ends; after an error, hold the last position."""
-        while not self._over.is_set():
+        while not self.over.is_set():
             try:
                 self.fill()
             except BaseException as e:  # it stands still while the session fades
@@ -524,7 +520,3 @@ class Feeder(threading.Thread):
                 self._failed(e, what="the motion failed")
             self.turns += 1
             time.sleep(0.0005 if self._pump.hurried else 0.01)
-
-    def stop(self) -> None:
-        """End the thread."""
-        self._over.set()
