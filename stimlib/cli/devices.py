@@ -13,7 +13,7 @@ from ..errors import counted
 from . import options as opt
 from .app import command, end, print_json, say
 from .motions import motions_of
-from .scene import SceneText, params_of, run_files, scene_of, touching
+from .scene import SceneText, params_of, scene_of, touching
 
 
 @command("devices")
@@ -94,10 +94,9 @@ def loopback(
 
     [bold]stimlib loopback squeeze --motion "minimum_jerk()" --full-scale 50[/]
     """
-    run_files(import_)
     from ..devices.jack_loopback import loopback as compare
 
-    made = scene_of(scene)
+    made = scene_of(scene, import_)
     motion, recorded = motions(made, contact=touching(scene))
     result = compare(
         made,

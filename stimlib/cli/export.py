@@ -11,7 +11,7 @@ from ..errors import counted
 from . import options as opt
 from .app import command, print_json
 from .motions import motions_of
-from .scene import SceneText, params_of, run_files, scene_of, touching
+from .scene import SceneText, params_of, scene_of, touching
 
 
 @command("export", safety=opt.safety_of, motions=motions_of)
@@ -56,10 +56,9 @@ def export_(
 
     [bold]stimlib export squeeze --motion "minimum_jerk(depth=0.02)" --out squeeze_c[/]
     """
-    run_files(import_)
     from ..export.c99 import export_c
 
-    made = scene_of(scene)
+    made = scene_of(scene, import_)
     motion, _ = motions(made, contact=touching(scene))
     written = export_c(
         made,

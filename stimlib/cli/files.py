@@ -15,7 +15,7 @@ from ..system.progress import progress
 from . import options as opt
 from .app import command, end, errors, note, print_json, print_wide
 from .motions import motions_of
-from .scene import SceneText, params_of, run_files, scene_of, touching
+from .scene import SceneText, params_of, scene_of, touching
 
 
 @command("demo")
@@ -114,7 +114,6 @@ def render_(
 
     [bold]stimlib render wall --motion "sinusoid(2e-3, 5)" --full-scale 5 --out w.wav[/]
     """
-    run_files(import_)
     from ..run.processor import compile
 
     if picture is not None:
@@ -122,7 +121,7 @@ def render_(
         from ..run.rendering import render
 
         check_place(picture)
-    made = scene_of(scene)
+    made = scene_of(scene, import_)
     values = params_of(set_, made)
     for actuator in opt.calibration(calibration).values():
         made = actuator.drive(made, fs)

@@ -16,7 +16,7 @@ from ..errors import BadValue, counted
 from . import options as opt
 from .app import command, errors, note, print_json, say
 from .motions import motions_of
-from .scene import SceneText, params_of, run_files, scene_of, touching
+from .scene import SceneText, params_of, scene_of, touching
 from .watching import Watched
 
 
@@ -120,12 +120,11 @@ def live(
     [bold]stimlib live soft_surface --motion "press=sinusoid(0.5, 1, mean=0.5)"[/]
     """
     watched = Watched(scene, import_)
-    run_files(import_)
     from ..live.describe import full_scales, ranges_of
     from ..live.server import Server  # which says what is not installed
     from ..live.stream import Stream
 
-    made = scene_of(scene)
+    made = scene_of(scene, import_)
     params, ranges = params_of(set_, made), opt.ranges(range_, "--range")
     ranges_of(made, ranges)
     given, _ = motions(made, contact=touching(scene), all_=False)
@@ -207,10 +206,9 @@ def share_(
 
     [bold]stimlib share squeeze --motion "minimum_jerk(depth=0.02)" --out page.html[/]
     """
-    run_files(import_)
     from ..live.share import share
 
-    made = scene_of(scene)
+    made = scene_of(scene, import_)
     given, length = motions(made, contact=touching(scene), all_=False)
     page = share(
         made,

@@ -52,8 +52,10 @@ SceneText = Annotated[
 ]
 
 
-def scene_of(text: str) -> Scene:
+def scene_of(text: str, files: Sequence[str] = ()) -> Scene:
     """Return the scene that SCENE on the command line stands for.
+
+    The --import files are run first: they may define blocks of it.
 
     Raises
     ------
@@ -66,6 +68,7 @@ def scene_of(text: str) -> Scene:
     >>> list(scene_of("squeeze").outputs)
     ['force1', 'force2']
     """
+    run_files(files)
     name, _, words = text.partition("(")
     if name in shipped():
         return _shipped(name, f"({words}" if words else "()")
@@ -235,7 +238,7 @@ def _makes(module: ModuleType, found: Any) -> bool:
     return not found.__name__.startswith("_")
 
 
-def run_files(files: list[str]) -> None:
+def run_files(files: Sequence[str]) -> None:
     """Run the --import files, so that their blocks are known."""
     for path in files:
         _own(path)

@@ -14,7 +14,7 @@ from rich.console import Console
 from ..errors import shown
 from . import options as opt
 from .app import command, print_json
-from .scene import SceneText, run_files, scene_of, shipped
+from .scene import SceneText, scene_of, shipped
 
 if TYPE_CHECKING:
     from ..core.scene import Scene
@@ -40,13 +40,12 @@ def show(
 
     [bold]stimlib show squeeze --plan[/]
     """
-    run_files(import_)
     from ..analysis.passivity import damping_in
     from ..core.program import prepare, rate
     from ..core.units import unit as core_unit
     from ..run.plan import plan_of
 
-    made = scene_of(scene)
+    made = scene_of(scene, import_)
     if draw is not None:
         from ..analysis.draw import draw as draw_graph
 

@@ -11,7 +11,7 @@ import typer
 from ..errors import BadValue, need, shown
 from . import options as opt
 from .app import command, print_json
-from .scene import SceneText, number, params_of, run_files, scene_of
+from .scene import SceneText, number, params_of, scene_of
 
 
 @command("try", safety=opt.safety_of)
@@ -55,11 +55,10 @@ def try_(
 
     [bold]stimlib try wall --device device.json --start -0.01 --aim 0.02[/]
     """
-    run_files(import_)
     from ..motion.text import pairs
     from ..virtual import Faults, Hand, read_device, try_on
 
-    made = scene_of(scene)
+    made = scene_of(scene, import_)
     numbers = [number(text, "--hand") for text in hand.split(",")]
     if len(numbers) != 3:
         raise BadValue(f"--hand {hand}: give mass,damping,stiffness, such as 0.02,1,100")

@@ -241,8 +241,7 @@ def mutate_(
 
     [bold]stimlib mutate my.py:scene --motion 'minimum_jerk(depth=0.02)'[/]
     """
-    run_files(import_)
-    made = scene_of(scene)
+    made = scene_of(scene, import_)
     motion, length = motions(made, ("minimum_jerk()",), touching(scene))
     length = min(seconds, length or seconds)
     found = checks.mutate(made, motion, fs, length, params_of(params, made), seed)

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import StimlibError
 from .app import failed, say
-from .scene import beside, forget, run_files, scene_of
+from .scene import beside, forget, scene_of
 
 LOOK = 0.05
 """Seconds between two looks at the files."""
@@ -98,8 +98,7 @@ class Watched:
             slow.start()
             try:
                 forget(self.paths)  # all of them: one may have what another defines
-                run_files(self.files)
-                made = scene_of(self.scene)
+                made = scene_of(self.scene, self.files)
                 self._look()  # at what has been imported
                 how = played(made) or "plays"
                 say(f"{self.scene}: {how}, {time.time() - saved:.2f} s after it was saved")
