@@ -94,7 +94,8 @@ class Following(Sink):
     def link(self, at: int) -> None:
         """Let the session begin where the one before begins to fade out."""
         if isinstance(self.motion, Live) and self.before.pump.live:  # the gain rises with it
-            rows = dict(zip(self.before.proc.inputs, self.before.pump.held(), strict=True))
+            # the last position of each input, as the callback holds it
+            rows = dict(zip(self.before.proc.inputs, self.before.pump.buffers("HOLD"), strict=True))
             self.pump.put_motion(np.array([[rows.get(n, 0.0)] for n in self.proc.inputs]))
         self.before.pump.write("NEXT", self.pump.context)
         self.before.pump.stop("next", at)

@@ -318,10 +318,6 @@ class Pump:
         x = np.ascontiguousarray(x, float)
         return self.native.put_motion(self.context, x.ctypes.data, x.shape[1])
 
-    def held(self) -> np.ndarray:
-        """Return the last position of each input, as the callback holds it."""
-        return next(a for a in self.arrays if a.ctypes.data == self.read("HOLD")).copy()
-
     def next_motion(self) -> int:
         """Return the index of the next column of motion to write."""
         return self.native.next_motion(self.context)

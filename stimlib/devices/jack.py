@@ -12,6 +12,7 @@ import ctypes
 import os
 import threading
 from collections.abc import Sequence
+from contextlib import closing
 from types import ModuleType
 from typing import Any
 
@@ -125,19 +126,13 @@ class JackSink(Sink):
         jackd itself reports only that something went wrong.
         """
         jack = jack_client()
+        name = f"{self.name[:40]}_{os.getpid()}"
         try:
-            client = jack.Client(
-                f"{self.name[:40]}_{os.getpid()}", no_start_server=True, servername=self.server
-            )
+            with closing(jack.Client(name, no_start_server=True, servername=self.server)) as client:
+                client.get_uuid_for_client_name(self.name)
         except jack.JackError:
             return False
-        try:
-            client.get_uuid_for_client_name(self.name)
-            return True
-        except jack.JackError:
-            return False
-        finally:
-            client.close()
+        return True
 
     def _fits(self, client: Any) -> None:
         if client.samplerate != self.rate:

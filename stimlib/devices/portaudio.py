@@ -256,6 +256,4 @@ class PortAudioSink(Sink):
 
     def _latency(self) -> float:
         stream = self._stream
-        if stream is None:
-            return 0.0
-        return float(np.max(stream.latency))
+        return 0.0 if stream is None else float(np.max(stream.latency))

@@ -20,12 +20,6 @@ from ..system.pool import terminable
 MCL_CURRENT, MCL_ONFAULT = 1, 4
 
 
-def _lock_memory() -> bool:
-    """Lock current and future memory; return False if that is not permitted."""
-    library = libc()
-    return hasattr(library, "mlockall") and library.mlockall(MCL_CURRENT | MCL_ONFAULT) == 0
-
-
 def libc() -> Any:
     """Return the C library of this process, or None on Windows."""
     try:
@@ -113,7 +107,8 @@ def begin_playing(sink: Any) -> list[str]:
         if sink.realtime:
             gc.collect()
             gc.freeze()
-            if not _lock_memory():
+            library = libc()
+            if not hasattr(library, "mlockall") or library.mlockall(MCL_CURRENT | MCL_ONFAULT):
                 return ["locking memory (ulimit -l)"]
     return []
 

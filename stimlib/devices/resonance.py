@@ -9,6 +9,7 @@ import io
 import os
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,26 +29,6 @@ TAKES = 3  # of a point, where somebody can be asked
 ANY = 1e30  # full scale of what no device plays
 
 Ready = Callable[[int, Any, RecordingError | None], None]
-
-
-class _Kept:
-    """A session log that is kept in memory."""
-
-    def __init__(self) -> None:
-        self.x: list[np.ndarray] = []
-        self.frames: list[np.ndarray] = []
-
-    def motion(self, x: np.ndarray) -> None:
-        self.x.append(x.copy())
-
-    def delivered(self, frames: np.ndarray) -> None:
-        self.frames.append(frames)
-
-    def event(self, at: int, kind: str, **more: Any) -> None:
-        """Ignore an event, because losses are in the report."""
-
-    def close(self, report: dict[str, Any]) -> None:
-        """Do nothing, because the take stays in memory."""
 
 
 @public
@@ -171,7 +152,15 @@ def record_sweep(
     motion = Signals(inputs) if isinstance(response, Signal) else inputs
 
     def take() -> tuple[np.ndarray, np.ndarray]:
-        kept = _Kept()
+        moved: list[np.ndarray] = []
+        frames: list[np.ndarray] = []
+        # a log in memory; losses are in the report
+        kept = SimpleNamespace(
+            motion=lambda x: moved.append(x.copy()),
+            delivered=frames.append,
+            event=lambda at, kind, **more: None,
+            close=lambda report: None,
+        )
         with sink(scene, safety, motion=motion, log=kept, **options) as s:
             s.open(rate, channels)
             s.start(seconds + rest)
@@ -182,9 +171,9 @@ def record_sweep(
                 f"record_sweep: the device lost {report.lost} frames, and {report.unlogged} were"
                 " not kept: record again, with longer blocks or less other work"
             )
-        x = np.concatenate(kept.x, axis=1)
+        x = np.concatenate(moved, axis=1)
         at = next(k for k, i in enumerate(s.map) if i == s.proc.outputs.index("drive"))
-        given = full_scale * np.concatenate(kept.frames)[:, at].astype(float)
+        given = full_scale * np.concatenate(frames)[:, at].astype(float)
         u = given if drive is None else x[column("voltage")]
         check_taken(u[None], x[column("response")][None])
         return u, x[column("response")]

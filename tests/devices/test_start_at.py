@@ -103,7 +103,7 @@ def test_a_motion_in_real_time_begins_with_its_newest():
             time.sleep(1e-4 if k % 10 else 2e-3)
             if sink.pump.index:
                 break
-        assert sink.pump.held()[0] == pytest.approx(k * 1e-4, abs=0.01)
+        assert sink.pump.buffers("HOLD")[0] == pytest.approx(k * 1e-4, abs=0.01)
         assert sink.report().skipped < 1000
 
 
