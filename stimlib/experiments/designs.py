@@ -21,7 +21,7 @@ from ..errors import BadValue, Count, need, public
 from ..system.fields import number
 from .random_streams import seed_of, stream
 from .tasks import Task
-from .trial import Answer, Design, State, Trial, outcome
+from .trial import Answer, Design, State, Trial, due, outcome
 
 
 @public
@@ -336,12 +336,7 @@ class Staircase:
 
     def update(self, state: State, answer: Answer) -> State:
         """Count the answer, and step when enough answers agree."""
-        trial = self.next(state)
-        if trial is None:
-            raise BadValue(
-                f"the staircase has ended after {state['n']} trials: it takes no more answers"
-            )
-        return self._after(state, outcome(trial, answer) > 0.5)
+        return self._after(state, outcome(due(self, state, state["n"]), answer) > 0.5)
 
     def _after(self, state: State, more: bool) -> State:
         """Return the state after an outcome, whatever the task is."""
@@ -574,10 +569,7 @@ class ConstantStimuli:
 
     def update(self, state: State, answer: Answer) -> State:
         """Return the state after this trial."""
-        trial = self.next(state)
-        if trial is None:
-            raise BadValue(f"all {state['n']} trials are done: there are no more answers to take")
-        outcome(trial, answer)
+        outcome(due(self, state, state["n"]), answer)
         return {**state, "n": state["n"] + 1}
 
 

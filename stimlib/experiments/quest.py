@@ -19,7 +19,7 @@ from ..errors import BadValue, need, public
 from ..system.fields import positive, whole
 from .likelihood import FLOOR, Estimate
 from .tasks import Task
-from .trial import Answer, State, Trial, outcome
+from .trial import Answer, State, Trial, due, outcome
 
 Array = NDArray[np.float64]
 ROWS = ("levels", "means", "deviations", "slopes", "lapses", "guesses")
@@ -210,10 +210,7 @@ class Quest:
 
     def update(self, state: State, answer: Answer) -> State:
         """Add one level and its outcome."""
-        trial = self.next(state)
-        if trial is None:
-            n = len(state["levels"])
-            raise BadValue(f"all {n} trials are done: there are no more answers to take")
+        trial = due(self, state, len(state["levels"]))
         more = int(outcome(trial, answer) > 0.5)
         return {
             **state,

@@ -307,6 +307,14 @@ def outcome(trial: Trial, answer: Answer) -> Any:
     return trial.scores[value]
 
 
+def due(design: Design, state: State, n: int) -> Trial:
+    """Return the trial that takes an answer; BadValue where all n trials are done."""
+    trial = design.next(state)
+    if trial is None:
+        raise BadValue(f"all {n} trials are done: there are no more answers to take")
+    return trial
+
+
 def answered(observer: Observer, trial: Trial, rng: np.random.Generator) -> Answer:
     """Return an observer's answer to a trial, marked as simulated.
 
