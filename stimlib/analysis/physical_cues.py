@@ -256,7 +256,9 @@ def _component(
 
     The stiffness is a function of the force.
     """
-    weights = _window(pos.size) if window == "hann" else np.ones(pos.size)
+    # a Hann window none of whose samples is 0
+    hann = np.sin(np.pi * (np.arange(pos.size) + 0.5) / pos.size) ** 2
+    weights = hann if window == "hann" else np.ones(pos.size)
     w = _frequency(pos, fs, weights)
     periods = w * pos.size / (2 * math.pi * fs)
     if periods < PERIODS * (1 - 1e-6):
@@ -297,11 +299,6 @@ def _over(a: float, b: float) -> float:
     """Return the quotient a/b; where b is 0, return inf or nan."""
     with np.errstate(all="ignore"):
         return float(np.float64(a) / np.float64(b))
-
-
-def _window(n: int) -> np.ndarray:
-    """Return a Hann window of n samples, none of which is 0."""
-    return np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
 
 
 def _waves(angle: float, window: np.ndarray) -> np.ndarray:

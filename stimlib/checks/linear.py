@@ -231,7 +231,11 @@ def laws_of(b: Any, fs: float) -> tuple[Law, ...]:
     text = "the response of its numbers"
     if isinstance(made, Modes):
         points = (lambda fs: np.geomspace(edge / 30, 0.45 * fs, 401)) if edge else whole_band(200)
-        exact = Law(points, made.at, 1e-10, text, size=_sizes, shapes=bool(edge))
+        # errors are relative; in a stop band, to a part of what passes
+        exact = Law(
+            points, made.at, 1e-10, text, shapes=bool(edge),
+            size=lambda H: np.abs(H) + 1e-3 * np.abs(H).max(),
+        )  # fmt: skip
     else:
         h = np.asarray(made(1 << 62), float)
         n, tol = 2 * (below_nyquist(fs).size - 1), max(1e-12, 2e-15 * h.size)
@@ -239,11 +243,6 @@ def laws_of(b: Any, fs: float) -> tuple[Law, ...]:
         folded = np.pad(h, (0, -h.size % n)).reshape(-1, n).sum(axis=0)
         exact = Law(below_nyquist, lambda f, fs: np.fft.rfft(folded), tol, text, size=largest)
     return (*b.laws(fs), exact)
-
-
-def _sizes(H: Row) -> Row:
-    """Return the scales of errors: in a stop band, a part of what passes."""
-    return np.abs(H) + 1e-3 * np.abs(H).max()
 
 
 @lru_cache(32)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core.graph import registry, signals
 from ..core.parts import Part
 from ..core.scene import Scene
 from ..errors import BadValue, StimlibError, shown
@@ -224,7 +225,7 @@ def _changed(scene: Scene) -> Iterator[tuple[str, str, str, Callable[[], Scene]]
     data = scene.to_dict()
     for i, block in enumerate(data["blocks"]):
         for field, v in block["fields"].items():
-            if field in _references(scene, block["class"]):
+            if field in signals(registry[block["class"]]):
                 continue
             name = block["fields"].get("name")
             where = (
@@ -241,13 +242,6 @@ def _changed(scene: Scene) -> Iterator[tuple[str, str, str, Callable[[], Scene]]
 def _asked(make: Any, words: dict[str, Any], parts: Sequence[Part]) -> Scene:
     """Return a shipped scene with other arguments, under the law of the given ones."""
     return Scene(make(**words).outputs, parts)
-
-
-def _references(scene: Scene, kind: str) -> tuple[str, ...]:
-    """Return the fields of a class that are signals."""
-    from ..core.graph import registry, signals
-
-    return tuple(signals(registry[kind]))
 
 
 def _numbers(v: Any) -> bool:

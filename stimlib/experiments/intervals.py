@@ -157,19 +157,21 @@ def profiled(sets: Sets, model: Model, fall: Array, part: float, best: Found) ->
             at[k] = ends(lambda x, rows: fallen(x, k[rows], True), start[k], step[k])
         return at
 
-    def at_level(m: Array, k: Array) -> dict[str, Array]:
-        return dict(c=m, a=np.full(m.shape, up))
-
-    def at_slope(logs: Array, k: Array) -> dict[str, Array]:
-        return dict(b=np.exp(np.clip(logs, -60, steepest[k])))
-
-    sigmas = np.exp(-found(np.log(np.abs(peaks.b)), -0.2 * both, at_slope))
+    # over the logarithm of the slope, and over the level
+    logs = found(
+        np.log(np.abs(peaks.b)),
+        -0.2 * both,
+        lambda logs, k: dict(b=np.exp(np.clip(logs, -60, steepest[k]))),
+    )
+    sigmas = np.exp(-logs)
     if model.pse is not None:  # then the level goes with sigma
         away = up * sigmas if up else np.zeros(sigmas.shape)
         levels = np.sort(model.pse + away.reshape(2, -1), axis=0).ravel()
     else:
         start = np.tile(middle + (up - best.a) / best.b, 2)
-        levels = found(start, both * np.tile(width, 2), at_level)
+        levels = found(
+            start, both * np.tile(width, 2), lambda m, k: dict(c=m, a=np.full(m.shape, up))
+        )
     return np.stack([levels, sigmas]).reshape(2, 2, -1)
 
 

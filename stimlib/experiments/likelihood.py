@@ -310,7 +310,7 @@ def maximum(
     rates = (0.0, 0.0) if start is None else (start.lapse, start.guess)
     for row, value in zip(at, (a, b * size, *rates), strict=True):
         row[:] = np.broadcast_to(np.asarray(value), shape).ravel()
-    fitted = (*free, *_rates(model))
+    fitted = (*free, model.lapse == FREE, model.guess == FREE)
     # where a steep curve is held far from the answers, there is no slope to climb
     far = free[0] and not free[1] and start is None and bool(at[1].any())
     if search and (model.guess or model.lapse or far):  # or there may be several peaks
@@ -330,11 +330,6 @@ class _Rows(NamedTuple):
     z: Array
     yes: Array
     no: Array
-
-
-def _rates(model: Model) -> tuple[bool, bool]:
-    """Return whether the rates of lapses and of guesses are fitted."""
-    return model.lapse == FREE, model.guess == FREE
 
 
 def _search(rows: _Rows, model: Model, at: Array, free: tuple[bool, ...], warm: bool) -> Array:

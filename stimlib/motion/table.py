@@ -388,10 +388,6 @@ def _squeezed(text: bytes) -> bytes:
     return text
 
 
-def _signs(signs: str) -> list[bytes]:
-    return [before + sign.encode() for sign in signs for before in (b"", b" ")]
-
-
 def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
     """Return complete lines if all have the right number of fields and no quotes."""
     returns = piece.count(b"\r") if b"\r" in piece else 0
@@ -416,7 +412,7 @@ def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
     ):
         return None
     starts = np.append(0, lines[:-1] + 1)
-    signs = _signs(form.signs)
+    signs = [before + sign.encode() for sign in form.signs for before in (b"", b" ")]
     # a search for each sign takes longer than all else
     if np.bincount(text[starts], minlength=256)[[sign[0] for sign in signs]].any() and any(
         piece.startswith(sign, start) for start in starts.tolist() for sign in signs

@@ -132,7 +132,8 @@ class Scheduler(AbstractContextManager["Scheduler"]):
                         (todo.slice(at, job_rows(todo.num_rows - at, self.workers, row_seconds)), 0)
                     )
                     at += again[0][0].num_rows
-                self.submit(*again.popleft(), look, job_seconds(self.workers))
+                # so long that no worker has to wait for the client
+                self.submit(*again.popleft(), look, max(TASK, SENT * self.workers))
             rows, deaths, result = self.take()
             if isinstance(result, WorkerDied):
                 parts = rows.slice(0, result.at), rows.slice(result.at + 1)
@@ -218,14 +219,6 @@ def _failures_of_the_executor() -> Iterator[None]:
             f"the executor failed ({type(e).__name__}: {e}); what is done is kept where out= was"
             " given"
         ) from e
-
-
-def job_seconds(workers: int) -> float:
-    """Return how long a job runs before it returns its results.
-
-    It is long enough that no worker has to wait for the client.
-    """
-    return max(TASK, SENT * workers)
 
 
 def job_rows(left: int, workers: int, row_seconds: float) -> int:

@@ -205,7 +205,7 @@ def sweep(
         )
     digests = {name: digest for name, (digest, _) in motions.items()}
     keyed = table.append_column("key", row_keys(plan, table, digests))
-    folder = None if dry and not _is_folder(out) else out
+    folder = None if dry and not (out and os.path.isdir(out)) else out
     with Store(folder, facts, about, dry) as store, terminable():
         with Scheduler(plan, motions, executor, workers) as scheduler:
             names = [*plan.units, "fault", "error"]
@@ -497,10 +497,6 @@ def _rows_to_try(n: int) -> list[int]:
     """Return the indices of rows to try: first, last, middle, then some between."""
     parts = (0, 1 - 1e-9, 0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)
     return list(dict.fromkeys(int(n * part) for part in parts))
-
-
-def _is_folder(out: Any) -> bool:
-    return out is not None and os.path.isdir(out)
 
 
 # The runs -----------------------------------------------------------------------------

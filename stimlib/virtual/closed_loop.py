@@ -132,7 +132,9 @@ def try_on(
     arrays = (a.ctypes.data for a in (x, y, given, ends, wrong))
     x[:, :-1] = others.reshape(-1, n).T
     numbers = (*x.shape[1:], *y.shape[1:], columns.index(name), row, n)
-    _coupled()(own, other, *arrays, *numbers, _measured(start, device.encoder))
+    step = device.encoder
+    measured = math.floor(start / step + 0.5) * step if step else start
+    _coupled()(own, other, *arrays, *numbers, measured)
     read, position, velocity, done, least = ends.T
     work = np.cumsum(done)
     told: dict[str, Any] = {"power": power_of(scene.outputs[output]), **Watch(proc).told()}
@@ -219,10 +221,6 @@ def _course(given: Course, t: np.ndarray, what: str) -> np.ndarray:
     if row.ndim and row.shape not in (t.shape, (t.size - 1,)):
         raise BadValue(f"try_on: {what} has shape {row.shape}; give one number for each sample")
     return np.append(row, row[-1]) if row.shape == (t.size - 1,) else np.broadcast_to(row, t.shape)
-
-
-def _measured(position: float, step: float) -> float:
-    return math.floor(position / step + 0.5) * step if step else position
 
 
 def _plant(device: Device, hand: Hand, late: int, rest: float, start: float) -> Scene:
