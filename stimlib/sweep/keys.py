@@ -13,7 +13,7 @@ from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -26,10 +26,7 @@ from ..motion.source import sources_of
 from .identity import identity, own_classes
 from .measures import Measure
 from .plan import Plan
-from .rows import Roles, arrow
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from .rows import Roles, Table, arrow
 
 PACKAGES = ("stimlib", "numpy", "scipy", "llvmlite")
 KEY = 16  # bytes
@@ -137,7 +134,7 @@ def code_keys(make: Any, motions: Mapping[str, Any]) -> dict[str, str]:
     return keys
 
 
-def row_keys(plan: Plan, table: pa.Table, digests: Mapping[str, bytes]) -> pa.Array:
+def row_keys(plan: Plan, table: Table, digests: Mapping[str, bytes]) -> Any:
     """Return 16 bytes for each row, from the plan, its numbers and its motion.
 
     They do not depend on the order or number of rows, or on the names of motions, so a

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +14,7 @@ from ..motion.recorded import Recording
 from ..motion.source import frames_of
 from ..system.limits import limits
 from .measures import Measure
-from .rows import Roles, name_of
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from .rows import Roles, Table, name_of
 
 
 @dataclass(frozen=True)
@@ -84,7 +81,7 @@ def frames(motion: Mapping[str, Any], fs: float, seconds: float | None) -> int:
     return n
 
 
-def in_order(table: pa.Table, roles: Roles) -> np.ndarray:
+def in_order(table: Table, roles: Roles) -> np.ndarray:
     """Return row indices sorted by arguments, then motion, then seed.
 
     In this order, little is computed twice.

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..errors import BadValue
 from ..system.progress import progress as bar
 from .plan import Plan
-from .rows import arrow
+from .rows import Table, arrow
 from .scheduler import Scheduler
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 LOOK_SECONDS = 0.003  # for making a scene, to compare it with one that was run
 
 
-def places(keyed: pa.Table, done: pa.Table) -> pa.Array:
+def places(keyed: Table, done: Table) -> Any:
     """Return the index of each row among the finished rows, or null.
 
     Parameters
@@ -31,7 +28,7 @@ def places(keyed: pa.Table, done: pa.Table) -> pa.Array:
     )
 
 
-def missing(keyed: pa.Table, done: pa.Table, retry: bool) -> pa.Table:
+def missing(keyed: Table, done: Table, retry: bool) -> Table:
     """Return the rows that have not run, each once; with ``retry``, failed ones too."""
     pa, pc = arrow(), arrow("pyarrow.compute")
     at = places(keyed, done)
@@ -49,9 +46,7 @@ def missing(keyed: pa.Table, done: pa.Table, retry: bool) -> pa.Table:
     return keyed.take(pa.array(np.sort(first)))
 
 
-def confirmed(
-    plan: Plan, keyed: pa.Table, done: pa.Table, scheduler: Scheduler, progress: bool
-) -> pa.Table:
+def confirmed(plan: Plan, keyed: Table, done: Table, scheduler: Scheduler, progress: bool) -> Table:
     """Return the finished rows that are still valid.
 
     Rows that failed with a scene or motion that has changed since are left out. The
@@ -92,7 +87,7 @@ def confirmed(
     return done.filter(pc.invert(pc.is_in(done["key"], value_set=outdated)))
 
 
-def _combinations(table: pa.Table, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
+def _combinations(table: Table, names: list[str]) -> tuple[np.ndarray, np.ndarray]:
     """Return the first row of each combination of values, and the one of each row."""
     codes = np.zeros(table.num_rows, np.int64)
     for name in names:

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Collection, Iterable, Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,9 +19,8 @@ from ..motion.layout import decimal_sign, layout_of, text_of
 from ..system.limits import limits
 from ..system.packages import package
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
+Table = Any
+"""A table of pyarrow, which is imported when a sweep begins, and has no types."""
 OWN = ("seed", "motion")  # columns with a meaning of their own
 MADE = ("content", "error", "fault", "key")  # columns that a sweep adds
 
@@ -123,7 +122,7 @@ def whole_numbers(name: str, column: Any) -> Any:
     return np.asarray(column, np.uint64)
 
 
-def table_of(rows: Any) -> pa.Table:
+def table_of(rows: Any) -> Table:
     """Return rows as an Arrow table without missing values.
 
     The column types are int64, uint64, float64, bool and string.
@@ -169,7 +168,7 @@ def table_of(rows: Any) -> pa.Table:
     return pa.Table.from_arrays(columns, schema=pa.schema(fields))
 
 
-def _read(pa: Any, rows: Any) -> pa.Table:
+def _read(pa: Any, rows: Any) -> Table:
     if isinstance(rows, pa.Table):
         return rows
     if isinstance(rows, str | os.PathLike):
@@ -190,7 +189,7 @@ def _read(pa: Any, rows: Any) -> pa.Table:
     )
 
 
-def _read_csv(path: Path) -> pa.Table:
+def _read_csv(path: Path) -> Table:
     """Read a CSV file, whose encoding, separator and decimal sign are found."""
     data, _ = text_of(str(path), path.read_bytes())
     found = layout_of(str(path), data, lambda names: sum(map(str.isidentifier, names)))
@@ -347,7 +346,7 @@ def arguments_of(make: Scene | Callable[..., Scene]) -> list[str]:
     return [n for n, p in inspect.signature(make).parameters.items() if p.kind in kinds]
 
 
-def checked(table: pa.Table, scene: Scene, roles: Roles, motions: Collection[str]) -> pa.Table:
+def checked(table: Table, scene: Scene, roles: Roles, motions: Collection[str]) -> Table:
     """Return the table with checked columns.
 
     Live columns become finite float64 and seeds uint64; the column ``motion`` must have

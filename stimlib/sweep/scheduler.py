@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, suppress
 from itertools import count
-from typing import TYPE_CHECKING
 from uuid import uuid4
 
 from ..errors import SinkError
 from ..system.pool import TimedOut, WorkerDied
 from ..system.watchdog import TICK
 from .plan import Plan
+from .rows import Table
 from .worker import (
     Motions,
     Runner,
@@ -27,9 +27,6 @@ from .worker import (
     run_beside,
     run_job,
 )
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 # s of work in one job: what a killed sweep can lose of finished work, besides what
 # waits to be written
@@ -70,7 +67,7 @@ class Scheduler(AbstractContextManager["Scheduler"]):
         self._own = executor is None
         self._executor = executor or ThreadPoolExecutor(self.most)
         self._runner = Runner(plan, motions) if workers == 0 else None
-        self.flying: dict[Future, tuple[pa.Table, int, bool, float]] = {}
+        self.flying: dict[Future, tuple[Table, int, bool, float]] = {}
         self._done: queue.SimpleQueue[Future] = queue.SimpleQueue()
         if self._own and not self._runner:
             with pool_of(self._sweep, plan.limits["row_bytes"]).worker():
@@ -100,8 +97,8 @@ class Scheduler(AbstractContextManager["Scheduler"]):
 
     def drive(
         self,
-        todo: pa.Table,
-        keep: Callable[[pa.Table], None],
+        todo: Table,
+        keep: Callable[[Table], None],
         row_seconds: float,
         advance: Callable[..., None],
         look: bool = False,
@@ -123,7 +120,7 @@ class Scheduler(AbstractContextManager["Scheduler"]):
         look : bool
             Only determine the content of the rows, without running them.
         """
-        again: deque[tuple[pa.Table, int]] = deque()
+        again: deque[tuple[Table, int]] = deque()
         at = 0
         while self.flying or again or at < todo.num_rows:
             while self.room > 0 and (again or at < todo.num_rows):
@@ -162,7 +159,7 @@ class Scheduler(AbstractContextManager["Scheduler"]):
         return self.workers * (1 if self._own else QUEUED) - len(self.flying)
 
     def submit(
-        self, rows: pa.Table, deaths: int, look: bool, seconds: float, whole: bool = False
+        self, rows: Table, deaths: int, look: bool, seconds: float, whole: bool = False
     ) -> None:
         """Submit a job.
 
@@ -195,7 +192,7 @@ class Scheduler(AbstractContextManager["Scheduler"]):
         self.flying[future] = rows, deaths, look, seconds
         future.add_done_callback(self._done.put)
 
-    def take(self) -> tuple[pa.Table, int, tuple[bytes, float] | WorkerDied]:
+    def take(self) -> tuple[Table, int, tuple[bytes, float] | WorkerDied]:
         """Return rows and deaths of a job that has ended, with its result or error."""
         while True:
             with suppress(queue.Empty):  # for Ctrl-C, which does not end a wait on Windows
@@ -227,7 +224,7 @@ def job_rows(left: int, workers: int, row_seconds: float) -> int:
     return max(1, min(int(seconds / row_seconds), left, MOST_ROWS))
 
 
-def joined(plan: Plan, rows: pa.Table, figures: pa.Table) -> pa.Table:
+def joined(plan: Plan, rows: Table, figures: Table) -> Table:
     """Return rows with their figures, as the columns of a stored part."""
     for name in figures.column_names:
         field = figures.field(name)

@@ -11,15 +11,12 @@ from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from ..errors import BadValue, SinkError, StimlibError, outside
 from ..system import safe_files
 from .keys import KEY
-from .rows import arrow
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from .rows import Table, arrow
 
 SIDECAR = "_sweep.json"  # readers of a folder of Parquet leave out names that begin so
 VERSION = 2
@@ -64,8 +61,8 @@ class Store:
     ):
         self.dry, self.rows = dry, 0
         self.folder = None if folder is None else safe_files.make_folder(folder)
-        self.tables: list[pa.Table] = []
-        self._waiting: list[pa.Table] = []
+        self.tables: list[Table] = []
+        self._waiting: list[Table] = []
         self._written = time.monotonic()
         self._facts, self._about = dict(facts), dict(about)
         self._lock = -1
@@ -121,7 +118,7 @@ class Store:
             left.unlink(missing_ok=True)
         self._merge(parts)
 
-    def _merge(self, parts: Mapping[Path, pa.Table | None]) -> None:
+    def _merge(self, parts: Mapping[Path, Table | None]) -> None:
         """Replace many small parts with the same columns by one.
 
         After a kill between the two steps rows are there twice, until they are merged.
@@ -163,7 +160,7 @@ class Store:
             )
         return known
 
-    def done(self, names: Sequence[str]) -> pa.Table:
+    def done(self, names: Sequence[str]) -> Table:
         """Return keys, contents and selected columns of all stored rows.
 
         The newest rows come first, and failed rows come last.
@@ -178,7 +175,7 @@ class Store:
             table = pa.concat_tables([table.filter(pc.invert(failed)), table.filter(failed)])
         return table.combine_chunks()
 
-    def add(self, table: pa.Table) -> None:
+    def add(self, table: Table) -> None:
         """Store rows with their keys; a part is written every few seconds."""
         self.tables.append(table)
         self.rows += table.num_rows
@@ -196,7 +193,7 @@ class Store:
             self._waiting.clear()
         self._written = time.monotonic()
 
-    def _publish(self, table: pa.Table) -> Path:
+    def _publish(self, table: Table) -> Path:
         """Write a part, and return its path."""
         assert self.folder is not None
         sink = arrow().BufferOutputStream()
@@ -215,7 +212,7 @@ def _name(data: bytes) -> str:
     return f"part-{hashlib.sha256(data).hexdigest()[:32]}.parquet"
 
 
-def _part(path: Path, names: Collection[str]) -> pa.Table | None:
+def _part(path: Path, names: Collection[str]) -> Table | None:
     """Return selected columns of a part, or None if it is damaged or unknown."""
     data = safe_files.read(path, "audio_bytes")
     if _name(data) != path.name:

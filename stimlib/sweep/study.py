@@ -10,7 +10,7 @@ import time
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,13 +27,10 @@ from .keys import code_keys, measure_keys, motion_digest, row_keys, shared_key, 
 from .measures import NAMED, Measure, measures_of
 from .plan import Plan, frames, in_order, motion_of
 from .resume import confirmed, missing, places
-from .rows import MADE, OWN, arguments_of, arrow, checked, name_of, roles_of, table_of
+from .rows import MADE, OWN, Table, arguments_of, arrow, checked, name_of, roles_of, table_of
 from .scheduler import Scheduler, joined
 from .store import Store
 from .worker import Motions, Runner, as_bytes, error_text, from_bytes, packed
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 class Forecast(NamedTuple):
@@ -86,7 +83,7 @@ def sweep(
     retry: bool = False,
     dry: bool = False,
     progress: bool = True,
-) -> pa.Table | Forecast:
+) -> Table | Forecast:
     """Run a scene for every row of a table, and keep a few figures of each rendering.
 
     A row that fails keeps its error, and the others continue.  With ``out``, finished
@@ -308,7 +305,7 @@ def _words(
 class Planned(NamedTuple):
     """The facts of a sweep that are known before the first run."""
 
-    table: pa.Table
+    table: Table
     plan: Plan
     motions: Motions
     facts: dict[str, Any]
@@ -332,7 +329,7 @@ class Seen(NamedTuple):
     warned: list[str]
 
 
-def planned(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
+def planned(make: Any, table: Table, words: Mapping[str, Any]) -> Planned:
     """Check a sweep, and return the facts known before the first run.
 
     The scene of one row is made in this process.
@@ -340,7 +337,7 @@ def planned(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
     return _complete(make, words, seen(make, table, words, 0))
 
 
-def _planned_apart(make: Any, table: pa.Table, words: Mapping[str, Any]) -> Planned:
+def _planned_apart(make: Any, table: Table, words: Mapping[str, Any]) -> Planned:
     """Return the result of `planned`, with scenes made in another process.
 
     Making a scene may crash that process.
@@ -409,7 +406,7 @@ def seen_apart(first: int) -> Seen:
     return found._replace(warned=[str(w.message) for w in caught])
 
 
-def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Seen:
+def seen(make: Any, table: Table, words: Mapping[str, Any], first: int) -> Seen:
     """Check rows, motions and measures against the scene of one row."""
     if not isinstance(make, Scene) and not callable(make):
         raise BadValue(
@@ -458,7 +455,7 @@ def seen(make: Any, table: pa.Table, words: Mapping[str, Any], first: int) -> Se
     return Seen(as_bytes(table), plan, digests, {"key": key, **facts}, about, n, [])
 
 
-def some_scene(make: Scene | Callable[..., Scene], table: pa.Table, first: int = 0) -> Scene:
+def some_scene(make: Scene | Callable[..., Scene], table: Table, first: int = 0) -> Scene:
     """Return the given scene, or the first that the factory makes from some rows.
 
     Parameters
@@ -502,7 +499,7 @@ def _rows_to_try(n: int) -> list[int]:
 # The runs -----------------------------------------------------------------------------
 def _run(
     plan: Plan,
-    todo: pa.Table,
+    todo: Table,
     store: Store,
     scheduler: Scheduler,
     dry: bool,
