@@ -20,7 +20,7 @@ SECOND, NEWTON = unit("s"), unit("N")
 WIDER = 1e-9  # a rise that is the smallest but for its rounding counts
 
 
-def avatar_units(u: tuple[Any, ...]) -> tuple[Any, ...]:
+def avatar_units(owner: Any, *u: Any) -> Any:
     """Return the units of x, y, lag and wait; raise UnitError for wrong inputs."""
     check_places("delay_avatar", *u[:2])
     if u[2] != NEWTON:
@@ -69,8 +69,7 @@ class DelayAvatar(Block):
     most: Above0
     outputs = ("x", "y", "lag", "wait")
 
-    def units(self, *u):
-        return avatar_units(u)
+    units = avatar_units
 
     def design(self, fs):
         limits.check(
@@ -157,8 +156,7 @@ class FrameAvatar(Block):
     frame: Above0
     outputs = ("x", "y", "lag", "wait")
 
-    def units(self, *u):
-        return avatar_units(u)
+    units = avatar_units
 
     def design(self, fs):
         p = FrameParams(fs, self.per_newton, self.notice * (1 - WIDER), self.frame)

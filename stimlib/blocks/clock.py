@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..core.graph import Block, unitless
+from ..core.graph import Block, stated, unitless
 from ..core.maths import as_float, floor, fma, quotient, search, where
 from ..core.program import lead
 from ..core.units import unit
@@ -245,8 +245,7 @@ class Timeline(Block):
                 raise BadValue(f"timeline: the times must rise; {b:g} s comes after {a:g} s")
         limits.check("table_knots", self.times.size, "timeline: points")
 
-    def units(self, *u):
-        return unit(self.unit)
+    units = stated
 
     def design(self, fs):
         # held at both ends

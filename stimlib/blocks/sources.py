@@ -10,7 +10,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..core.graph import NONE, ONE, Block, Const, below_half, in_unit, unitless
+from ..core.graph import NONE, ONE, Block, Const, below_half, in_unit, stated, unitless
 from ..core.maths import SILENT, TINY, as_float, exp, floor, flush, fma, where
 from ..core.response import backward
 from ..core.units import unit
@@ -157,8 +157,7 @@ class Playback(Block):
                 f"playback: samples must be one row of numbers, got shape {self.samples.shape}"
             )
 
-    def units(self, *u):
-        return unit(self.unit)
+    units = stated
 
     def design(self, fs):
         limits.check(

@@ -361,8 +361,7 @@ class SpringpotLive(Block):
     onset: str
     resettable = True
 
-    def check(self):
-        check_fields(self)
+    check = check_fields
 
     def units(self, *u):
         in_unit("springpot: alpha", self.alpha, u[1], "")
@@ -514,8 +513,7 @@ class Method(Block, abstract=True):
     contact: Block
     order: float
 
-    def check(self):
-        check_fields(self)
+    check = check_fields
 
     def units(self, *u):
         return force_unit("springpot", u[0])

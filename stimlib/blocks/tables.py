@@ -7,7 +7,7 @@ import warnings
 from collections import namedtuple
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -68,6 +68,30 @@ def evenness(knots: np.ndarray) -> float:
     return float(per)
 
 
+def check_points(b: Any) -> None:
+    """Raise BadValue where knots, values or options make no sense."""
+    knots, values = b.knots, b.values
+    if np.ndim(knots) != 1 or np.shape(knots) != np.shape(values) or len(knots) < 2:
+        raise BadValue(
+            f"lut: knots and values must be rows of one length, at least 2; got {np.shape(knots)},"
+            f" {np.shape(values)}"
+        )
+    if not (np.diff(knots) > 0).all():
+        raise BadValue(
+            f"lut: knots must rise; knot {int(np.argmin(np.diff(knots) > 0)) + 1} does not"
+        )
+    for v, known, name in (
+        (getattr(b, "kind", KINDS[0]), KINDS, "kind"),
+        (b.outside, OUTSIDE, "outside"),
+    ):
+        one_of(f"lut: {name}", v, known)
+    if isinstance(b, Polynomial) and len(knots) > MOST:
+        raise BadValue(
+            f"lut: a polynomial through {len(knots)} knots swings between them; at most {MOST}, or"
+            " use kind='cubic'"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Lut(Table):
     """A lookup table: values at knots, with interpolation between them."""
@@ -79,8 +103,7 @@ class Lut(Table):
     outside: str
     value_unit: str
 
-    def check(self):
-        check_points(self)
+    check = check_points
 
     def units(self, *u):
         return unit(self.value_unit)
@@ -128,8 +151,7 @@ class Polynomial(Block):
     outside: str
     value_unit: str
 
-    def check(self):
-        check_points(self)
+    check = check_points
 
     def units(self, *u):
         return unit(self.value_unit)
@@ -175,30 +197,6 @@ class Polynomial(Block):
                 w[i] == x[i], y[i], where(p.keep > 0.0, y[i], where(x[i] == x[i], p.outside, x[i]))
             )
         return s
-
-
-def check_points(b: Lut | Polynomial) -> None:
-    """Raise BadValue where knots, values or options make no sense."""
-    knots, values = b.knots, b.values
-    if np.ndim(knots) != 1 or np.shape(knots) != np.shape(values) or len(knots) < 2:
-        raise BadValue(
-            f"lut: knots and values must be rows of one length, at least 2; got {np.shape(knots)},"
-            f" {np.shape(values)}"
-        )
-    if not (np.diff(knots) > 0).all():
-        raise BadValue(
-            f"lut: knots must rise; knot {int(np.argmin(np.diff(knots) > 0)) + 1} does not"
-        )
-    for v, known, name in (
-        (getattr(b, "kind", KINDS[0]), KINDS, "kind"),
-        (b.outside, OUTSIDE, "outside"),
-    ):
-        one_of(f"lut: {name}", v, known)
-    if isinstance(b, Polynomial) and len(knots) > MOST:
-        raise BadValue(
-            f"lut: a polynomial through {len(knots)} knots swings between them; at most {MOST}, or"
-            " use kind='cubic'"
-        )
 
 
 @public

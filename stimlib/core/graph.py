@@ -444,6 +444,11 @@ def unitless(owner: Block, *u: Unit) -> Unit:
     return un.ONE
 
 
+def stated(owner: Any, *u: Unit) -> Unit:
+    """Return the unit that a block has in its field ``unit``."""
+    return unit(owner.unit)
+
+
 def same_unit(verb: str, a: Block, b: Block, *u: Unit) -> Unit:
     """Return the common unit of two signals; a literal 0 fits any unit."""
     for one, other in ((0, 1), (1, 0)):
@@ -510,8 +515,7 @@ class Input(Named):
     unit: str = ""
     begins_early = False
 
-    def units(self, *u):
-        return unit(self.unit)
+    units = stated
 
 
 @dc.dataclass(frozen=True, eq=False)
@@ -521,8 +525,7 @@ class Const(Block):
     value: float
     unit: str = ""
 
-    def units(self, *u):
-        return unit(self.unit)
+    units = stated
 
 
 @public

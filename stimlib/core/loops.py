@@ -7,11 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import BadValue, UnitError, public
-from .graph import Block, Const, as_block
-from .units import Unit, unit
-
-# The name of a parameter below hides that of the function that makes one.
-_unit: Callable[[str], Unit] = unit
+from .graph import Block, Const, as_block, stated
 
 
 # a node of the graph that names no source: the loop around it does, so that the graph
@@ -29,8 +25,7 @@ class Last(Block):
     # a counter driven by noise would not begin at 1, if it ran before sample 0
     begins_early = False
 
-    def units(self, *inputs):
-        return _unit(self.unit)
+    units = stated
 
 
 # body and last are both inputs of it: whoever walks the graph meets both

@@ -447,18 +447,6 @@ def _interpreted(f):
     return of_number
 
 
-def _bits_of(x):
-    return struct.unpack("<Q", struct.pack("<d", x))[0]
-
-
-def _float_of(u):
-    return struct.unpack("<d", struct.pack("<Q", u & 2**64 - 1))[0]
-
-
-def _floor_of(x):
-    return float(math.floor(x)) or math.copysign(0.0, x) if x == x else x
-
-
 ELEMENTARY = {
     f.__name__: f
     for f in (
@@ -473,10 +461,10 @@ _FLOATS |= {n: int(v) if isinstance(v, np.uint64) else v for n, v in CONSTANTS.i
 _FLOATS |= {
     "fma": _fma,
     "where": lambda c, a, b: a if c else b,
-    "bits": _bits_of,
-    "unbits": _float_of,
+    "bits": lambda x: struct.unpack("<Q", struct.pack("<d", x))[0],
+    "unbits": lambda u: struct.unpack("<d", struct.pack("<Q", u & 2**64 - 1))[0],
     "as_float": float,
-    "floor": _floor_of,
+    "floor": lambda x: float(math.floor(x)) or math.copysign(0.0, x) if x == x else x,
 }
 _FLOATS |= {name: types.FunctionType(f.__code__, _FLOATS) for name, f in ELEMENTARY.items()}
 exp, moderate_exp, log, sin, cos, tanh = map(_interpreted, (exp, moderate_exp, log, sin, cos, tanh))

@@ -5,9 +5,8 @@ from __future__ import annotations
 import dataclasses as dc
 from collections import namedtuple
 
-from .graph import Named
+from .graph import Named, stated
 from .maths import where
-from .units import unit
 
 # State of `Param`: its value, its target, and the samples left of a ramp.
 #   left  samples of ramp still to go
@@ -37,8 +36,7 @@ class Param(Named):
     unit: str = ""
     rests = True
 
-    def units(self, *u):
-        return unit(self.unit)
+    units = stated
 
     def design(self, fs):
         return (), ParamState(float(self.value), float(self.value), 0.0)

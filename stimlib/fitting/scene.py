@@ -126,12 +126,6 @@ def welch(x: Any, fs: float, segment: int) -> Any:
             f" samples of the row x, of shape {np.shape(x)}"
         )
     x = package("jax.numpy", "welch").asarray(x)
-    x = package("jax.numpy", "welch").asarray(x)
-    if x.ndim != 1 or not 1 <= segment <= x.size or not fs > 0:
-        raise BadValue(
-            f"welch: fs = {fs} must be above 0, and segment = {segment} from 1 to the number of"
-            f" samples of the row x, of shape {x.shape}"
-        )
     return package("jax.scipy.signal", "welch").welch(x, fs, nperseg=segment)[1]
 
 
