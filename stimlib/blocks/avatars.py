@@ -20,12 +20,23 @@ SECOND, NEWTON = unit("s"), unit("N")
 WIDER = 1e-9  # a rise that is the smallest but for its rounding counts
 
 
-def avatar_units(owner: Any, *u: Any) -> Any:
-    """Return the units of x, y, lag and wait; raise UnitError for wrong inputs."""
-    check_places("delay_avatar", *u[:2])
-    if u[2] != NEWTON:
-        raise UnitError(f"delay_avatar takes a tangential force in N, not [{u[2]}]")
-    return u[0], u[1], SECOND, SECOND
+@dataclass(frozen=True, eq=False)
+class Avatar(Block, abstract=True):
+    """An avatar that stops where the force on the device rises."""
+
+    px: Block
+    py: Block
+    force: Block
+    contact: Block
+    per_newton: Above0
+    notice: From0
+    outputs = ("x", "y", "lag", "wait")
+
+    def units(self, *u):
+        check_places("delay_avatar", *u[:2])
+        if u[2] != NEWTON:
+            raise UnitError(f"delay_avatar takes a tangential force in N, not [{u[2]}]")
+        return u[0], u[1], SECOND, SECOND
 
 
 # Parameters of `DelayAvatar` at a sample rate.
@@ -52,24 +63,15 @@ def before(i, n, size):
 
 
 @dataclass(frozen=True, eq=False)
-class DelayAvatar(Block):
+class DelayAvatar(Avatar):
     """An avatar at the position that the device had at an earlier time u, a signal.
 
     A rise of the force stops u; then u advances faster than time until it has caught
     up.
     """
 
-    px: Block
-    py: Block
-    force: Block
-    contact: Block
-    per_newton: Above0
-    notice: From0
     catch_up: Above0
     most: Above0
-    outputs = ("x", "y", "lag", "wait")
-
-    units = avatar_units
 
     def design(self, fs):
         limits.check(
@@ -141,22 +143,13 @@ FrameState = namedtuple("FrameState", "x y force left since cold")
 
 
 @dataclass(frozen=True, eq=False)
-class FrameAvatar(Block):
+class FrameAvatar(Avatar):
     """An avatar at the device's position at the start of each frame, by eq. (3).
 
     A rise of the force lengthens the frame. Eq. (3) of the paper is taken literally.
     """
 
-    px: Block
-    py: Block
-    force: Block
-    contact: Block
-    per_newton: Above0
-    notice: From0
     frame: Above0
-    outputs = ("x", "y", "lag", "wait")
-
-    units = avatar_units
 
     def design(self, fs):
         p = FrameParams(fs, self.per_newton, self.notice * (1 - WIDER), self.frame)
