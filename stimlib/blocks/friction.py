@@ -149,6 +149,13 @@ class Friction(Over, abstract=True):
         return averaging(fs, z, value[2]) * H[0] + (0.0 if H[1] is None else H[1])
 
 
+def begun(s, x, limit, stiffness):
+    """Return stiffness, slip deflection and deflection of a sample, and its way."""
+    k = held(stiffness)
+    c = deflection(limit, k)
+    return k, c, within(softened(s.z, s.k, k), c), where(s.cold > 0.0, 0.0, x - s.last)
+
+
 # The laws -----------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Coulomb(Friction):
@@ -156,10 +163,7 @@ class Coulomb(Friction):
 
     @staticmethod
     def step(p, s, x, limit, stiffness):
-        k = held(stiffness)
-        c = deflection(limit, k)
-        z = within(softened(s.z, s.k, k), c)
-        dx = where(s.cold > 0.0, 0.0, x - s.last)
+        k, c, z, dx = begun(s, x, limit, stiffness)
         t = z + dx
         after, left = within(t, c), c - sign(dx) * z
         slips = sign(dx) * (c - 0.5 * left * over(left, abs(dx)))
@@ -192,10 +196,7 @@ class ElastoPlastic(Friction):
 
     @staticmethod
     def step(p, s, x, limit, stiffness):
-        k = held(stiffness)
-        c = deflection(limit, k)
-        z = within(softened(s.z, s.k, k), c)
-        dx = where(s.cold > 0.0, 0.0, x - s.last)
+        k, c, z, dx = begun(s, x, limit, stiffness)
         b, u, a = p.elastic * c, sign(dx) * z, abs(dx)
         rest = held(b - u)  # of the elastic way
         e = where(a > rest, rest, a)
@@ -223,10 +224,8 @@ class Dahl(Friction):
 
     @staticmethod
     def step(p, s, x, limit, stiffness):
-        k = held(stiffness)
-        c = deflection(limit, k)
-        z = within(softened(s.z, s.k, k), c)
-        more, mean = drawn(z, c, where(s.cold > 0.0, 0.0, x - s.last))
+        k, c, z, dx = begun(s, x, limit, stiffness)
+        more, mean = drawn(z, c, dx)
         return k * (z + mean), FrictionState(x, z + more, k, 0.0)
 
 
@@ -273,9 +272,7 @@ class LuGre(Over):
 
     @staticmethod
     def step(p, s, x, limit, static, stiffness):
-        k = held(stiffness)
-        z = within(softened(s.z, s.k, k), deflection(static, k))
-        dx = where(s.cold > 0.0, 0.0, x - s.last)
+        k, _, z, dx = begun(s, x, static, stiffness)
         c = deflection(limit, k)
         more, mean = drawn(z, c, dx)
         more, mean = where(c > 0.0, more, 0.0 * c - z), where(c > 0.0, z + mean, 0.0 * c)
@@ -402,11 +399,8 @@ class StickSlip(Friction):
 
     @staticmethod
     def step(p, s, x, limit, stiffness):
-        k = held(stiffness)
-        c = deflection(limit, k)
+        k, c, z, dx = begun(s, x, limit, stiffness)
         q = c - p.left * c
-        z = within(softened(s.z, s.k, k), c)
-        dx = where(s.cold > 0.0, 0.0, x - s.last)
         t = z + dx
         more = abs(t) - c
         sticks = where(q > LEAST, 1.0, 0.0)
