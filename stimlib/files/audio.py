@@ -34,7 +34,7 @@ from ..system import safe_files
 from ..system.limits import limits
 from ..system.progress import progress as bar
 from ..version import __version__
-from .commit import Put, check_place, check_size, publish
+from .commit import Put, check_place, publish
 from .formats import (
     BITS,
     BYTES,
@@ -48,7 +48,7 @@ from .formats import (
     physical,
 )
 from .sidecar import FileReport, describe, load, read_of, sidecar_of
-from .sound_file import PIECE, reading, reason, sha256, soundfile
+from .sound_file import PIECE, reading, reason, soundfile
 
 STEP = 1.0  # s of signal that is written at once, at most
 # in libsndfile's log, where a file is shorter than it says: the bytes stated and there
@@ -560,8 +560,11 @@ class Stored:
                     raise SinkError(
                         f"{sidecar} does not belong to {path}: {what} {said} against {there}"
                     )
-            check_size(path, raw, frames, channels)
-            if sha256(raw) != info["file_sha256"]:
+            size, held = os.fstat(raw.fileno()).st_size, 8.0 * frames * channels
+            limits.check("audio_bytes", held, f"{path}: bytes of samples in memory", SinkError)
+            limits.check("audio_bytes", size, f"{path}: bytes", SinkError)
+            raw.seek(0)
+            if hashlib.file_digest(raw, "sha256").hexdigest() != info["file_sha256"]:
                 raise SinkError(
                     f"{sidecar} does not belong to {path}, or the file was changed: file_sha256"
                     f" differs"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,10 +14,9 @@ from numpy.typing import NDArray
 
 from ..errors import SinkError
 from ..system import safe_files
-from ..system.limits import limits
 from .formats import Array
-from .sidecar import FileReport, report_of, sidecar_of, text_of, versions
-from .sound_file import Draft, comment_of, disk, fill, move
+from .sidecar import FileReport, report_of, sidecar_of, versions
+from .sound_file import Draft, comment_of, disk, move
 
 Put = Callable[[NDArray[Any]], None]
 """Function that takes the next samples, shape (n, channels), in the subtype's data
@@ -72,8 +72,9 @@ def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> File
                 c |= {"clips": int(clipped), "peak": float(largest)}
             info["versions"], info["file_sha256"] = versions(), draft.seal()
             with disk(path):
-                with open(safe_files.create(ready), "r+b", buffering=0) as f:
-                    fill(f, text_of(info))
+                with open(safe_files.create(ready), "wb") as f:
+                    f.write((json.dumps(info, indent=1, allow_nan=False) + "\n").encode())
+                    f.flush()
                     os.fsync(f.fileno())
                 try:
                     draft.move(path, overwrite)
@@ -93,11 +94,3 @@ def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> File
         safe_files.remove(part, ready)
         raise
     return report_of(path, info)
-
-
-def check_size(path: Path, raw: Any, frames: int, channels: int) -> None:
-    """Raise an error if a file, or its samples in memory, would exceed the limits."""
-    limits.check(
-        "audio_bytes", 8.0 * frames * channels, f"{path}: bytes of samples in memory", SinkError
-    )
-    limits.check("audio_bytes", os.fstat(raw.fileno()).st_size, f"{path}: bytes", SinkError)

@@ -199,23 +199,6 @@ def move(source: Path, path: Path, overwrite: bool) -> None:
         raise SinkError(f"{path} is there already, and overwrite=False") from None
 
 
-def fill(f: Any, data: bytes) -> None:
-    """Replace the content of an unbuffered file."""
-    f.seek(0)
-    f.truncate()
-    while data:  # a full disk takes a part, and fails on the rest with its reason
-        data = data[f.write(data) :]
-
-
-def sha256(f: Any) -> str:
-    """Return the SHA-256 of the bytes of an open file."""
-    digest, at = hashlib.sha256(), 0
-    while part := safe_files.read_at(f.fileno(), 1 << 20, at):
-        digest.update(part)
-        at += len(part)
-    return digest.hexdigest()
-
-
 def reading(f: Any) -> Any:
     """Return an open file as a sound file, positioned at its beginning."""
     f.seek(0)
