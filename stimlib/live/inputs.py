@@ -377,8 +377,13 @@ class Inputs:
             if source["from"] != "contact":
                 x[k] = followed[k]
             if source["from"] in ("sine", "given"):
-                begin = self._since + at
-                x[k] = positions({name: self._motion(name, source)}, begin, begin + n, self.fs)[0]
+                begin, low, high = self._since + at, source["low"], source["high"]
+                motion = (
+                    self.given[name]
+                    if source["from"] == "given"
+                    else sinusoid((high - low) / 2, source["freq"], (high + low) / 2, -math.pi / 2)
+                )
+                x[k] = positions({name: motion}, begin, begin + n, self.fs)[0]
             if source["from"] != "contact":
                 self._go_over(k, name, x[k], at)
             self._last[k] = x[k, -1]
@@ -451,12 +456,6 @@ class Inputs:
         if zero:
             return x * on, 1.0
         return x, on if self.touches and kind != "pressure" else 1.0
-
-    def _motion(self, name: str, source: Mapping[str, Any]) -> Any:
-        if source["from"] == "given":
-            return self.given[name]
-        low, high = source["low"], source["high"]
-        return sinusoid((high - low) / 2, source["freq"], (high + low) / 2, -math.pi / 2)
 
     def _go_over(self, k: int, name: str, row: Array, at: int) -> None:
         """Blend linearly from the old source of an input to the new one."""

@@ -155,7 +155,9 @@ class Server:
 
         The token follows ``#``, which a browser does not send.
         """
-        return f"http://{_netloc(_name(self.host), self.port)}/#{self.token}"
+        # under which others reach this machine
+        host = socket.gethostname() if self.host in ("0.0.0.0", "::") else self.host
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/#{self.token}"
 
     def __repr__(self):
         return f"Server({self.stream.title}, {self.host}:{self.port})"
@@ -394,12 +396,3 @@ async def _bye(ws: Any, code: int, why: str) -> None:
 
     with suppress(RuntimeError, WebSocketDisconnect, TimeoutError):
         await asyncio.wait_for(ws.close(code, why), 1.0)
-
-
-def _netloc(host: str, port: int) -> str:
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-
-
-def _name(host: str) -> str:
-    """Return the host name under which others reach this machine."""
-    return socket.gethostname() if host in ("0.0.0.0", "::") else host

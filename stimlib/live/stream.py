@@ -267,8 +267,11 @@ class Stream:
 
             root.switched = begun
             log = self._new_folder() if records else None
-            options: dict[str, Any] = self._marking | {"seed": self.seed, "log": log}
-            options |= {"params": params}
+            options: dict[str, Any] = self._marking | {
+                "seed": self.seed,
+                "log": log,
+                "params": params,
+            }
             options |= {"motion": Live(1.0)} if made.scene.inputs else {}
             sink.crossfade(made.scene, made.safety, **options)
             self._recorded(sink)
