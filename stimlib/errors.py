@@ -470,9 +470,8 @@ def _is_list(v: Any, of: Any, parts: tuple) -> bool:
     """Return whether a value is a list or can be used as one."""
     any_order = of in (Collection, Iterable)
     wanted = "__iter__" if of is Iterable else "__len__"
-    if isinstance(v, str | bytes) or not hasattr(v, wanted):
-        return False
-    if isinstance(v, Mapping) and not any_order:
+    keyed = isinstance(v, Mapping) and not any_order
+    if keyed or isinstance(v, str | bytes) or not hasattr(v, wanted):
         return False
     if not hasattr(v, "__getitem__"):
         return any_order and (not hasattr(v, "__len__") or all(_fits(w, parts[0]) for w in v))

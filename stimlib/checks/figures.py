@@ -104,10 +104,7 @@ def _curves(fig, s, e):
 
 def spectra_of(e: Evidence) -> dict[str, Against]:
     """Return spectra by output, as ``Report.spectra`` gives them."""
-    found = {}
-    for tap in e.taps:
-        if tap.spectrum and tap.model:
-            found[tap.output] = _of_noise(tap)
+    found = {tap.output: _of_noise(tap) for tap in e.taps if tap.spectrum and tap.model}
     for name, law in e.wanted.items():
         want, apart = law()
         y = e.y[list(e.scene.outputs).index(name)]

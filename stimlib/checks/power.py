@@ -149,9 +149,9 @@ def of_spectrum(f: np.ndarray, alarm: float) -> list[tuple[str, float, str]]:
     """
     bands, weights = spectra.looks(f)
     p = alarm / 2 / (len(bands) + len(weights))
-    tests: list[tuple[Any, np.ndarray, float]] = []
-    for w in weights:
-        tests += [(slice(None), a, critical(a, p)) for a in (w, -w)]
+    tests: list[tuple[Any, np.ndarray, float]] = [
+        (slice(None), a, critical(a, p)) for w in weights for a in (w, -w)
+    ]
     for part in bands:  # their sums are Gamma distributed
         m, one = part.size, np.ones(part.size)
         tests += [

@@ -75,10 +75,11 @@ def says(e: Evidence, sums: Sums) -> list[Check]:
         "comment": (comment, comment_of(told) if told["format"] in COMMENTED else ""),
         "clips": ([c is None for c in stated["clips"]], [False] * len(channels)),
     }
-    bad = []
-    for name, (says, is_so) in pairs.items():
-        if says != is_so:
-            bad.append(f"{name}: {says!s:.200}, and not {is_so!s:.200}")
+    bad = [
+        f"{name}: {says!s:.200}, and not {is_so!s:.200}"
+        for name, (says, is_so) in pairs.items()
+        if says != is_so
+    ]
     text = "; ".join(bad) or ", ".join(pairs)
     checks = [Check("e", "sidecar: what it says", len(bad), 0, text)]
     wrong = int(sums.sha256 != told.get("sha256"))

@@ -665,9 +665,10 @@ def from_polynomials(b: Sequence[float], a: Sequence[float]) -> tuple[Quadratic,
     >>> [int(v) for v in from_polynomials([1, 1, 0], [4, 0, 0])[1]]  # 4 (s + 1)^2
     [4, 8, 4]
     """
-    made = []
-    for p0, p1, p2 in (map(Fraction, map(float, b)), map(Fraction, map(float, a))):
-        made.append((p0 - p1 + p2, 2 * (p0 - p2), p0 + p1 + p2))
+    made = [
+        (p0 - p1 + p2, 2 * (p0 - p2), p0 + p1 + p2)
+        for p0, p1, p2 in (map(Fraction, map(float, p)) for p in (b, a))
+    ]
     return made[0], made[1]
 
 

@@ -96,20 +96,13 @@ def coloured_noise(slope: float, rms: float, f_low: float, tol_db: float) -> tup
     The first is its slope relative to the middle of the band, whose own deviation
     counts too; the second is its rms, by Parseval's theorem.
     """
-
-    def shape(H, f, fs):
-        return np.abs(H) / np.abs(H[len(H) // 2])
-
-    def whole(H, f, fs):
-        return np.sqrt([np.trapezoid(np.abs(H) ** 2, f) / (f[-1] - f[0])])
-
     return (
         Law(
             band(f_low, lambda fs: 0.45 * fs),
             lambda f, fs: (f / f[len(f) // 2]) ** (-slope / 2),
             _db(2 * tol_db),
             f"S(f) ~ f^{-slope:g} within {tol_db:g} dB",
-            shape,
+            lambda H, f, fs: np.abs(H) / np.abs(H[len(H) // 2]),
             shapes=True,
         ),
         Law(
@@ -117,7 +110,7 @@ def coloured_noise(slope: float, rms: float, f_low: float, tol_db: float) -> tup
             lambda f, fs: np.array([rms]),
             1e-3,
             f"rms {rms:g}",
-            whole,
+            lambda H, f, fs: np.sqrt([np.trapezoid(np.abs(H) ** 2, f) / (f[-1] - f[0])]),
             shapes=True,
         ),
     )
@@ -151,11 +144,14 @@ def differentiator(passband: float | None, order: int | None, tol: float) -> Law
         return H * np.exp(1j * np.pi * f * (order or 2 * round(64 * fs / 8000)) / fs)
 
     text = f"i 2 pi f behind half its order, within {tol:g}"
-
-    def below_the_edge(fs):
-        return np.geomspace(top(fs) / 1000, top(fs), POINTS)
-
-    return Law(below_the_edge, lambda f, fs: 2j * np.pi * f, tol, text, straight, shapes=True)
+    return Law(
+        lambda fs: np.geomspace(top(fs) / 1000, top(fs), POINTS),
+        lambda f, fs: 2j * np.pi * f,
+        tol,
+        text,
+        straight,
+        shapes=True,
+    )
 
 
 def delay(samples: int) -> Law:
@@ -163,12 +159,12 @@ def delay(samples: int) -> Law:
 
     The tolerance grows with the delay, as the phase is rounded once per sample.
     """
-
-    def law(f, fs):
-        return np.exp(-2j * np.pi * (f * samples / fs % 1))
-
     return Law(
-        below_nyquist, law, 1e-12 + 1e-15 * samples, f"delay of {samples} samples", shapes=True
+        below_nyquist,
+        lambda f, fs: np.exp(-2j * np.pi * (f * samples / fs % 1)),
+        1e-12 + 1e-15 * samples,
+        f"delay of {samples} samples",
+        shapes=True,
     )
 
 
@@ -224,14 +220,10 @@ def slow_velocity(cutoff: float, fs: float) -> Law:
     Relative to it, each sampled pole leads by half a sample, and the difference lags by
     half a sample.
     """
-
-    def law(f, fs):
-        return 2j * np.pi * f / (1 + 1j * f / cutoff) ** 2 * np.exp(1j * np.pi * f / fs)
-
     tol = (2 * math.pi * cutoff / fs) ** 2 / 4 + 1e-12
     return Law(
         band(cutoff / 100, lambda fs: cutoff),
-        law,
+        lambda f, fs: 2j * np.pi * f / (1 + 1j * f / cutoff) ** 2 * np.exp(1j * np.pi * f / fs),
         tol,
         f"i 2 pi f through two poles of {cutoff:g} Hz",
         shapes=True,

@@ -125,9 +125,9 @@ def expression(what: str, text: str, names: Iterable[str]) -> Expression:
         found = _parsed(ast.parse(text, mode="eval").body)
         if not found.columns:
             raise ValueError
-        if isinstance(found, Linear) and not (found.scale and isfinite(found.scale)):
-            raise ValueError
-        if isinstance(found, Linear) and not isfinite(found.offset):
+        if isinstance(found, Linear) and not (
+            found.scale and isfinite(found.scale) and isfinite(found.offset)
+        ):
             raise ValueError
     except (SyntaxError, ValueError, ArithmeticError, RecursionError, MemoryError):
         shown = repr(text) if len(text) <= 80 else f"a text of {len(text)} characters"
@@ -171,9 +171,8 @@ def _parsed(node: ast.expr) -> Expression:
 def _binary(op: ast.operator, a: Expression, b: Expression) -> Expression:
     if isinstance(a, Linear) and isinstance(b, Linear) and (found := _linear(op, a, b)):
         return found
-    if isinstance(op, ast.Pow) and b.columns:
-        raise ValueError
-    if type(op) not in OPERATORS or not (a.columns or b.columns):
+    constant = not (a.columns or b.columns)
+    if type(op) not in OPERATORS or constant or (isinstance(op, ast.Pow) and b.columns):
         raise ValueError
     return Combined(OPERATORS[type(op)], (a, b))
 

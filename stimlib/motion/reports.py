@@ -226,9 +226,8 @@ def _equal(table: TableFile, column: str, value: Any) -> Mask:
     try:
         parts = [b.numbers([column])[0] == wanted for b in table.batches()]
     except ValueError:
-        parts = []
-        for b in table.batches():
-            parts.append(np.array([t.strip() == text for t in b.texts(column)]))
+        texts = (b.texts(column) for b in table.batches())
+        parts = [np.array([t.strip() == text for t in batch]) for batch in texts]
     return np.concatenate([np.zeros(0, dtype=bool), *parts])
 
 

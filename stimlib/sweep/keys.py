@@ -55,8 +55,7 @@ def motion_digest(given: Any, name: str, fs: float, seconds: float | None) -> by
     """
     parts = dict(given) if isinstance(given, Mapping) else {"": given}
     text = [float(seconds).hex() if seconds is not None else "own length"]
-    for key, source in sorted(parts.items()):
-        text.append(f"{key}: {_source(source, name)}")
+    text += [f"{key}: {_source(source, name)}" for key, source in sorted(parts.items())]
     return hashlib.sha256("\n".join(text).encode()).digest()[:KEY]
 
 
