@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable
 from contextlib import suppress
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from ..errors import SinkError
 from ..system import safe_files
 from .formats import Array
-from .sidecar import FileReport, report_of, sidecar_of, versions
+from .sidecar import FileReport, report_of, sidecar_of, text_of, versions
 from .sound_file import Draft, comment_of, disk, move
 
 Put = Callable[[NDArray[Any]], None]
@@ -73,7 +72,7 @@ def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> File
             info["versions"], info["file_sha256"] = versions(), draft.seal()
             with disk(path):
                 with open(safe_files.create(ready), "wb") as f:
-                    f.write((json.dumps(info, indent=1, allow_nan=False) + "\n").encode())
+                    f.write(text_of(info))
                     f.flush()
                     os.fsync(f.fileno())
                 try:

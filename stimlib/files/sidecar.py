@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections.abc import Mapping
@@ -139,6 +140,11 @@ def load(path: Path, sidecar: Path) -> dict[str, Any]:
     except ValueError as e:
         raise SinkError(f"{sidecar} is not a sidecar that stimlib wrote: {e}") from e
     return info
+
+
+def text_of(info: dict[str, Any]) -> bytes:
+    """Return the text of a sidecar, as bytes."""
+    return (json.dumps(info, indent=1, allow_nan=False) + "\n").encode()
 
 
 def describe(source: Any) -> str:
