@@ -310,7 +310,7 @@ ALL = f"{LISTED}, ready"
         (f"{SWEEP} --axis k=1,2 --measure loud", "no 'loud'"),
         # playing
         ("play squeeze --full-scale 50 --quiet", "no motion for x1, x2"),
-        (f"{PLAY} --channels 1", "fewer than the 2 outputs"),
+        (f"{PLAY} --channels 1", "fewer than 2 outputs"),
         (f"{PLAY} --device a", "--device: is for --sink jack or portaudio or nidaq"),
         (f"{PLAY} --connect a", "--connect: is for --sink jack, not for null"),
         (f"{PLAY} --client a", "--client: is for --sink jack"),
@@ -939,7 +939,7 @@ def test_play_and_loopback_on_a_server(monkeypatch):
         one = f"loopback {words} --capture system:capture_1"
         done = ran(f"{one} --capture system:capture_2", 1)  # where it is silent
         assert "nothing could be compared" in done.stdout, done.output
-        ran(one, 2, "capture names 1 ports for 2 channels")
+        ran(one, 2, "capture names 1 port for 2 channels")
 
 
 # The demo -----------------------------------------------------------------------------

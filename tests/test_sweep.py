@@ -173,7 +173,7 @@ def interrupts(run):
 @pytest.mark.parametrize(("made", "measures"), [("interrupt", "peak"), ("none", interrupts)])
 def test_ctrl_c_ends_a_sweep_whose_rows_run_here(made, measures):
     rows = {"kind": ["none", made, "ok"], "seed": [0, 1, 2]}
-    says = "[01] of 3 rows were done, and are lost"
+    says = "[01] of 3 rows done, and are lost"
     unswept(KeyboardInterrupt, says, rows, poisoned, measures=measures)
 
 

@@ -157,7 +157,7 @@ except KeyboardInterrupt as e:
     sys.exit(130)
 """
 ENDS = {
-    signal.SIGINT: (130, "{} of 32 rows were done; run it again"),
+    signal.SIGINT: (130, "{} of 32 rows done; run it again"),
     signal.SIGKILL: (-signal.SIGKILL, ""),
     "its cluster": (1, "SinkError: the executor failed"),
 }

@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import Above0, BadValue, Upto1, public
+from ..errors import Above0, BadValue, Upto1, counted, public
 from ..motion.source import unmasked
 
 SHORTEST = 8  # samples
@@ -197,7 +197,7 @@ def _prepared(
     rate, fast = _scaled(_record("v", v) if v is not None else np.gradient(pos, 1 / fs))
     fast += up if v is None else 0
     if rate.size != pos.size:
-        raise BadValue(f"cues: y has {pos.size} samples and v has {rate.size}")
+        raise BadValue(f"cues: y has {counted(pos.size, 'sample')} and v has {rate.size}")
     if np.ptp(pos) <= 1e-12 * np.abs(pos).max():
         raise BadValue("cues: y does not move")
     w, stiffness = (
@@ -214,7 +214,7 @@ def _prepared(
     def of(f: ArrayLike) -> Cues:
         force, hard = _scaled(_record("f", f))
         if force.size != pos.size:
-            raise BadValue(f"cues: y has {pos.size} samples and f has {force.size}")
+            raise BadValue(f"cues: y has {counted(pos.size, 'sample')} and f has {force.size}")
         k = stiffness(force)
         k_S, k_L = _times([k.real, k.imag], hard - up)
         first = _peaks(force, prominence)[:1]
@@ -277,7 +277,9 @@ def _record(name: str, a: ArrayLike) -> np.ndarray:
     if a.ndim != 1:
         raise BadValue(f"cues: {name} must be one row of samples, got shape {a.shape}")
     if a.size < SHORTEST:
-        raise BadValue(f"cues: {name} has {a.size} samples, at least {SHORTEST} are needed")
+        raise BadValue(
+            f"cues: {name} has {counted(a.size, 'sample')}, at least {SHORTEST} are needed"
+        )
     if not np.isfinite(a).all():
         raise BadValue(f"cues: {name}[{int(np.argmin(np.isfinite(a)))}] is not finite")
     return a

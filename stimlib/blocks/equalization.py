@@ -11,7 +11,7 @@ import numpy as np
 from ..core.graph import Block, Const, as_block
 from ..core.maths import where
 from ..core.pointwise import clip, maximum
-from ..errors import BadValue, one_of, public
+from ..errors import BadValue, counted, one_of, public
 from ..system import safe_files
 from ..system.limits import limits
 from .impedance import with_unit
@@ -70,7 +70,9 @@ def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
         rows.append((position, displacement))
         limits.check("table_knots", len(rows), f"{file}: rows")
     if len(rows) < 2:
-        raise BadValue(f"{file}: {len(rows)} rows of position,displacement; give at least 2")
+        raise BadValue(
+            f"{file}: {counted(len(rows), 'row')} of position,displacement; give at least 2"
+        )
     return [r[0] for r in rows], [r[1] for r in rows]
 
 

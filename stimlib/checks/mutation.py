@@ -19,7 +19,7 @@ import numpy as np
 from ..core.graph import registry, signals
 from ..core.parts import Part
 from ..core.scene import Scene
-from ..errors import BadValue, StimlibError, shown
+from ..errors import BadValue, StimlibError, counted, shown
 from ..run.rendering import Rendering, render
 from ..system import safe_files
 from ..system.progress import progress
@@ -272,7 +272,7 @@ def _applied(v: Any, f: Callable[[float], float]) -> Any:
 
 
 def _short(v: Any) -> str:
-    return f"{v:.6g}" if not isinstance(v, list) else f"{np.size(v)} numbers"
+    return f"{v:.6g}" if not isinstance(v, list) else counted(np.size(v), "number")
 
 
 def _held(scene: Scene, motion: Mapping[str, Any], made: Rendering) -> list[Check]:

@@ -198,7 +198,10 @@ def noise(e: Evidence) -> list[Check]:
             )
             continue
         e.taps[k] = dc.replace(t, spectrum=s)
-        text = f"{len(s.bands)} bands, {s.level_db:+.3f} dB over {t.stream.size / e.fs:.3g} s"
+        text = (
+            f"{counted(len(s.bands), 'band')}, {s.level_db:+.3f} dB over"
+            f" {t.stream.size / e.fs:.3g} s"
+        )
         checks.append(Check("c", f"{t.title}: spectrum", _surprise(s.p), _surprise(share), text))
     streams = {id(t.stream): (t.stream, t.model) for t in e.taps}
 

@@ -304,7 +304,7 @@ def _blocks(e: Evidence) -> str:
     return (
         f"<p>{counted(len(rest), 'block')} compared with"
         f" {'its own law' if len(rest) == 1 else 'their own laws'}, on the signals that came in;"
-        f" {len(free)} were not{':' if free else '.'}</p>{unheld}"
+        f" {len(free)} {'was' if len(free) == 1 else 'were'} not{':' if free else '.'}</p>{unheld}"
         f'<table><thead><tr><th>class</th><th class="n">blocks</th>{numbers}</tr></thead>{classes}'
         "</table>"
         f'<p class="small">The worst block of each class; an error is a part of the row, such as of'
@@ -350,7 +350,7 @@ def _displayed(e: Evidence) -> dict[str, str]:
 
 
 def _spec(m: object) -> str:
-    return describe(m) if callable(m) else f"array of {len(m)} samples"  # type: ignore[arg-type]
+    return describe(m) if callable(m) else f"array of {counted(len(m), 'sample')}"  # type: ignore[arg-type]
 
 
 def _certainty(found: list[Shows]) -> str:

@@ -72,8 +72,8 @@ def _sums(e: Evidence) -> Iterator[Check]:
         found = [(*k[1][1:], *e.wanted.pop(k)()) for k in [*e.wanted] if k[0] == name != k]
         if found and len(found) < found[0][1]:
             e.skipped.append(
-                f"{name}: {len(found)} of its {found[0][1]} terms have a law here, so their sum was"
-                " not compared"
+                f"{name}: no law here for {found[0][1] - len(found)} of its {found[0][1]} terms,"
+                " so their sum was not compared"
             )
         elif found:
             n, most = y.size, SUMMED * len(found)

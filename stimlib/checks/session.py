@@ -96,12 +96,14 @@ def verify_log(
             else f"from sample {event.at} on, to silence"
         )
         e.skipped.append(
-            f"fade outside of the stimulus: {event.data['frames']} frames {where}; they have no"
-            " hash"
+            f"fade outside of the stimulus: {counted(event.data['frames'], 'frame')} {where}; they"
+            " have no hash"
         )
     if along := [c for c in log.changes if c.name == GAIN and c.ramp * log.fs > 1]:
         where = f"{along[0].at} to {along[0].at + round(along[0].ramp * log.fs)}"
-        e.numbers.append(f"{len(along)} fades on the stimulus, the first along samples {where}")
+        e.numbers.append(
+            f"{counted(len(along), 'fade')} on the stimulus, the first along samples {where}"
+        )
     if log.lost:
         lost = sum(n for _, n in log.lost)
         e.skipped.append(

@@ -435,8 +435,8 @@ def limits_kept(e: Evidence) -> list[Check]:
             f"{len(info[what])} {what}" for what in ("gaps", "lifts", "jumps") if info[what]
         )
         text = (
-            f"{info['reports']} reports at {info['rate']:.3g} Hz, {info['repeats']} repeats"
-            " left out"
+            f"{info['reports']} reports at {info['rate']:.3g} Hz,"
+            f" {counted(info['repeats'], 'repeat')} left out"
         )
         text += f", {info['silences']} silences held" if info["silences"] else ""
         e.skipped.append(

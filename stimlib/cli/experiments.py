@@ -415,8 +415,8 @@ def power(
             )
         people = math.ceil((1.96 * errors.std(ddof=1) / 0.1) ** 2)
         needed.append(
-            f"{shown(condition)}: {counted(people, 'participant')} of {trials:.0f} trials"
-            " for a mean JND"
+            f"{shown(condition)}: {counted(people, 'participant')} of"
+            f" {counted(round(trials), 'trial')} for a mean JND"
             " within 10 % of its expectation in 95 of 100 experiments; its bias of"
             f" {errors.mean():+.1%} stays with any number"
         )
@@ -527,8 +527,8 @@ def analyse(
             total = trials_of(made.designed(who, number))
         if total and len(saved.records) < total:
             note(
-                f"{who}, session {number}: {len(saved.records)} of {total} trials; finish it"
-                " (stimlib experiment resume), or move its folder away"
+                f"{who}, session {number}: {len(saved.records)} of {counted(total, 'trial')};"
+                " finish it (stimlib experiment resume), or move its folder away"
             )
     if any(table["simulated"]):
         note("a simulated observer gave these answers, and no participant")

@@ -192,11 +192,14 @@ def _report(facts: dict[str, Any], json_: bool, quiet: bool) -> None:
             else "nothing is kept: --out FOLDER keeps the figure of each row"
         )
     if facts["failed"]:
-        note(f"{facts['failed']} of {facts['rows']} rows failed; the first: {facts['first_error']}")
+        note(
+            f"{facts['failed']} of {counted(facts['rows'], 'row')} failed; the first:"
+            f" {facts['first_error']}"
+        )
     if facts["faulted"]:
         note(
-            f"{facts['faulted']} renderings were not finite from some sample on: see the column"
-            " fault"
+            f"{counted(facts['faulted'], 'rendering')} not finite from some sample on: see the"
+            " column fault"
         )
 
 

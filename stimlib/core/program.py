@@ -380,7 +380,8 @@ def _check_memory(program: Program, design: list[tuple[Any, Any]], fs: float) ->
             )
             if total[index] > lead(fs):
                 raise SceneError(
-                    f"{instance.block!r}: {total[index]} samples of filter memory on the path of a"
+                    f"{instance.block!r}: {counted(total[index], 'sample')} of filter memory on"
+                    " the path of a"
                     f" noise, more than the {lead(fs)} that run before sample 0 at fs = {fs:g} Hz;"
                     " use lower orders or shorter delays"
                 )

@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, SceneError, StimlibError, line_of
+from ..errors import BadValue, SceneError, StimlibError, counted, line_of
 from . import maths
 from .graph import Block, Const, kind, pack, signals, unpack
 from .parameter import Param
@@ -717,8 +717,8 @@ def rehearse(block: Block, p: Any, s: Any) -> None:
         refuse(f"the sample must be one number, and is {y!r:.80}")
     if cls.outputs and len(y) != len(cls.outputs):
         refuse(
-            f"it must return {len(cls.outputs)} samples, for {', '.join(cls.outputs)}, and returned"
-            f" {len(y)}"
+            f"it must return {counted(len(cls.outputs), 'sample')}, for {', '.join(cls.outputs)},"
+            f" and returned {len(y)}"
         )
     if type(new) is not type(s):
         refuse(

@@ -11,7 +11,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, computed, public, shown
+from ..errors import BadValue, computed, counted, public, shown
 from ..system import safe_files
 from ..system.limits import limits
 from .filters import PIECE
@@ -115,7 +115,8 @@ class TextureModel:
         for name in ("force", "lsf", "ma", "variance", "gain"):
             if len(getattr(self, name)) != n:
                 raise BadValue(
-                    f"a texture of {n} speeds has {len(getattr(self, name))} rows of {name}; give"
+                    f"a texture of {counted(n, 'speed')} has"
+                    f" {counted(len(getattr(self, name)), 'row')} of {name}; give"
                     " one for each model"
                 )
         for name, (low, high, unit, text) in SIZES.items():
@@ -264,7 +265,10 @@ class TextureModel:
 
     def __repr__(self):
         order = f"({self.lsf.shape[1]}, {self.ma.shape[1]})"
-        models = f"{len(self.speed)} models of order {order}, {len(self.triangles)} triangles"
+        models = (
+            f"{counted(len(self.speed), 'model')} of order {order},"
+            f" {counted(len(self.triangles), 'triangle')}"
+        )
         most = f"{self.speed.max():g} m/s and {self.force.max():g} N"
         return f"TextureModel({self.name or 'no name'}: {models}, to {most}, at {self.rate:g} Hz)"
 
@@ -611,8 +615,8 @@ def _model(r: _Reader) -> TextureModel:
                 raise BadValue(f"model {i + 1} has no <{name}>")
             if len(row) != (n := len(found[field][0] or [])):
                 raise BadValue(
-                    f"model {i + 1} has {len(row)} values in <{name}>, and model 1 {n}: all need"
-                    " one order"
+                    f"model {i + 1} has {counted(len(row), 'value')} in <{name}>, and model 1 {n}:"
+                    " all need one order"
                 )
     for i, t in enumerate(r.triangles):
         if len(t) != 3:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import SinkError
+from ..errors import SinkError, counted
 from ..run.processor import Processor
 from ..run.safety import GAIN, Safety
 from ..targets.llvm.rows import PENDING
@@ -257,8 +257,8 @@ class Pump:
         """Make one block from Python, in the buffers that OUTS points to."""
         if n > self.room:
             raise SinkError(
-                f"a block of {n} frames is more than the {self.room} of make_frames(): call it in"
-                " _open, after self.block is set, and ask for at most self.block frames"
+                f"a block of {counted(n, 'frame')} is more than the {self.room} of make_frames():"
+                " call it in _open, after self.block is set, and ask for at most self.block frames"
             )
         self.native.block(self.context, n, lost)
 

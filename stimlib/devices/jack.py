@@ -16,7 +16,7 @@ from contextlib import closing
 from types import ModuleType
 from typing import Any
 
-from ..errors import BadValue, SinkError
+from ..errors import BadValue, SinkError, counted
 from .drivers import JACK, SAID, address, jack_client
 from .sink import Sink
 from .sources import Signals
@@ -142,7 +142,8 @@ class JackSink(Sink):
             )
         if self.block is not None and client.blocksize != self.block:
             raise SinkError(
-                f"jack: the server's blocks have {client.blocksize} frames, not {self.block}: leave"
+                f"jack: the server's blocks have {counted(client.blocksize, 'frame')}, not"
+                f" {self.block}: leave"
                 f" block out (the samples do not depend on it), or start it with -p {self.block}"
             )
         self.block = client.blocksize
@@ -158,12 +159,15 @@ class JackSink(Sink):
             found = client.get_ports(is_audio=True, is_input=True, is_physical=True)
             if len(found) < self.channels:
                 raise SinkError(
-                    f"jack: the server has {len(found)} physical outputs, fewer than the"
-                    f" {self.channels} channels"
+                    f"jack: the server has {counted(len(found), 'physical output')}, fewer than the"
+                    f" {counted(self.channels, 'channel')}"
                 )
             return found[: self.channels]
         if len(self.connect) != self.channels:
-            raise BadValue(f"connect names {len(self.connect)} ports for {self.channels} channels")
+            raise BadValue(
+                f"connect names {counted(len(self.connect), 'port')} for"
+                f" {counted(self.channels, 'channel')}"
+            )
         for name in self.connect:
             if not [p for p in client.get_ports(is_audio=True, is_input=True) if p.name == name]:
                 raise SinkError(f"jack: there is no input port {name!r}")

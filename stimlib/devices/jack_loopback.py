@@ -250,7 +250,10 @@ def loopback(
         ) as sink:
             sink.open(rate, channels)
             if capture is not None and len(capture) != sink.channels:
-                raise BadValue(f"capture names {len(capture)} ports for {sink.channels} channels")
+                raise BadValue(
+                    f"capture names {counted(len(capture), 'port')} for"
+                    f" {counted(sink.channels, 'channel')}"
+                )
             ports = list(capture) if capture else [f"{sink.name}:{n}" for n in sink._port_names()]
             with Capture(server, ports, round((seconds + ROUND_TRIP + 10.0) * sink.rate)) as record:
                 sink.start(seconds)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, SinkError, shortened
+from ..errors import BadValue, SinkError, counted, shortened
 
 WINDOW, RECENT = 30.0, 1.0
 """Length in s of the window for fitting the device's clock, and of that around a start
@@ -228,7 +228,7 @@ class Markers:
             self.thread.join(seconds)
         self.unsent = self.count - self._sent if self._send else 0
         if self.unsent:
-            why = f"{self.unsent} of {self.count} markers were not sent: a sender is too slow"
+            why = f"{self.unsent} of {counted(self.count, 'marker')} not sent: a sender is too slow"
             self._failed(SinkError(f"{why}, or has failed; the log has all of them"))
 
     def _run(self) -> None:

@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from ..core.units import ONE, Unit, in_base_units, pretty, unit as unit_of
-from ..errors import BadValue, UnitError, public
+from ..errors import BadValue, UnitError, counted, public
 from ..motion.cells import Cells
 from ..motion.reports import column_of
 from ..motion.table import read_table
@@ -183,7 +183,8 @@ def _fitted(table: Any, rows: Array, knots: int, unit: str) -> MotorCalibration:
     free = x.size - knots - 1
     if x.size < 5 * knots:
         raise table.error(
-            f"{x.size} readings are too few for {knots} knots", "take 5 or more for each knot"
+            f"{counted(x.size, 'reading')} for {counted(knots, 'knot')}: too few",
+            "take 5 or more for each knot",
         )
     if x[-1] - x[0] > FAR:
         raise table.error(

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, SinkError
+from ..errors import BadValue, SinkError, counted
 from .drivers import nidaqmx
 from .sink import Sink
 
@@ -74,7 +74,8 @@ class NidaqSink(Sink):
             task.out_stream.regen_mode = constants.RegenerationMode.DONT_ALLOW_REGENERATION
             if task.number_of_channels != self.channels:
                 raise SinkError(
-                    f"nidaq: {self.name} has {task.number_of_channels} outputs, not {self.channels}"
+                    f"nidaq: {self.name} has {counted(task.number_of_channels, 'output')}, not"
+                    f" {self.channels}"
                 )
             if abs(task.timing.samp_clk_rate / self.rate - 1) > 1e-6:
                 raise SinkError(

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, SinkError
+from ..errors import BadValue, SinkError, counted
 from .drivers import PORTAUDIO, fade_first, sounddevice
 from .process import abandoned
 from .sink import Sink
@@ -173,12 +173,14 @@ class PortAudioSink(Sink):
             ) from None
         if info["max_output_channels"] < self.channels:
             raise SinkError(
-                f"portaudio: {self._called(sd)} has {info['max_output_channels']} channels, fewer"
+                f"portaudio: {self._called(sd)} has"
+                f" {counted(info['max_output_channels'], 'channel')}, fewer"
                 f" than {self.channels}"
             )
         if source is not None and source["max_input_channels"] < inputs:
             raise SinkError(
-                f"portaudio: {self._called(sd)} has {source['max_input_channels']} inputs, fewer"
+                f"portaudio: {self._called(sd)} has"
+                f" {counted(source['max_input_channels'], 'input')}, fewer"
                 f" than {inputs}"
             )
         try:

@@ -168,7 +168,8 @@ def record_sweep(
         report, column = s.report(), list(s.proc.inputs).index
         if report.lost or report.unlogged:
             raise RecordingError(
-                f"record_sweep: the device lost {report.lost} frames, and {report.unlogged} were"
+                f"record_sweep: the device lost {counted(report.lost, 'frame')}, and"
+                f" {report.unlogged} were"
                 " not kept: record again, with longer blocks or less other work"
             )
         x = np.concatenate(moved, axis=1)
@@ -264,8 +265,8 @@ def _keep(
     lengths = {len(u) for u, _ in taken}
     if len(lengths) > 1:
         raise RecordingError(
-            f"record_sweep: the points in {file} have {len(taken[0][0])} samples, and this one"
-            f" {len(taken[-1][0])}: sweep as long as before, or keep= another file"
+            f"record_sweep: the points in {file} have {counted(len(taken[0][0]), 'sample')}, and"
+            f" this one {len(taken[-1][0])}: sweep as long as before, or keep= another file"
         )
     columns: dict[str, Any] = {"t": np.arange(max(lengths, default=0)) / rate}
     for k, (u, y) in enumerate(taken):

@@ -143,7 +143,7 @@ class SessionReport:
             (self.stale, f"motion stale {counted(self.stale, 'time')}"),
             (self.unlogged, f"{counted(self.unlogged, 'sample')} not logged"),
             (self.skipped, f"{counted(self.skipped, 'column')} of motion came too fast"),
-            (self.markers, f"{self.markers} markers, {self.lost_markers} lost{unsent}"),
+            (self.markers, f"{counted(self.markers, 'marker')}, {self.lost_markers} lost{unsent}"),
             (self.silent, self.silent),
             (
                 self.quiet > SILENT and not self.silent,

@@ -298,7 +298,8 @@ class Sink:
             self._open()
             if self.clock and self.block and self.block > LONGEST_BLOCK * self.rate:
                 raise SinkError(
-                    f"{self.device}: blocks of {self.block} frames are {self.block / self.rate:.2g}"
+                    f"{self.device}: blocks of {counted(self.block, 'frame')} are"
+                    f" {self.block / self.rate:.2g}"
                     f" s, and a stop would come as late: at most {int(LONGEST_BLOCK * self.rate)}"
                 )
         except BaseException:
@@ -1156,8 +1157,8 @@ def _channel_map(channels: Any, outputs: tuple[str, ...]) -> tuple[int, ...]:
     if isinstance(channels, (int, np.integer)) and not isinstance(channels, bool):
         if channels < len(outputs):
             raise BadValue(
-                f"channels = {channels} are fewer than the {len(outputs)} outputs; to leave some"
-                " out, list one for each channel"
+                f"channels = {channels} are fewer than {counted(len(outputs), 'output')}; to leave"
+                " some out, list one for each channel"
             )
         return tuple(range(len(outputs))) + (-1,) * (int(channels) - len(outputs))
     if isinstance(channels, str) or not isinstance(channels, Sequence) or not channels:

@@ -221,7 +221,7 @@ def source_of(motion: Any, inputs: tuple[str, ...]) -> Source | None:
     elif isinstance(motion, Recorded):
         if motion.x.shape[0] != len(inputs):
             raise BadValue(
-                f"the recording has {motion.x.shape[0]} rows, the scene has the inputs"
+                f"the recording has {counted(motion.x.shape[0], 'row')}, the scene has the inputs"
                 f" {', '.join(inputs)}"
             )
     elif isinstance(motion, Signals):
@@ -338,7 +338,7 @@ def none_of(receive: Any, counted: Any) -> str:
     each = ", ".join(f"{n} {why}{first.get(why, '')}" for why, n in rejected)
     remedies = REMEDIES | {"too late": "start the sender before the session"}
     came, remedy = sum(n for _, n in rejected), remedies.get(rejected[0][0], "see its receive")
-    return f"{NONE}: {came} rows came and none was taken: {each}: {remedy}"
+    return f"{NONE}: {counted(came, 'row')} came and none was taken: {each}: {remedy}"
 
 
 def positions_of(
@@ -426,7 +426,7 @@ class Receiver(threading.Thread):
                     raise MotionError(
                         f"no motion has come for {1e3 * SILENT:g} ms:"
                         f" {counted(self.rows, 'row')} came before,"
-                        f" and {self.rejected.total()} were rejected"
+                        f" {self.rejected.total()} rejected"
                         if self.rows
                         else self.missing(False)
                     )

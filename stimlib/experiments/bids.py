@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, SinkError, counted, public
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered, replay, without_inverse
 from ..system import safe_files
@@ -333,8 +333,8 @@ def _written(
     ]
     if (rows := sum(map(len, lines)) - len(lines)) != wanted:
         raise BadValue(
-            f"{at}: {wanted} trials would be {rows} rows, so nothing is written; export each"
-            " session by itself"
+            f"{at}: {counted(wanted, 'trial')} would be {counted(rows, 'row')}, so nothing is"
+            " written; export each session by itself"
         )
     held = safe_files.lock(safe_files.make_folder(at), f"{at}: another run exports into it")
     try:

@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import BadValue, Count, need, public
+from ..errors import BadValue, Count, counted, need, public
 from ..system.fields import number
 from .random_streams import seed_of, stream
 from .tasks import Task
@@ -652,7 +652,8 @@ class Interleaved(_Several):
         due = self._due(state)
         if due is None:
             raise BadValue(
-                f"all tracks have ended after {state['n']} trials: they take no more answers"
+                f"all tracks have ended after {counted(state['n'], 'trial')}: they take no more"
+                " answers"
             )
         tracks = {
             **state["tracks"],

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from ..errors import BadValue, public
+from ..errors import BadValue, counted, public
 from .fits import Fit
 
 ROUNDED = 1e-11  # the same between fits, whose levels may have gone through a logarithm
@@ -88,8 +88,8 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     df = counts[1] - counts[0]
     if df < 1:
         raise BadValue(
-            f"likelihood_ratio: {counts[1]} parameters of the fuller model must be more than the"
-            f" {counts[0]} of the simpler one"
+            f"likelihood_ratio: {counted(counts[1], 'parameter')} of the fuller model must be more"
+            f" than the {counts[0]} of the simpler one"
         )
     gain = 2 * (sum(fit.loglik for fit in other) - sum(fit.loglik for fit in one))
     if gain < -SAME_FIT:

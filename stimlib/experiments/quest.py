@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BadValue, need, public
+from ..errors import BadValue, counted, need, public
 from ..system.fields import positive, whole
 from .likelihood import FLOOR, Estimate
 from .tasks import Task
@@ -281,7 +281,8 @@ class Quest:
         wrong += [more for more in history[1] if more not in (0, 1)]
         if wrong or len(history[0]) != len(history[1]):
             raise BadValue(
-                f"Quest.estimate: {len(history[0])} levels and {len(history[1])} outcomes"
+                f"Quest.estimate: {counted(len(history[0]), 'level')} and"
+                f" {counted(len(history[1]), 'outcome')}"
                 + (f", with {wrong[0]!r:.80}," if wrong else "")
                 + " are no state of this design; give one that its update returned"
             )

@@ -6,7 +6,7 @@ import dataclasses as dc
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from ..errors import BadValue, Count, Several, public
+from ..errors import BadValue, Count, Several, counted, public
 from ..system.fields import number
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class Question:
         elif self.kind == "text":
             good, wanted = (
                 isinstance(value, str) and len(value) <= self.most,
-                f"at most {self.most} characters, or {NONE} for nothing",
+                f"at most {counted(self.most, 'character')}, or {NONE} for nothing",
             )
         else:
             good = (
@@ -83,7 +83,8 @@ class Question:
                 and len(value) <= self.most
                 and all(map(_place, value))
             )
-            wanted = f"at most {self.most} places [x, y], typed as x y; x y, or {NONE} for none"
+            places = counted(self.most, "place")
+            wanted = f"at most {places} [x, y], typed as x y; x y, or {NONE} for none"
         if not good:
             raise BadValue(f"{self.name}: {value!r:.80} is no answer; answer {wanted}")
 

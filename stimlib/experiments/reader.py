@@ -16,7 +16,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from ..errors import BadValue, SinkError, StimlibError, public, shown
+from ..errors import BadValue, SinkError, StimlibError, counted, public, shown
 from ..system import fields, safe_files
 from .random_streams import seed_of
 from .trial import Answer, Record, Trial, correct
@@ -234,7 +234,8 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
     records, size, chain = _lines(path, hashlib.sha256(raw).hexdigest(), pilot)
     if len(records) < said:
         raise SinkError(
-            f"{path} has {len(records)} trials, but {said} were answered, as other files of the"
+            f"{path} has {counted(len(records), 'trial')}, but {said} were answered, as other"
+            " files of the"
             f" session say: trials {len(records) + 1} to {said} are missing at its end. Put back a"
             " whole copy of it, or give another session"
         )

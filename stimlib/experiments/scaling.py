@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, Below1, computed, need, public
+from ..errors import BadValue, Below1, computed, counted, need, public
 from .compare import LARGEST, Coefficient
 from .likelihood import numbers
 
@@ -331,8 +331,10 @@ def bradley_terry(
     if participants is not None:
         if len(participants) != len(rankings) or len(people) < 2:
             raise BadValue(
-                f"bradley_terry: {len(participants)} participants, {len(people)} different, of"
-                f" {len(rankings)} rankings; give whose each ranking is, of at least two people"
+                f"bradley_terry: {counted(len(participants), 'participant')}, {len(people)}"
+                " different, of"
+                f" {counted(len(rankings), 'ranking')}; give whose each ranking is, of at least"
+                " two people"
             )
         whose = np.array([[participants[k] == one for k, _ in stages] for one in people], float)
         inverse = np.cov((whose @ (won - chance) @ inverse).T) * len(people)

@@ -308,10 +308,10 @@ def outcome(trial: Trial, answer: Answer) -> Any:
 
 
 def due(design: Design, state: State, n: int) -> Trial:
-    """Return the trial that takes an answer; BadValue where all n trials are done."""
+    """Return the trial that takes an answer; BadValue where none of n is left."""
     trial = design.next(state)
     if trial is None:
-        raise BadValue(f"all {n} trials are done: there are no more answers to take")
+        raise BadValue(f"no trial of {n} is left: there are no more answers to take")
     return trial
 
 

@@ -25,7 +25,7 @@ from ..core.graph import Input
 from ..core.program import warn_beyond
 from ..core.scene import Scene
 from ..core.units import pretty
-from ..errors import BadValue, Count, FaultError, SinkError, outside, public, shown
+from ..errors import BadValue, Count, FaultError, SinkError, counted, outside, public, shown
 from ..motion.source import Motion, frames_of, sources_of, warn_fast
 from ..run.driver import rows_of, walk
 from ..run.processor import Processor
@@ -547,7 +547,7 @@ class Stored:
             # a FLAC file whose end was never written says 2**63 - 1 frames
             if f.frames < frames or f.frames == 2**63 - 1:
                 raise SinkError(
-                    f"{path} is truncated: {sidecar} says {frames} frames, the file has"
+                    f"{path} is truncated: {sidecar} says {counted(frames, 'frame')}, the file has"
                     f" {f.frames if f.frames < frames else 'fewer'}; copy it again"
                 )
             for what, said, there in (
@@ -679,7 +679,8 @@ def _samples(path: Path, f: Any, scales: Array, first: int, stop: int) -> Array:
         y = np.empty((len(scales), stop - first))
     except MemoryError:
         raise SinkError(
-            f"{path}: {stop - first} frames of {len(scales)} channels do not fit into memory"
+            f"{path}: {counted(stop - first, 'frame')} of {counted(len(scales), 'channel')} do not"
+            " fit into memory"
         ) from None
     if first:
         f.seek(first)
@@ -691,7 +692,9 @@ def _samples(path: Path, f: Any, scales: Array, first: int, stop: int) -> Array:
             always_2d=True,
         )
         if not len(part):
-            raise SinkError(f"{path} is truncated: {stop} frames wanted, {at} can be read")
+            raise SinkError(
+                f"{path} is truncated: {counted(stop, 'frame')} wanted, {at} can be read"
+            )
         y[:, at - first : at - first + len(part)] = physical(part, scales)
         at += len(part)
     if not np.isfinite(y).all():

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SinkError
+from ..errors import SinkError, counted
 from ..system import safe_files
 from .formats import Array
 from .sidecar import FileReport, report_of, sidecar_of, text_of, versions
@@ -65,7 +65,8 @@ def publish(path: Path, info: dict[str, Any], run: Run, overwrite: bool) -> File
             clips, peak, info["sha256"] = run(draft.put)
             if draft.frames != info["frames"]:
                 raise SinkError(
-                    f"cannot write {path}: {draft.frames} frames came, not {info['frames']}"
+                    f"cannot write {path}: {counted(draft.frames, 'frame')} came, not"
+                    f" {info['frames']}"
                 )
             for c, clipped, largest in zip(channels, clips, peak, strict=True):
                 c |= {"clips": int(clipped), "peak": float(largest)}

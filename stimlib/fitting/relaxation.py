@@ -666,9 +666,10 @@ def _noise(name: str, t, f, used, sigma) -> Callable[[np.ndarray], np.ndarray]:
         same, part = _scaled(given, given).tolist()
         sizes = np.hypot(same, part * f)
         if mixed and not same and sizes[used].all():
-            turns = np.count_nonzero(np.diff(np.sign(forces)))
+            turns = int(np.count_nonzero(np.diff(np.sign(forces))))
             warnings.warn(
-                f"{name}: the force changes its sign {turns} times, where relative errors have no"
+                f"{name}: the force changes its sign {counted(turns, 'time')}, where relative"
+                " errors have no"
                 " bound; state the noise, such as sigma=0.01 for 0.01 N, or sigma=(0.01, 0.02) for"
                 " 0.01 N and 2 %",
                 RuntimeWarning,

@@ -147,7 +147,7 @@ def _signal(name: str, target: Any, n: int | None) -> np.ndarray:
             f"fit: the target of {name} must be one row of real numbers, got {a.dtype} {a.shape}"
         )
     if n is not None and a.size != n:
-        raise BadValue(f"fit: the target of {name} must be {n} samples, got {a.size}")
+        raise BadValue(f"fit: the target of {name} must be {counted(n, 'sample')}, got {a.size}")
     a = unmasked(target)
     if not (fits := np.abs(a) <= LARGEST).all():
         raise BadValue(
@@ -209,8 +209,8 @@ def _log_psd(targets: Mapping[str, Any], n: int, fs: float, band: Any) -> View:
     def long(what: str, size: int) -> None:
         if size < least:
             raise BadValue(
-                f"fit: {what}, {size} samples, is too short for {SEGMENTS} segments down to {low:g}"
-                f" Hz: give {least}"
+                f"fit: {what}, {counted(size, 'sample')}, is too short for {SEGMENTS} segments"
+                f" down to {low:g} Hz: give {least}"
             )
 
     long("the run", n)
@@ -634,8 +634,8 @@ def _length(
         for name, size in lengths.items():
             if size != n:
                 raise BadValue(
-                    f"fit: seconds = {seconds:g} are {n} samples at {fs:g} Hz, the target of {name}"
-                    f" has {size}"
+                    f"fit: seconds = {seconds:g} are {counted(n, 'sample')} at {fs:g} Hz, the"
+                    f" target of {name} has {size}"
                 )
         return n
     rows = [len(s) for s in sources_of(motion, inputs, 0).values() if not callable(s)]

@@ -74,7 +74,9 @@ def read_mat(file: str, data: bytes, known: Known) -> Read:
     used = lengths.pop(rows)
     for n, names in lengths.items():
         if known(names):
-            raise table_error(file, f"{n} values, and {used[0]} has {rows}", EQUAL, None, names[0])
+            raise table_error(
+                file, f"{counted(n, 'value')}, and {used[0]} has {rows}", EQUAL, None, names[0]
+            )
         others += [f"{name} (length {n})" for name in names]
     limits.check("recording_rows", rows, f"{file}: rows", RecordingError)
     notes = (f"variables skipped: {', '.join(others)[:100]}",) if others else ()
@@ -146,10 +148,11 @@ def read_xdf(file: str, data: bytes, known: Known) -> Read:
         # those beyond the number in the footer are none: liblsl, issue 246
         stated = ((s.get("footer") or {}).get("info") or {}).get("sample_count") or ()
         if rows != wanted and str(rows) not in stated:
-            raise table_error(file, f"pyxdf reads {rows} of {wanted} samples", BY_HAND)
+            raise table_error(file, f"pyxdf reads {rows} of {counted(wanted, 'sample')}", BY_HAND)
         channels = {name: s["time_series"][:, k] for name, k in streams[chosen[0]].items()}
         columns = {**channels, "t_s": s["time_stamps"]}
-        note = f"stream {(s['info']['name'] or [''])[0]}: {len(s['clock_times'])} clock offsets"
+        note = f"stream {(s['info']['name'] or [''])[0]}: "
+        note += counted(len(s["clock_times"]), "clock offset")
         note += " applied, times made even" if s["info"]["effective_srate"] else " applied"
     return tuple(columns), rows, lambda: batches_of(columns.__getitem__, rows), (note,)
 
@@ -192,7 +195,11 @@ def _columns(file: str, info: Any, chunks: list[tuple[int, int]]) -> dict[str, i
     size = count * ITEM[info["channel_format"][0]]
     for samples, length in chunks:
         if not samples * (1 + size) <= length <= samples * (9 + size):  # with or without a time
-            raise table_error(file, f"{samples} samples in a chunk of {length} bytes", BY_HAND)
+            raise table_error(
+                file,
+                f"{counted(samples, 'sample')} in a chunk of {counted(length, 'byte')}",
+                BY_HAND,
+            )
     try:
         labels = [c["label"][0].strip() for c in info["desc"][0]["channels"][0]["channel"]]
     except (AttributeError, LookupError, TypeError):
@@ -231,7 +238,9 @@ def read_c3d(file: str, data: bytes, known: Known) -> Read:
         limits.check("recording_rows", count, f"{file}: rows", RecordingError)
         frames = [(xyz, values) for _, xyz, values in reader.read_frames()]
         if len(frames) != count or not frames or not 0 < rate < np.inf:
-            raise table_error(file, f"{len(frames)} of {count} frames at {rate:g} Hz", ANEW)
+            raise table_error(
+                file, f"{len(frames)} of {counted(count, 'frame')} at {rate:g} Hz", ANEW
+            )
         coordinates = np.array([xyz for xyz, _ in frames], dtype=np.float64)
         coordinates[coordinates[..., 3] < 0] = np.nan  # hidden points
         labels = _labels(reader, "POINT", points)

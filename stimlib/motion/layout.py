@@ -246,7 +246,7 @@ def _layout(lines: list[str], separator: str, hint: bool, known: Known) -> Layou
     if chosen in comments:
         notes.append(f"names taken from the comment in row {row}")
     if others := [c for c in comments if c[1] <= end and c is not chosen]:
-        notes.append(f"{len(others)} comments above the rows skipped")
+        notes.append(f"{counted(len(others), 'comment')} above the rows skipped")
     if below and len(below[0][0]) == len(names) and _are_units(below[0][0]):
         end = below[0][2]
         units = ", ".join(f.strip() for f in below.pop(0)[0])

@@ -104,7 +104,7 @@ def series(
             f"times fitted: drift {1e6 * facts['drift']:+.4g} ppm, residual"
             f" {facts['residual_rms']:.3g} s rms, {facts['residual_max']:.3g} s at most"
         )
-    notes += [f"{facts['wraps']} wraps of the clock"] if facts.get("wraps") else []
+    notes += [f"{counted(facts['wraps'], 'wrap')} of the clock"] if facts.get("wraps") else []
     notes += (
         [f"clock set back in {counted(len(facts['set_back']), 'row')}"]
         if facts.get("set_back")
@@ -549,7 +549,7 @@ def _refuse_jumps(
     k, speed = next((k, v) for k, v in enumerate(_speeds(s, i)) if v > most[k])
     name = s.inputs[k]
     problem = f"{name} moves at {speed:.4g} m/s, faster than a hand (max_speed is {most[k]:g} m/s)"
-    problem += f", in this report and {count - 1} others"
+    problem += f", in this report and {counted(count - 1, 'other')}"
     remedy = (
         f"check the unit in the mapping of {name}; set max_speed if it is right, or max_speed=None"
         " if it is not in metres"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core.program import number
-from ..errors import BadValue, UnknownName, line_of, outside
+from ..errors import BadValue, UnknownName, counted, line_of, outside
 from .generators import GENERATORS
 
 if TYPE_CHECKING:
@@ -178,8 +178,8 @@ def sources_of(
             source = source.astype(np.float64, copy=False)
             if source.ndim != 1 or len(source) < frames:
                 raise BadValue(
-                    f"motion of {name}: need one dimension, at least {frames} samples; got"
-                    f" {source.shape}{_shaped(source)}"
+                    f"motion of {name}: need one dimension, at least {counted(frames, 'sample')};"
+                    f" got {source.shape}{_shaped(source)}"
                 )
         sources[name] = source
     return sources

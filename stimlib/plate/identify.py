@@ -334,8 +334,8 @@ def _signals(drive, response) -> tuple[np.ndarray, np.ndarray]:
         )
     if len(y) > y.shape[1]:
         raise BadValue(
-            f"identify: {len(y)} points of {y.shape[1]} samples; a row is a point, so transpose"
-            " them, drive.T, response.T"
+            f"identify: {len(y)} points of {counted(y.shape[1], 'sample')}; a row is a point, so"
+            " transpose them, drive.T, response.T"
         )
     return u, y
 

@@ -349,7 +349,9 @@ class Plate:
             )
         w = np.ones(len(self.patches)) if weights is None else np.asarray(weights, float)
         if w.shape != (len(self.patches),):
-            raise BadValue(f"Plate: {w.size} weights for {len(self.patches)} patches")
+            raise BadValue(
+                f"Plate: weights of shape {w.shape}; give {len(self.patches)}, one for each patch"
+            )
         X, Y = self.axes
         total = np.zeros((X.terms, Y.terms))
         for factor, p in zip(w, self.patches, strict=True):

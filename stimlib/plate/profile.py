@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import BadValue, public
+from ..errors import BadValue, counted, public
 from .model import Plate
 
 KAPPAS = np.geomspace(2.0, 200.0, 9)
@@ -144,8 +144,8 @@ class _ModeFit:
             what = "amplitude, middle and clamp" if self.fitted else "amplitude, middle"
             more = ", or 3 with clamp='known'" if self.fitted else ""
             raise BadValue(
-                f"mode_fit: {knots.size} knots cannot tell {what} from noise; measure at least"
-                f" {least} places{more}"
+                f"mode_fit: {counted(knots.size, 'knot')} cannot tell {what} from noise; measure"
+                f" at least {least} places{more}"
             )
         if not (np.isfinite(d).all() and (d > 0).all() and (np.diff(knots) > 0).all()):
             raise BadValue(

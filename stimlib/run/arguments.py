@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue
+from ..errors import BadValue, counted
 from ..system.limits import limits
 
 
@@ -32,7 +32,7 @@ def columns(n: Any, inputs: tuple[str, ...]) -> np.ndarray:
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 0:
         wanted = "a number of samples, or an array of shape (0, n)"
         raise BadValue(f"process: x = {n!r:.80} must be {wanted}; this scene has no inputs")
-    limits.check("render_bytes", 8 * int(n), f"process: bytes of {n} samples")
+    limits.check("render_bytes", 8 * int(n), f"process: bytes of {counted(int(n), 'sample')}")
     return np.empty((0, int(n)))
 
 

@@ -42,7 +42,7 @@ class Copies(Sequence[Any]):
             raise BadValue(f"many: threads = {threads!r} must be a whole number, at least 1")
         each = proc._engine.nbytes + 8 * proc._size  # and the state at sample 0
         limits.check(
-            "state_bytes", copies * each, f"bytes of the states and buffers of {copies} copies"
+            "state_bytes", copies * each, f"bytes of the states and buffers of {copies} processors"
         )
         self._all = [proc._copy(k, 8 + copies) for k in list(map(key, seeds))]
         self._run = proc._engine.together([p._engine for p in self._all])

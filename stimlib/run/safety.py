@@ -33,6 +33,7 @@ from ..errors import (
     SceneError,
     UnitError,
     UnknownName,
+    counted,
     need,
     public,
 )
@@ -97,8 +98,8 @@ class Inverse:
             object.__setattr__(self, name, tuple(row.tolist()))
         if len(self.taps) % 2 == 0 or self.every < 1 or not self.error > 0:
             raise BadValue(
-                f"Inverse: {len(self.taps)} taps must be an odd number, every = {self.every} at"
-                f" least 1, and error = {self.error} above 0"
+                f"Inverse: {counted(len(self.taps), 'tap')} must be an odd number, every ="
+                f" {self.every} at least 1, and error = {self.error} above 0"
             )
 
 

@@ -16,7 +16,7 @@ from ..checks.local import read_only
 from ..checks.verification import verify
 from ..core.scene import Scene
 from ..core.units import unit
-from ..errors import BadValue, StimlibError, UnknownName, need, public
+from ..errors import BadValue, StimlibError, UnknownName, counted, need, public
 from ..motion.source import positions, sources_of
 from ..run.rendering import Rendering
 
@@ -58,7 +58,7 @@ class Measure:
             raise BadValue(f"{self.name}: {type(e).__name__}: {e}") from e
         if len(values) != len(self.units):
             raise BadValue(
-                f"{self.name} gives {len(values)} numbers, and has {len(self.units)}:"
+                f"{self.name} gives {counted(len(values), 'number')}, and has {len(self.units)}:"
                 f" {', '.join(self.units)}"
             )
         return values

@@ -55,9 +55,15 @@ class Forecast(NamedTuple):
         lines = [
             f"{counted(self.rows, 'row')}, {self.there} of them there;"
             f" {1000 * self.row_seconds:.3g} ms a row"
-            f" of {self.samples} samples; {self.memory / 1e6:.3g} MB of figures"
+            f" of {counted(self.samples, 'sample')}; {self.memory / 1e6:.3g} MB of figures"
         ]
-        return "\n".join(lines + [f"{n:5d} cores: {_time(3600 * self.hours(n))}" for n in cores])
+        return "\n".join(
+            lines
+            + [
+                f"{n:5d} {'core: ' if n == 1 else 'cores:'} {_time(3600 * self.hours(n))}"
+                for n in cores
+            ]
+        )
 
 
 def _time(seconds: float) -> str:
@@ -214,7 +220,7 @@ def sweep(
                 if todo.num_rows:
                     row_seconds = _run(plan, todo, store, scheduler, dry, progress)
             except KeyboardInterrupt:
-                what = f"{store.rows - began} of {todo.num_rows} rows were done"
+                what = f"{store.rows - began} of {counted(todo.num_rows, 'row')} done"
                 if store.folder is None:
                     raise KeyboardInterrupt(
                         f"{what}, and are lost: with out= they are kept"

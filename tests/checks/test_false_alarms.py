@@ -331,7 +331,7 @@ CORRECT = {
         s.impact,
         {"x": np.r_[np.full(50, 5e-3), -1e-6, np.full(100, 1e-6)]},
         {"fs": 2000},
-        "1 impacts of up to 0 m/s",
+        "impacts: 1, of up to 0 m/s",
     ),
     "a mouse that jumps over pieces of the map": (
         lambda: soft_surface(device="mouse"),

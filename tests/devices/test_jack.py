@@ -258,7 +258,7 @@ def test_what_does_not_fit_the_server(server):
         ({}, {"channels": 25}, SinkError, "24 physical outputs, fewer"),
         ({"connect": ["nobody:in_1"]}, {}, SinkError, "no input port 'nobody:in_1'"),
         ({"server": "stimlib_none"}, {}, SinkError, "'stimlib_none' is running: start one"),
-        ({"connect": ["a", "b"]}, {}, BadValue, "2 ports for 1 channels"),
+        ({"connect": ["a", "b"]}, {}, BadValue, "2 ports for 1 channel"),
     ):
         refused(error, says, sink(server, **options).open, **{"rate": FS} | told)
     with sink(server) as first:

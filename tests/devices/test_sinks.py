@@ -201,7 +201,7 @@ def test_what_no_device_takes_is_refused_before_it_opens(stand):
     for told, error, says in (
         ({"rate": 0}, BadValue, "sample rate"),
         ({"rate": None}, BadValue, "fs = None"),
-        ({"channels": 1}, BadValue, "fewer than the 2"),
+        ({"channels": 1}, BadValue, "fewer than 2"),
         ({"channels": ["a", "c"]}, UnknownName, "no output 'c'"),
         ({"channels": "a"}, BadValue, "list"),
         ({"channels": []}, BadValue, "list"),

@@ -180,7 +180,7 @@ def test_who_takes_markers_and_fails_or_is_slow_ends_the_session(tmp_path):
     assert sink.report().produced < 30 * FS
     sent, enough = [], threading.Event()
     slow = marking(lambda m: (sent.append(m), enough.wait(60)), log=tmp_path / "l")
-    refused(SinkError, "20 of 20 markers were not sent", played, slow, 1.0)
+    refused(SinkError, "20 of 20 markers not sent", played, slow, 1.0)
     report = slow.report()
     assert (len(sent), report.markers, report.unsent_markers) == (1, 20, 20)
     assert "20 markers, 0 lost, 20 not sent" in str(report)

@@ -98,8 +98,8 @@ def test_each_level_has_the_least_expected_entropy_of_the_marginal(kind, nuisanc
         ({"nuisance": "lapse"}, {}, "nuisance = 'lapse' must be a tuple"),
         ({"nuisance": (1,)}, {}, "nuisance = .* must be a tuple"),
         ({"guesses": (0.1, 0.6), "lapses": (0.0, 0.4)}, {}, "add up to 1"),
-        ({}, {"levels": [77.0], "outcomes": [1]}, "1 levels and 1 outcomes, with 77.0"),
-        ({}, {"levels": [], "outcomes": [1]}, "0 levels and 1 outcomes"),
+        ({}, {"levels": [77.0], "outcomes": [1]}, "1 level and 1 outcome, with 77.0"),
+        ({}, {"levels": [], "outcomes": [1]}, "0 levels and 1 outcome are"),
         ({}, {"levels": [ROWS["levels"][0]], "outcomes": [2]}, "with 2, are no state"),
         ({"guesses": (0.1, 0.6), "lapses": (0.0, 0.39)}, {"levels": []}, "no column 'outcomes'"),
         ({"precision": {"sigma": 0.1}}, {}, "no parameter 'sigma'; there are mean, deviation"),
@@ -136,7 +136,7 @@ def test_it_ends_as_soon_as_all_are_known_precisely_and_not_before():
         lengths.append(n := len(state["levels"]))
         assert PRECISE.next(state) is None
         assert not any(all(errors(k)) for k in range(20, n)) and (n == 90 or all(errors(n)))
-        refused(BadValue, f"all {n} trials are done", PRECISE.update, state, answer)
+        refused(BadValue, f"no trial of {n} is left", PRECISE.update, state, answer)
     assert len(set(lengths)) > 2 and 20 <= min(lengths) < 90
     assert trials_of(PRECISE) is None and trials_of(dc.replace(PRECISE, precision={})) == 90
     for given, n in (({}, 20), ({"min_trials": 7}, 7)):

@@ -191,7 +191,7 @@ def test_items_without_a_finite_ability_are_named(pairs, groups):
         (lambda: bradley_terry([]), r"ranking 0, \(\)"),
         (
             lambda: bradley_terry([("a", "b"), ("b", "a")], ["p"]),
-            "1 participants, 1 different, of 2",
+            "1 participant, 1 different, of 2",
         ),
         (lambda: bradley_terry([("a", "b"), ("b", "a")], ["p", "p"]), "at least two people"),
         (lambda: bradley_terry([("a", "b"), ("b", "a")], confidence=2.0), "confidence = 2.0"),

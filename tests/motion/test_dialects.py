@@ -71,7 +71,7 @@ TAKEN = {
     "Excel's hint of tabs": ("sep=\t\n" + TABS, {"sep": "\t", "skiprows": 1}, ""),
     "numbers in the names": (PLAIN.replace("kind", "7"), {}, ""),
     "# above": ("# by hand\n#\n" + PLAIN, {"comment": "#"}, "2 comments above"),
-    "% above": ("% by hand\n" + PLAIN, {"comment": "%"}, "1 comments above"),
+    "% above": ("% by hand\n" + PLAIN, {"comment": "%"}, "1 comment above"),
     "# within": (PLAIN.replace("0.02", "# a pause\n0.02"), {"comment": "#"}, "first in row 4"),
     "% within": (TABS.replace("0.02", "% 1 pause\n0.02"), {"comment": "%", "sep": "\t"}, "row 4"),
     "# and quotes": ('# "open\n' + QUOTED, {"comment": "#"}, ""),

@@ -145,7 +145,7 @@ U, R = sweep()
         (lambda: identify(U, R, FS, band=(200, 100)), "the lower one first"),
         (lambda: identify(U, R, "2000"), "fs = '2000'"),
         (lambda: identify(U, R, FS, band=150), "band = 150 must be a tuple"),
-        (lambda: identify(U[:, None], R[:, None], FS), "transpose them"),
+        (lambda: identify(U[:, None], R[:, None], FS), "of 1 sample; .* transpose them"),
         (lambda: drift([], []), "at least three"),
         (lambda: drift([158.0] * 3, [1.0, 2.0, 3.0]), "must be a list .a Resonance"),
         (lambda: drift([], ["warm"]), "must be a list of numbers"),

@@ -209,7 +209,7 @@ PAPER = Plate.paper()
         (lambda: best_patches(PAPER, patch="duraact"), "must be a Patch"),
         (lambda: PAPER.shape(0, 0.3, 0.1), "outside the plate"),
         (lambda: PAPER.forces(2), "no patches"),
-        (lambda: Plate.paper(patches=True).forces(1, [1.0]), "1 weights for 4"),
+        (lambda: Plate.paper(patches=True).forces(1, [1.0]), "give 4, one for each patch"),
         (lambda: PAPER.carrier(0.1), "at = 0.1 must be a place"),
         (lambda: PAPER.frf((0.1, 0.07), (0.1, 0.07, 0.0), 1.0), "at = .* must be a place"),
         (lambda: PAPER.frf("patch", (0.1, 0.07), 1.0), "or 'patches'"),

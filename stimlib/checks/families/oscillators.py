@@ -191,7 +191,10 @@ def _bumps(a: Asked) -> list[Check]:
                 " phases"
             )
         else:
-            text = f"{whole} bumps at {abs(speed[0]):.3g}/s; lines that meet may add the rest"
+            text = (
+                f"{counted(whole, 'bump')} at {abs(speed[0]):.3g}/s; lines that meet may add the"
+                " rest"
+            )
             rms = float(np.sqrt(np.mean(y**2)))
             checks.append(
                 Check("d", f"{name}: rms of the line spectrum", abs(rms / model - 1), limit, text)

@@ -127,7 +127,7 @@ def touch_screen(a: Asked) -> list[Check]:
             * legendre.legval2d(s, at, series)
         )
         still += abs(scale) * top
-    a.say(f"plate: {len(chosen)} modes, largest displacement {1e6 * np.abs(d).max():.4g} um")
+    a.say(f"plate: largest displacement {1e6 * np.abs(d).max():.4g} um, modes: {len(chosen)}")
     return [
         *checks,
         a.near(

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...analysis import spectra
 from ...core.program import lead
+from ...errors import counted
 from .. import laws
 from ..evidence import Asked, Check, law_of
 from ..rows import law
@@ -47,8 +48,8 @@ def _texture_scene(a: Asked) -> list[Check]:
         model, speed, force, laws.white(a.seed, g["seed"], 0, 0, n), every
     )
     a.say(
-        f"{len(model.speed)} models of order {model.lsf.shape[1]}, {model.ma.shape[1]}, at"
-        f" {model.rate:g} Hz"
+        f"{counted(len(model.speed), 'model')} of order {model.lsf.shape[1]}, {model.ma.shape[1]},"
+        f" at {model.rate:g} Hz"
     )
     # of which the roundings are
     most = float(np.abs(a.live("level")).max() * np.max(model.gain * np.sqrt(model.variance)))
@@ -75,5 +76,7 @@ def _texture_scene(a: Asked) -> list[Check]:
     if s is not None:
         text = f"{s.level_db:+.3f} dB over {N.size / model.rate:.3g} s"
         p, share = -np.log10(max(s.p, 1e-300)), -np.log10(a.e.share)
-        checks.append(Check("c", f"{name}: spectrum, {len(s.bands)} bands", p, share, text))
+        checks.append(
+            Check("c", f"{name}: spectrum, {counted(len(s.bands), 'band')}", p, share, text)
+        )
     return checks
