@@ -7,6 +7,8 @@ import subprocess
 import sys
 import threading
 from contextlib import contextmanager
+from itertools import count
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -200,10 +202,12 @@ def test_play_watches_a_file_and_each_version_has_its_log(tmp_path):
     )
     try:
         until(lambda: (tmp_path / "a.stimlog").exists() or process.poll() is not None)
-        file.write_text(SCENE.replace("100.0", "200.0"))
-        until(lambda: (tmp_path / "a-2.stimlog").exists() or process.poll() is not None)
-        file.write_text(SCENE.replace("* Input", "** Input"))
+        file.write_text(SCENE.replace("100.0", "1000.0"))
         said = ""
+        while "limited (clip)" not in said and process.poll() is None:
+            said += process.stderr.readline()
+        high = '__import__("stimlib.blocks").blocks.lowpass(Input("x", "m"), 9e3)'
+        file.write_text(SCENE.replace('Input("x", "m")', high))
         while "plays on" not in said and process.poll() is None:
             said += process.stderr.readline()
     finally:
@@ -214,11 +218,14 @@ def test_play_watches_a_file_and_each_version_has_its_log(tmp_path):
     assert re.findall("version .: |log: .*", out) == [
         "version 1: ", "log: a.stimlog", "version 2: ", "log: a-2.stimlog"
     ]  # fmt: skip
-    assert "watch_played.py:4: " in said and "the version before plays on" in said
+    assert re.search(r"watch_played\.py:4: lowpass: .*fs/2.* the version before plays on", said)
+    assert "note: force is limited (clip) from here on" in said
     logs = [read_log(tmp_path / name) for name in ("a.stimlog", "a-2.stimlog")]
     assert all(replay(log).matches for log in logs)
-    assert [e.data["reason"] for e in logs[0].events if e.kind == "stop"] == ["next"]
-    assert logs[1].scene.params["k"].value == 200.0
+    (after,) = [e for e in logs[0].events if e.kind == "stop"]
+    assert after.data["reason"] == "next" and logs[1].scene.params["k"].value == 1000.0
+    seconds = (after.at + logs[1].frames) / 8000  # the fade, in which both play, is there once
+    assert f"played {seconds:.4g} s, nothing lost" in out
 
 
 def test_each_version_plays_as_the_command_says(tmp_path, monkeypatch):
@@ -260,6 +267,18 @@ def test_each_version_plays_as_the_command_says(tmp_path, monkeypatch):
     logs = [read_log(tmp_path / f"a{more}.stimlog") for more in ("", "-2", "-3")]
     assert {log.seed for log in logs} == {7}
     assert all("mark" in {e.kind for e in log.events} for log in logs[::2])
+
+
+def test_time_goes_on_after_a_version_that_failed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    x = 'Input("x", "m")'
+    text = SCENE.replace(x, f'{x} * sqrt({x} / constant(-1.0, "m"))')
+    head = "from stimlib import constant\nfrom stimlib.blocks import sqrt\n"
+    (tmp_path / "watch_failed.py").write_text(head + text)
+    clock = SimpleNamespace(monotonic=count(step=100.0).__next__, sleep=lambda seconds: None)
+    monkeypatch.setattr("stimlib.cli.play.time", clock)
+    words = "play watch_failed.py:scene --watch --sink null --full-scale 5 --seconds 600"
+    ran(f"{words} --motion sinusoid(0.01,1,0.02)", 1, "save the file again")
 
 
 @pytest.mark.parametrize(

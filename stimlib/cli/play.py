@@ -30,19 +30,28 @@ def _play(
     seconds: float | None,
     wanted: bool,
     reloaded: Any,
+    failures: list[Any],
 ) -> None:
     """Play to the end with a progress bar; the sink fades out even after an error.
 
-    Where files are watched, an output that fails ends its version alone.
+    Where files are watched, an output that fails ends its version alone, which joins
+    ``failures``, after the time of the start.
     """
-    failures: list[Any] = []
+    said: set[tuple[Any, str]] = set()
     with sink:
         sink.open(fs, channels, block)
         sink.start(seconds)
+        failures.append(time.monotonic())
         frames = None if seconds is None else round(seconds * fs)
         with reloaded, progress("playing; Ctrl-C ends", frames, wanted) as advance:
             done = 0
-            while not (now := sink.newest).finished or now in failures:
+            while not (now := sink.newest).finished or (
+                now in failures and (seconds is None or _passed(now, failures) < seconds)
+            ):
+                for stage, names in now.report().clips.items() if wanted else ():
+                    if (now, stage) not in said:
+                        said.add((now, stage))
+                        note(f"{' and '.join(names)} is limited ({stage}) from here on")
                 try:
                     now.wait(0.1)
                 except FaultError as e:
@@ -53,8 +62,14 @@ def _play(
                             failures.append(one)
                             failed(f"{e}; save the file again to go on")
                     time.sleep(0.1)
-                before, done = done, now.since + now.pump.index
+                before, done = done, round(_passed(now, failures) * fs)
                 advance(done - before)
+
+
+def _passed(now: Any, failures: list[Any]) -> float:
+    """Return the seconds since the start, of which a version that failed plays few."""
+    played: float = (now.since + now.pump.index) / now.rate
+    return max(played, time.monotonic() - failures[0]) if failures[1:] else played
 
 
 def _sound(file: str, motions: Any, fs: float | None) -> tuple[Any, Any, float]:
@@ -229,12 +244,13 @@ def play(
         length = seconds if seconds is not None else recorded
         place = (rate if fs is None else fs, opt.channel_map(channels), block)
 
-        sessions = [playing]
+        sessions: list[Any] = [playing]
+        failures: list[Any] = []
 
         def played(scene_: Any) -> str:
             """Let a scene that was saved follow, for the rest of the time."""
             new, old = None if own else safety(scene_), playing.newest
-            left = None if length is None else length - (old.since + old.pump.index) / old.rate
+            left = None if length is None else length - _passed(old, failures)
             if left is not None and left < 0.2:
                 return "is not played, because the time is over"
             there = [item for item in set_ if item.partition("=")[0].strip() in scene_.params]
@@ -251,11 +267,12 @@ def play(
             return "plays"
 
         reloaded = watched.reloaded(played) if watch else nullcontext()
-        _played(sessions, place, length, quiet, reloaded)
+        _played(sessions, failures, place, length, quiet, reloaded)
 
 
 def _played(
     sessions: list[Any],
+    failures: list[Any],
     place: tuple[float, int | list[str | None] | None, int | None],
     length: float | None,
     quiet: bool,
@@ -264,7 +281,7 @@ def _played(
     """Play to the end, then print the report of each session, and where its log is."""
     playing = sessions[0]
     try:
-        _play(playing, *place, length, not quiet, reloaded)
+        _play(playing, *place, length, not quiet, reloaded, failures)
     except (SinkError, FaultError) as e:
         if not playing._started:
             raise
@@ -287,6 +304,9 @@ def _played(
 def _ending(sessions: list[Any]) -> str:
     """Return the last line: how long was played, and whether all of it was."""
     reports = [session.report() for session in sessions]
-    seconds = sum(r.delivered / s.rate for r, s in zip(reports, sessions, strict=True))
+    delivered = sum(r.delivered for r in reports)
+    for before, after in zip(reports, sessions[1:], strict=False):  # both play for a fade
+        delivered -= max(before.produced - after.at, 0)
+    seconds = delivered / sessions[0].rate
     lost = sum(r.lost for r in reports)
     return f"played {seconds:.4g} s, {counted(lost, 'sample') if lost else 'nothing'} lost"

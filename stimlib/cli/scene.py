@@ -152,9 +152,12 @@ def _own(
     Return the module, or the result of a function in it. A file that has run is not run
     again. If the file or the function raises an error, the error names the line.
     """
+    from ..core.graph import files
     from ..core.scene import Scene
 
     module, spec, text = _module(path)
+    if called:
+        files.add(spec.origin)
     name = spec.name
     folder = str(Path(path).resolve().parent)
     if folder not in sys.path:  # behind all else: a file may import what lies beside it

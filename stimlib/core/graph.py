@@ -39,6 +39,10 @@ def memo(f: F) -> F:
 
 registry: dict[str, type[Block]] = {}
 """Every final block class by the name scene files use."""
+files: set[str] = set()
+"""Files of a user that the command line runs: errors of a design name their lines."""
+places: dict[int, str] = {}
+"""File and line that made a block, by its id, while there are ``files``."""
 
 
 class Block(Refusals):
@@ -148,6 +152,12 @@ class Block(Refusals):
                 f" unit('N'){several}"
             )
         object.__setattr__(self, "dim", dim)
+        if files:
+            frame: Any = sys._getframe()
+            while frame and frame.f_code.co_filename not in files:
+                frame = frame.f_back
+            code = frame and frame.f_code
+            places[id(self)] = f"{code.co_filename}:{frame.f_lineno}: " if frame else ""
 
     @property
     def definition(self) -> Any:
