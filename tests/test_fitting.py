@@ -231,6 +231,7 @@ def test_an_order_is_found_between_a_spring_and_orders_against_the_motion(freq):
     assert fit.chi == pytest.approx(300.0, rel=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:.*the model leaves .* is noise as large")
 @pytest.mark.parametrize("noise", [0.0, 0.01, 1.0])
 @pytest.mark.parametrize("alpha", [0.0, 0.03, 0.5, 0.999])
 def test_few_orders_are_tried(monkeypatch, alpha, noise):
@@ -285,6 +286,21 @@ def test_the_exact_law_says_what_the_scheme_adds(alpha):
     assert 0 < (math.pi / 2) * (alpha - fit.alpha) < alpha / 2 / 1000 * 10 * math.pi  # rad
     assert fit.chi == pytest.approx(300.0, rel=0.02)
     assert "% rms force of 1499 samples" in repr(fit)
+
+
+@pytest.mark.parametrize("alpha, says", [(0.2, "alpha = 0 is"), (0.5, "alpha = 0 is"), (0.95, "")])
+def test_motion_and_force_exchanged(alpha, says):
+    """Noise about a spring, whose order is at its end too, needs no word."""
+    t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
+    y = np.minimum(0.05 * t, 0.01)
+    f, noise = springpot_force(t, y, 300.0, alpha), np.random.default_rng(4)
+    warned(RuntimeWarning, f"{says}.* are y and f exchanged", fit_springpot, t, f, y)
+    says = "no arm has a part.* are y and f exchanged"
+    f = maxwell_force(t, y, 100.0, [(50.0, 0.1)])
+    warned(RuntimeWarning, says, fit_generalized_maxwell, t, f, y, arms=1)
+    for _ in range(20):
+        spring = 300.0 * y * (1 + 0.1 * noise.standard_normal(y.size))
+        fit_springpot(t, y, spring)
 
 
 def test_relative_errors_of_a_force_through_zero():
@@ -552,6 +568,7 @@ def test_bad_values(call, given, words):
 
 
 # Pictures and words -------------------------------------------------------------------
+@pytest.mark.filterwarnings("ignore:fit_springpot. alpha = 0 is the end")
 def test_pictures_and_words(tmp_path):
     fits = (
         fit_springpot(T, Y, F),

@@ -44,6 +44,9 @@ Place = tuple[float, float, np.ndarray, np.ndarray]  # chi, alpha, slopes, weigh
 STEPS, SHORT, LEFT, LEAST = 40, 0.01, 1e-7, 1e-15
 ROUGHLY = 1e-3  # left where only the squares are asked
 LARGEST = 1e50  # size of what is fitted, in its unit
+# parts of the force: an error that needs a word where the estimate is at the end of its
+# range (by so many standard errors), and one that needs it anywhere
+SOME, BEYOND, LITTLE = 0.05, 4.0, 0.5
 NEAR = 0.5  # of a recorded force: the least to which an error is relative
 
 
@@ -302,7 +305,8 @@ def fit_springpot(
     -----
     RuntimeWarning
         Relative errors of a force that changes its sign; an exact law where "gl" leaves
-        less than half of the error, as the force of such a block does.
+        less than half of the error, as the force of such a block does; a model that
+        leaves half of the force, or 5 % of it with alpha at the end of its range.
 
     Notes
     -----
@@ -367,6 +371,7 @@ def fit_springpot(
                 RuntimeWarning,
                 stacklevel=outside(),
             )
+    _doubt("fit_springpot", miss, _end(alpha, slopes, miss))
     low, high = _intervals(np.array([math.log(chi), alpha]), slopes, miss)
     whole = (
         chi * law(np.arange(t.size), scheme)(alpha)[0]
@@ -458,6 +463,28 @@ def _bottom(best: Callable[[float], Place], low: Place, high: Place, left: float
     return one
 
 
+def _end(alpha: float, slopes: np.ndarray, miss: np.ndarray) -> str:
+    """Return what to say of an order at 0 or 1, unless noise may hold it there."""
+    unit, by = slopes.T
+    bend = float(by @ by) - float(unit @ by) ** 2 / float(unit @ unit)
+    beyond = (1 - 2 * alpha) * float(by @ miss)  # the slope out of the range
+    held = beyond > BEYOND * math.sqrt(max(bend, 0.0) * float(miss @ miss) / (miss.size - 2))
+    return f"alpha = {alpha:g} is the end of its range, and " if held and alpha in (0, 1) else ""
+
+
+def _doubt(name: str, miss: np.ndarray, end: str) -> None:
+    """Warn where a model explains little, with the likely cause."""
+    error = float(np.linalg.norm(miss))
+    if error > LITTLE or (end and error > SOME):
+        warnings.warn(
+            f"{name}: {end}the model leaves {100 * error:.2g} % of the force (weighted rms): are"
+            " y and f exchanged (y is the position), do they start at other times, or is noise as"
+            " large? Else it is another material: look at plot(), and fit another model",
+            RuntimeWarning,
+            stacklevel=outside(),
+        )
+
+
 @public
 def fit_generalized_maxwell(
     t: ArrayLike,
@@ -495,6 +522,11 @@ def fit_generalized_maxwell(
     BadValue
         As ``fit_springpot``; arms below 1; fewer samples to fit than there are numbers
         in the model.
+
+    Warns
+    -----
+    RuntimeWarning
+        A model that leaves half of the force, or 5 % of it and no arm has a part.
 
     Notes
     -----
@@ -586,6 +618,9 @@ def fit_generalized_maxwell(
         )
     fitted = unit(*best.x[n + arms :])[0] @ np.exp(best.x[: n + arms])
     best = searched(best.x, noise(fitted))
+    k = np.exp(best.x[: n + arms])
+    end = "no arm has a part of the force, and " if k[n:].sum() < 1e-9 * k.sum() else ""
+    _doubt("fit_generalized_maxwell", best.fun, end)
     low, high = _intervals(best.x, best.jac, best.fun)
     order = np.argsort(best.x[n + arms :], kind="stable")
     places = {"k0": 0} if spring else {}
