@@ -122,7 +122,11 @@ def _told(text: str, scene: Scene) -> Iterator[tuple[str, str]]:
         )
         for n, p in scene.params.items()
     )
-    yield from (("fixed:", "{name} = {value}  {meaning}".format(**row)) for row in said["fixed"])
+    for row in said["fixed"]:
+        yield (
+            "fixed:",
+            " = ".join(filter(None, (row["name"], row["value"]))) + f"  {row['meaning']}",
+        )
     name = shlex.quote(text)
     yield "try:", f"stimlib live {name}"
     drive = {n: m for row in rows[:1] for n, m in row.drive.items() if n in scene.inputs}

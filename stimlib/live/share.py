@@ -178,8 +178,12 @@ def share(
             data |= {"motion": packed(x, advance), "samples": n}
         texts = {name: FOLDER.sub(r"\1", describe(m)) for name, m in motion.items()}
         alike = {t: ", ".join(n for n in texts if texts[n] == t) for t in texts.values()}
-        driven = "; ".join(f"{names} = {text}" for text, names in alike.items())
-        facts["length"] = f"{n / fs:g} s" + f" of {driven}" * bool(driven)
+        driven = "; ".join(f"{names}: {text}" for text, names in alike.items())
+        facts["length"] = f"{n / fs:g} s"
+        words = {"(": " (", "=": " "}  # of a call, for readers
+        facts["recorded motion"] = re.sub(
+            r"(\w+)([(=])", lambda m: m[1].replace("_", " ") + words[m[2]], driven
+        )
         data["sha256"] = facts["SHA-256 of the samples"] = hashlib.sha256(y.data).hexdigest()
     with terminable(), tempfile.TemporaryDirectory(prefix="stimlib-") as folder:
         still = {name: np.zeros(3) for name in scene.inputs}

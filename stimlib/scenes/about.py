@@ -102,7 +102,7 @@ def meanings(name: str) -> dict[str, str]:
 def fixed(part: Part) -> list[dict[str, str]]:
     """Return the values of a shipped scene that cannot be changed live, with meanings.
 
-    What is None or False is left out: it is not there.
+    What is None or False is left out: it is not there.  A map or a model has no value.
 
     Examples
     --------
@@ -121,8 +121,10 @@ def fixed(part: Part) -> list[dict[str, str]]:
             for n, unit in zip(names, units, strict=False)
             if not LIVE.search(first)
         }
-        if values := ", ".join(filter(None, there.values())):
+        values = ", ".join(filter(None, there.values()))
+        if values or any(isinstance(given.get(n), dict | list) for n in there):
             meaning = re.sub(r"[;,] see [\w.]+( and [\w.]+)?(?=[;.])", "", first)
+            meaning = meaning.replace("m^2", "m²")
             rows.append({"name": before + ", ".join(there), "value": values, "meaning": meaning})
     return rows
 
@@ -130,7 +132,7 @@ def fixed(part: Part) -> list[dict[str, str]]:
 def _value(v: Any, unit: str) -> str:
     if v is None or isinstance(v, bool | str):
         return "yes" if v is True else v or ""
-    return f"{v:g} {unit}".rstrip() if isinstance(v, int | float) else "as given"
+    return f"{v:g} {unit}".rstrip() if isinstance(v, int | float) else ""
 
 
 def _entries(name: str) -> Iterator[tuple[list[str], list[str]]]:

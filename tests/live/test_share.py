@@ -238,7 +238,7 @@ def test_the_command_writes_a_page(tmp_path):
     words = ["share", "wall", "--out", tmp_path / "b.html"]
     ran([*words, "--motion", recorded, "--map", "x=x_m", "--max-gap", "1"])
     page = (tmp_path / "b.html").read_text("utf-8")
-    assert "0.1 s of x = recording('hand.csv'" in page and str(tmp_path) not in page
+    assert '"0.1 s"' in page and "x: recording ('hand.csv'" in page and str(tmp_path) not in page
     assert "has no samples to check" in ran(words).stdout
 
 
@@ -361,6 +361,8 @@ def test_what_is_done_by_hand_reaches_the_audio_thread_and_what_comes_back_is_sa
     assert page.js("told.at(-1)") == {"set": [0, 100, 160]}  # 20 ms
     page.click("#record")
     page.until("scene.recorded && newest.first > 1000 && seen.at(-1)[0] === scene.session")
+    moves = "The recorded motion moves x1, x2; it is at x1 = "
+    page.until(f"document.querySelector('#where').textContent.startsWith({moves!r})")
     chosen("#sources fieldset:nth-child(2) select", "value")
     assert page.js("told.at(-1).choose.x2.from") == "value"
     assert page.js("document.querySelector('#log').textContent") == ""
@@ -410,6 +412,8 @@ def test_a_phone_shows_what_vibrates_above_the_finger_and_speaks_of_touch(page):
         help = "['#touches', '#keys'].map(css => document.querySelector(css).checkVisibility())"
         assert page.js(help) == [True, False]
         assert page.js("document.documentElement.scrollWidth") == 390
+        label = "getComputedStyle(document.querySelector('.theme')).fontSize"
+        assert float(page.js(label).removesuffix("px")) > 12
         assert not page.js("document.querySelector('#sources').checkVisibility()")  # folded
         page.call("Emulation.setTouchEmulationEnabled", enabled=False)
         assert page.js(help) == [False, True]
@@ -429,6 +433,9 @@ def test_a_page_says_what_it_is_in_the_words_of_the_report(made, page):
     words = re.sub(r"_(\w)|; ", lambda m: m[1] or "", row.words)
     assert re.sub(r"[ .;)]", "", law) == re.sub(r"[ .;)]", "", words)
     assert page.js("document.querySelector('.formula').textContent").endswith("else F = k x")
+    names = "['#meter', '#param-level'].map(q => document.querySelector(q).ariaLabel)"
+    meter, level = page.js(names)
+    assert meter.startswith("Output level: ") and level == "level, parameter"
     params = page.js("[...document.querySelectorAll('.param')].map(e => e.innerText)")
     about = [f"{n}\n{u}" for n, u in zip("k A level".split(), ("N/m", "", ""), strict=True)]
     for said, start, meaning in zip(params, about, meanings("squeeze").values(), strict=True):

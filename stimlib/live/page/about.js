@@ -60,7 +60,7 @@ export function introduce({ about, inputs, alone }) {
   $("fixed").replaceChildren();
   for (const { name, value, meaning } of about.fixed) {
     const item = element($("fixed"), "li");
-    element(item, "b", `${name} = ${value}`);
+    element(item, "b", value ? `${name} = ${value}` : name);
     item.append(`: ${meaning}`);
   }
   $("of-fixed").hidden = !about.fixed.length;

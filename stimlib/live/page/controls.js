@@ -28,6 +28,7 @@ export function parameters(params, parent, say) {
     const row = element(parent, "div", { className: "param" }), id = `param-${name}`, printed = pretty(unit);
     element(row, "label", { htmlFor: id, textContent: name });
     const field = numeric(row, id, plain(value), low, high);
+    field.setAttribute("aria-label", `${name}, parameter`); // the page has facts of the same names
     element(row, "span", { className: "unit", textContent: printed });
     const reset = element(row, "button", { type: "button", textContent: "↺", title: `Back to ${short(value)} ${printed}` });
     reset.setAttribute("aria-label", `Reset ${name} to ${short(value)} ${printed}`);
@@ -50,7 +51,7 @@ export function parameters(params, parent, say) {
   return values => { for (const [name, v] of Object.entries(values)) show[name]?.(v); };
 }
 
-const FROM = {
+export const FROM = {
   u: "pointer, left to right", v: "pointer, bottom to top", pressure: "pressure", contact: "contact, 0 or 1",
   sine: "a sine", value: "a value that is held", given: "the motion that was given",
   stream: "the stream of another program",

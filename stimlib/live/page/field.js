@@ -1,6 +1,6 @@
 // The field in which fingers move: mouse, pen, touch and keys in; places drawn, or the picture of a scene for the eye.
 
-import { axes } from "./controls.js";
+import { FROM, axes } from "./controls.js";
 import { pictures } from "./pictures.js";
 import { Backdrop, Turn, frame, sharp } from "./plots.js";
 import { scaled, short, text, ticks } from "./scales.js";
@@ -32,8 +32,8 @@ export class Field {
   }
 
   /** A new scene or new sources; what is drawn, and how far (m) beside a pointer it is. */
-  set({ view = this.view, units = this.units, sources = this.sources, parts = this.parts, beside = this.beside }) {
-    Object.assign(this, { view, units, sources, parts, beside, dirty: true, drawn: null });
+  set({ view = this.view, units = this.units, sources = this.sources, recorded = this.recorded, parts = this.parts, beside = this.beside }) {
+    Object.assign(this, { view, units, sources, recorded, parts, beside, dirty: true, drawn: null });
     this.kind = this.bare || view?.kind === "surface" ? pictures[view?.kind] : null; // else a field
     this.canvas.classList.toggle("surface", !!this.kind);
     this.canvas.classList.toggle("flat", !axes(this.sources).v.length);
@@ -135,9 +135,24 @@ export class Field {
   }
 
   // Drawing ------------------------------------------------------------------------------------------------------------
+  /** What moves the inputs where no finger does: [sentence, inputs]. */
+  moved() {
+    const all = Object.entries(this.sources).map(([name, s]) => [name, this.recorded ? { from: "recorded" } : s]), of = {};
+    if (all.some(([, { from }]) => ["u", "v", "pressure", "contact"].includes(from))) return ["", []];
+    const moving = all.filter(([, { from }]) => from !== "value");
+    for (const [name, { from }] of moving) (of[FROM[from] ?? "the recorded motion"] ??= []).push(name);
+    const said = Object.entries(of).map(([what, names]) => `${what} moves ${names.join(", ")}`).join("; ");
+    return [said && said[0].toUpperCase() + said.slice(1), moving.map(([name]) => name)];
+  }
+
   /** A sentence on the first finger as it is drawn, and on where the stimulus has followed it to, by the sample that is drawn. */
   words(drawn = {}) {
-    const f = this.fingers.get(0), { u, v } = axes(this.sources);
+    const f = this.fingers.get(0), { u, v } = axes(this.sources), [moves, moved] = this.moved();
+    const at = moved.filter(name => Number.isFinite(drawn[name])).map(name => {
+      const { factor, unit } = scaled(this.units[name], Math.abs(drawn[name]));
+      return `${name} = ${short(drawn[name] * factor)} ${unit}`.trim();
+    });
+    if (moves) return `${moves}${at.length ? `; it is at ${at.join(", ")}` : ""}.`;
     if (!f) return "No finger touches.";
     const say = ({ input, low, high }, at) => {
       const { factor, unit } = scaled(this.units[input], Math.max(Math.abs(low), Math.abs(high)));
@@ -175,7 +190,7 @@ export class Field {
     const { canvas, back, sources, view, parts } = this, { left, right, top, bottom } = this.bare ? EDGE : MARGIN, { u, v } = axes(sources);
     const box = this.box = { x: left, y: top, w: canvas.clientWidth - left - right, h: canvas.clientHeight - top - bottom };
     this.cam = null;
-    const paper = back.changed(colours, sources, this.units, view, parts);
+    const paper = back.changed(colours, sources, this.units, view, parts, this.recorded);
     if (paper) this.paper(paper, box, colours, u, v);
     const g = back.show();
     g.scale(devicePixelRatio || 1, devicePixelRatio || 1);
@@ -198,6 +213,7 @@ export class Field {
     g.textAlign = "center";
     g.textBaseline = "alphabetic";
     g.fillText(across.name, box.x + box.w / 2, high - 6);
+    g.fillText(this.moved()[0], box.x + box.w / 2, box.y + box.h / 2, box.w);
   }
 
   /** The fingers that are drawn: where they touch, or where the stimulus has its only position. */

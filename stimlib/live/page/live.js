@@ -92,7 +92,7 @@ function become(state) {
   show.params?.(state.params);
   show.sources?.(state.sources);
   enable(); // what was drawn anew, too
-  field.set({ sources: state.sources });
+  field.set({ sources: state.sources, recorded: live.hello.alone && runs() && !!state.recorded }); // of a shared page
   $("log").textContent = state.log && runs() ? `Recording to ${state.log}` : state.recorded;
   note(state.why);
 }
