@@ -83,14 +83,14 @@ def vibration(y: ArrayLike, fs: float, cutoff: float = CUTOFF) -> np.ndarray:
     if y.ndim != 1 or not y.size:
         raise BadValue(f"vibration: y must be a row of numbers, got shape {y.shape}")
     step = max(1, round(fs / cutoff / 6))  # samples between two knots
+    scale = np.abs(y).max() or 1.0  # sums of huge numbers are finite
     if y.size <= ORDER * step:
-        return scipy.signal.detrend(y)
+        return scale * scipy.signal.detrend(y / scale)
     spline = np.ones(1)
     for _ in range(6):  # of degree 5
         spline = np.convolve(spline, np.ones(step) / step)
     # of splines d samples apart
     pairs = [spline[: spline.size - d] * spline[d:] for d in range(0, spline.size, step)]
-    scale = np.abs(y).max() or 1.0  # sums of huge numbers are finite
     want = _decimated(spline, y / scale, step)
     w = 2 * np.pi * cutoff * step / fs
     level = pairs[0].sum() + 2 * sum(p.sum() * np.cos(w * d) for d, p in enumerate(pairs[1:], 1))

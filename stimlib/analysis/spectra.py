@@ -23,6 +23,7 @@ from ..errors import BadValue, computed
 # used)
 OVERSAMPLE, REACH = 4, 15
 FEWEST_BINS = 8
+LEAST = 1e-15  # coefficient that matters, of the root of the sum of their squares
 CERTAIN = 1600.0  # deviations, beyond which a tail is below the smallest float
 
 
@@ -233,8 +234,9 @@ def tail(c: np.ndarray, s: float) -> float:
     [True, True, True]
     """
     c = np.ravel(c)
-    size = np.sqrt(c @ c)
+    size = np.linalg.norm(c / np.abs(c).max()) * np.abs(c).max()  # whose squares may be too large
     c, s = c / size, s / size
+    c[np.abs(c) < LEAST] = 0.0  # a rounding of the others
     if abs(s) > CERTAIN:
         return float(s < 0)
     if s < 0:

@@ -19,6 +19,7 @@ import numpy as np
 from ..core.graph import registry, signals
 from ..core.parts import Part
 from ..core.scene import Scene
+from ..core.units import pretty
 from ..errors import BadValue, StimlibError, counted, shown
 from ..run.rendering import Rendering, render
 from ..system import safe_files
@@ -47,6 +48,11 @@ REFUSED, EQUAL, WITHIN, NO_LAW, NOT_MADE = (
 
 
 COLUMNS = "number", "value", "change", "outcome", "check"
+REMEDIES = {
+    EQUAL: "this motion does not use the number: try another one",
+    WITHIN: "the law misses the change: a longer or faster motion may show it, or a stricter law",
+    NO_LAW: "nothing says what these samples must be: give the scene a law (see Scene, law=)",
+}
 
 
 class Mutant(NamedTuple):
@@ -110,8 +116,13 @@ class Mutations:
         from rich.table import Table
         from rich.text import Text
 
+        count = self.count()
+        next_ = [f"{what}: {text}" for what, text in REMEDIES.items() if count[what]]
         table = Table(
-            title=", ".join(f"{n} {what}" for what, n in self.count().items()), title_justify="left"
+            title=f"{len(self.mutants)} changes: {repr(self)[10:-1]}",
+            title_justify="left",
+            caption="\n".join(next_) or None,
+            caption_justify="left",
         )
         for column in COLUMNS:
             table.add_column(column)
@@ -236,7 +247,9 @@ def _changed(scene: Scene) -> Iterator[tuple[str, str, str, Callable[[], Scene]]
             for change, new in _changes(v):
                 other = copy.deepcopy(data)
                 other["blocks"][i]["fields"][field] = new
-                yield where, _short(v), change, partial(Scene.from_dict, other)
+                unit = scene.params[name].unit if block["class"] == "Param" else ""
+                value = f"{_short(v)} {pretty(unit)}".removesuffix(" 1").strip()
+                yield where, value, change, partial(Scene.from_dict, other)
 
 
 def _asked(make: Any, words: dict[str, Any], parts: Sequence[Part]) -> Scene:

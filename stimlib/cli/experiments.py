@@ -270,25 +270,35 @@ def status_(
     for s in found:
         kind, simulated = "PILOT " * s["pilot"], "SIMULATED " * s["simulated"]
         conditions = ", ".join(f"{k} {n}" for k, n in s["conditions"].items())
-        old = ""
+        old, last = "", f"{s['last'][:19].replace('T', ' at ')} UTC" if s["last"] else "none"
         if s["shared"]:
             old = f" ({s['shared']} with one time for all intervals, by an older stimlib)"
         print(
             f"{kind}{simulated}{s['participant']} session {s['session']}:"
-            f" {counted(s['trials'], 'trial')}"
-            f"{old}, {s['training']} of them training ({conditions});"
-            f" {counted(s['replays'], 'replay')},"
-            f" {counted(s['unanswered'], 'presentation')} without an answer,"
-            f" {s['missed']} presented again, {counted(sum(s['rejected'].values()), 'row')}"
-            " of motion"
-            " rejected,"
-            f" {counted(s['lost'], 'sample')} lost, {s['limited']} limited; last answer"
-            f" {s['last'][:19] or 'none'}"
+            f" {counted(s['trials'], 'trial')}{old}, {s['training'] or 'none'} of them training\n"
+            f"  last answer {last}\n"
+            f"  trials of each condition, whose names are blinded: {conditions or 'none'}"
         )
-    if not found:
+        also = (
+            f"{counted(s['replays'], 'replay')}",
+            f"{counted(s['unanswered'], 'presentation')} without an answer",
+            f"{s['missed']} presented again",
+            f"{counted(sum(s['rejected'].values()), 'row')} of motion rejected",
+            f"{counted(s['lost'], 'sample')} lost",
+            f"{counted(s['limited'], 'sample')} limited",
+        )
+        for text in also:  # what did not happen needs no line
+            if not text.startswith("0 "):
+                print(f"  {text}")
+    where = f" --data {data}" * (data != Path("data"))
+    if found:
+        pilots = " --pilot" * all(s["pilot"] for s in found)
+        print(f"next: stimlib experiment analyse {defined}{where}{pilots}")
+    else:
         print(
-            f"no session of {name} in {data}; begin one with stimlib experiment run {defined}"
-            " --participant P1, or name its folder with --data"
+            f"no {'pilot' if pilot else 'session'} of {name} in the folder {data}; begin one with\n"
+            f"stimlib experiment run {defined} --participant P1{where}{' --pilot' * pilot}\n"
+            "or name another folder with --data"
         )
 
 
@@ -476,7 +486,8 @@ def _none_of(made: experiments.Experiment, data: Path, pilot: bool) -> str:
     kinds = ("sessions", "pilots") if pilot else ("pilots", "sessions")
     there = f"; it has {others} {kinds[0]}, which are kept apart from them" if others else ""
     remedy = "" if pilot or not others else ": stimlib experiment analyse --pilot reads them"
-    return f"{data} has no {kinds[1]} of {made.name}{there}{remedy}"
+    remedy = remedy or ": begin one with stimlib experiment run, or name another folder with --data"
+    return f"the folder {data} has no {kinds[1]} of {made.name}{there}{remedy}"
 
 
 @command("analyse", experiment)

@@ -15,7 +15,7 @@ from scipy import stats
 
 import stimlib
 from stimlib import Input, Scene, SinkError, blocks as b, constant
-from stimlib.analysis import spectra
+from stimlib.analysis import spectra, vibration
 from stimlib.checks import power
 from stimlib.checks.evidence import Check, gather
 from stimlib.checks.noise import noise
@@ -309,3 +309,12 @@ def test_the_expected_spectrum_is_the_model_seen_through_the_taper():
 def test_a_last_group_of_too_few_bins_joins_its_neighbour():
     parts = [np.arange(5), np.arange(5, 8), np.arange(8, 12), np.arange(12, 14)]
     assert [p.tolist() for p in spectra._at_least(parts, 4)] == [[*range(5)], [*range(5, 14)]]
+
+
+def test_numbers_whose_squares_are_beyond_a_float():
+    """What is right is not refused for a step on the way to it."""
+    like = spectra.tail(np.array([1.0, -1.0]), 1.0)
+    assert spectra.tail(1e200 * np.array([1.0, -1.0]), 1e200) == pytest.approx(like)
+    assert spectra.tail(np.array([-1.0, 1e-300]), 1.0) == 0.0
+    y = np.array([1.0, 0.5, -1.0, 0.25, 0.5])  # shorter than the spline
+    np.testing.assert_allclose(vibration(1e300 * y, 8000), 1e300 * vibration(y, 8000), rtol=1e-12)

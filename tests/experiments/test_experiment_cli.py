@@ -111,8 +111,9 @@ def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
     assert "goes on where it stopped.\nTrial 3 of 4: any key = Continue\n" in said
     assert "Thank you" in said and "Get to know" not in said
     told = stimlib("status", *where)
-    assert "P07 session 1: 4 trials, 0 of them training" in told
-    assert "1 replay," in told and "silent" not in told
+    assert "P07 session 1: 4 trials, none of them training" in told
+    assert max(map(len, told.splitlines()[:-1])) <= 80 and "limited" not in told
+    assert "  1 replay\n" in told and "silent" not in told
     stimlib("analyse", *where, "--out", tmp_path / "t.csv")
     rows = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
     assert [r["softer"] for r in rows] == ["first", "second", "first", "first"]
@@ -132,7 +133,9 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
     note, table = stimlib("analyse", *where, "--pilot").split("\n", 1)
     assert note.startswith("note: a simulated observer") and table.count("\n") == 9
     assert table.startswith("participant,session,number,condition,track,level,chance,outcome,")
-    assert "PILOT SIMULATED P1 session 1: 4 trials" in stimlib("status", *where)
+    told = stimlib("status", *where)
+    assert "PILOT SIMULATED P1 session 1: 4 trials" in told
+    assert told.splitlines()[-1].endswith(f"--data {tmp_path / 'sim'} --pilot")
     page = tmp_path / "page.html"
     stimlib("analyse", *where, "--pilot", "--report", page)
     assert "<li>All answers are simulated" in page.read_text()
