@@ -117,11 +117,10 @@ class Mutations:
         from rich.text import Text
 
         count = self.count()
-        next_ = [f"{what}: {text}" for what, text in REMEDIES.items() if count[what]]
         table = Table(
             title=f"{len(self.mutants)} changes: {repr(self)[10:-1]}",
             title_justify="left",
-            caption="\n".join(next_) or None,
+            caption="\n".join(f"{n}: {text}" for n, text in REMEDIES.items() if count[n]) or None,
             caption_justify="left",
         )
         for column in COLUMNS:

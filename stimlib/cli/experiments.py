@@ -287,9 +287,8 @@ def status_(
             f"{counted(s['lost'], 'sample')} lost",
             f"{counted(s['limited'], 'sample')} limited",
         )
-        for text in also:  # what did not happen needs no line
-            if not text.startswith("0 "):
-                print(f"  {text}")
+        # what did not happen needs no line
+        print(*(f"  {text}\n" for text in also if text[:2] != "0 "), sep="", end="")
     where = f" --data {data}" * (data != Path("data"))
     if found:
         pilots = " --pilot" * all(s["pilot"] for s in found)

@@ -83,8 +83,10 @@ class Question:
                 and len(value) <= self.most
                 and all(map(_place, value))
             )
-            places = counted(self.most, "place")
-            wanted = f"at most {places} [x, y], typed as x y; x y, or {NONE} for none"
+            wanted = (
+                f"at most {counted(self.most, 'place')} [x, y], typed as x y; x y, or {NONE} for"
+                " none"
+            )
         if not good:
             raise BadValue(f"{self.name}: {value!r:.80} is no answer; answer {wanted}")
 

@@ -377,8 +377,10 @@ def impact_law(a: Asked) -> list[Check]:
         laws.squeeze_finger(x, np.zeros(a.n), a.contact, a.fs, 0.0, 0.0, g["cutoff"], 1.0, 0.0).v, 0
     )
     events = np.r_[False, (x[1:] > 0) & ~(x[:-1] > 0)]
-    most = speed[events].max(initial=0.0)
-    words = f"impacts: {int(events.sum())}, of up to {most:.3g} m/s; {numbers}"
+    words = (
+        f"impacts: {int(events.sum())}, of up to {speed[events].max(initial=0.0):.3g} m/s;"
+        f" {numbers}"
+    )
     return _held(a, "force", "wall and vibration", [force, _vibration(a, events * speed)], words)
 
 
