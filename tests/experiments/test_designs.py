@@ -140,7 +140,7 @@ def test_no_staircase_passes_its_bounds_and_each_ends():
     assert [t.level for t in trials[1:]] == [5.0 * 10**0.6] + 7 * [20.0] and len(trials) == 9
     assert trials[2].wanted == pytest.approx(5.0 * 10**1.2)  # asked for, and not shown
     ended = {**design.init(1), "n": 9}
-    refused(BadValue, "all 9 trials are done", design.update, ended, Answer({"softer": "first"}))
+    refused(BadValue, "no trial of 9 is left", design.update, ended, Answer({"softer": "first"}))
 
 
 @pytest.mark.parametrize("more", [False, True])
