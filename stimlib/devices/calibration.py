@@ -122,6 +122,10 @@ class Calibration:
                 f" {self.freq[0]:g} to {self.freq[-1]:g} Hz"
             )
         object.__setattr__(self, "band", ends)
+        if not self._inside.any():
+            raise BadValue(
+                f"Calibration: none of freq is within band = {ends}: give a band that was measured"
+            )
 
     def __repr__(self):
         low, high = self.band

@@ -392,6 +392,11 @@ def test_an_experiment_on_a_calibrated_device_is_recorded_in_its_unit(tmp_path):
         (lambda c: Calibration([1, 2], [1, 0], [0, 0], "N"), BadValue, "at 2 Hz is 0"),
         (lambda c: Calibration([1, 2], [1e-300, 1e-300], [0, 0], "N"), BadValue, "no actuator"),
         (lambda c: Calibration([1, 2], [1e300, 1e300], [0, 0], "N"), BadValue, "no actuator"),
+        (
+            lambda c: Calibration([40, 1200], [1, 1], [0, 0], "N", band=(80, 400)),
+            BadValue,
+            "none of freq",
+        ),
         (lambda c: Calibration([1, 2], [1e-10, 1.0], [0, 0], "N"), BadValue, "at 1 Hz"),
     ],
 )
