@@ -3,7 +3,8 @@
 The details of an output are its vibration, its course over position and its spectrum.
 
 Signals share a panel only where their samples are identical, or where their names
-differ by digits alone; these have lines of different kinds, so none hides another.
+differ by digits alone; these have lines of different kinds, so none hides another. A
+panel has no more signals than there are kinds of lines.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import html
 import io
 import os
 from base64 import b64encode
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import cycle
@@ -244,9 +246,11 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
     )
     above, below = heights(s)
     fig: Any = Figure(figsize=(12, above + below), layout="constrained")
-    fig.suptitle(shown(title_of(rendering)).replace("$", r"\$"))
+    rows = rows_of(s)
+    title = "\n".join(shown(line) for line in (title_of(rendering), *cut_from(s, rows)))
+    fig.suptitle(title.replace("$", r"\$"))
     top, bottom = fig.subfigures(2, 1, height_ratios=(above, below))
-    over_time(top, rows_of(s), s.fs)
+    over_time(top, rows, s.fs)
     close_by(bottom, s, spectra or {})
     return fig
 
@@ -260,6 +264,15 @@ def title_of(rendering: Rendering) -> str:
     ]
     names = [part.law for part in rendering.scene.parts]
     return ", ".join([*names, *numbers, f"{rendering.fs:g} Hz"][:MOST])
+
+
+def cut_from(s: Signals, rows: list[Row]) -> list[str]:
+    """Return a line on how many outputs are drawn, or none where all are."""
+    seen = {name for row in rows for label in row.curves for name in label.split(" = ")}
+    over, close = sum(name in seen for name in s.outputs), len(s.detailed())
+    if over == len(s.outputs) and not MOST == close < over:
+        return []
+    return [f"{over} of {len(s.outputs)} outputs over time, {close} in detail"]
 
 
 def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
@@ -313,9 +326,12 @@ def rows_of(s: Signals) -> list[Row]:
     for name, y in signals.items():
         same.setdefault((s.unit(name), y.tobytes()), []).append(name)
     rows: dict[Any, Row] = {}
+    alike: Counter[tuple[str, str]] = Counter()
     for (unit, _), names in same.items():
         y, color = signals[names[0]], INPUT if names[0] in s.inputs else OUTPUT
-        row = rows.setdefault(s.kind(names[0]), Row({}, unit))
+        kind = s.kind(names[0])
+        row = rows.setdefault((kind, alike[kind] // len(LINES)), Row({}, unit))
+        alike[kind] += 1
         row.curves[" = ".join(names)] = y, color
         if color == OUTPUT and hidden(y, s.fs):
             name = f"{names[0]}, above {CUTOFF:g} Hz"

@@ -17,7 +17,9 @@ from stimlib.analysis.overview import (
     Signals,
     against,
     close_by,
+    cut_from,
     figure,
+    heights,
     over_time,
     picture,
     rows_of,
@@ -153,6 +155,32 @@ def test_a_squeeze_shows_its_vibration_and_no_two_panels_of_one_kind():
     assert [n for n in names[4:] if "PSD" not in n] == [fast[0]] * 2 + [fast[1]] * 2
     assert len({line.get_linestyle() for line in fig.axes[0].lines}) == 2
     assert [t.get_text() for t in fig.axes[1].get_legend().get_texts()] == ["force1", "force2"]
+
+
+@pytest.mark.parametrize(
+    ("many", "name", "panels", "said"),
+    [
+        (7, "tactor{}", [4, 3], []),
+        (12, "tactor{}", [4] * 3, []),
+        (13, "tactor{}", [4, 4, 4, 1], ["13 of 13 outputs over time, 12 in detail"]),
+        (64, "tactor{}", [4] * 11, ["44 of 64 outputs over time, 12 in detail"]),
+        (13, "t{}_left", [1] * 11, ["11 of 13 outputs over time, 12 in detail"]),
+    ],
+)
+def test_an_array_has_panels_that_can_be_read_and_says_what_is_left_out(many, name, panels, said):
+    """A legend higher than its panel makes matplotlib give up: nothing is seen."""
+    outputs = {name.format(k): (k + 1) * T for k in range(many)}
+    scene = stimlib.Scene({output: K * X for output in outputs})
+    s = Signals(scene, FS, {"x": T}, outputs)
+    fig = Figure(figsize=(12, heights(s)[0]), layout="constrained")
+    rows = rows_of(s)
+    over_time(fig, rows, FS)
+    fig.draw_without_rendering()
+    assert [len(ax.lines) for ax in fig.axes] == [1, *panels]
+    for ax in fig.axes:
+        assert len({line.get_linestyle() for line in ax.lines}) == len(ax.lines)
+        assert ax.get_window_extent().height > 0.8 * fig.dpi
+    assert cut_from(s, rows) == said
 
 
 @pytest.mark.parametrize(
