@@ -390,7 +390,8 @@ def _beyond(report: FileReport, info: dict[str, Any]) -> str:
     if not passed:
         return ""
     told = ", ".join(
-        f"{c['name']} reaches {peaks[c['name']]:.4g} {pretty(c['unit'])} of {c['full_scale']:g}"
+        f"{c['name']} reaches {peaks[c['name']]:.4g} {pretty(c['unit'])}".removesuffix(" 1")
+        + f" of {c['full_scale']:g}"
         for c in passed
     )
     if len({c["unit"] for c in info["channels"]}) == 1:

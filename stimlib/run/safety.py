@@ -295,13 +295,16 @@ class Safety:
         v = getattr(self, field)
         if not isinstance(v, Mapping):
             return v
-        wrong = [n for n in v if n not in outputs]
-        if field == "full_scale":
-            wrong += [n for n in outputs if n not in v]
-        if wrong:
+        if unknown := [n for n in v if n not in outputs]:
             raise UnknownName(
-                f"Safety: {field} does not fit the outputs at {', '.join(wrong)}; they are"
+                f"Safety: {field} does not fit the outputs at {', '.join(unknown)}; they are"
                 f" {', '.join(outputs)}"
+            )
+        missing = [n for n in outputs if n not in v]
+        if missing and field == "full_scale":
+            raise UnknownName(
+                f"Safety: {field} has no value for {', '.join(missing)}; give one for each output,"
+                " or one number for all if they have one unit"
             )
         return v.get(output)
 

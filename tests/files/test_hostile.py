@@ -374,13 +374,17 @@ def test_render_tells_of_samples_that_players_clip(tmp_path):
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("a.wav", r"\(force reaches 50 N of 10\).*players clip.*force: 50.5, place: 0.505"),
+        (
+            "a.wav",
+            r"\(force reaches 50 N of 10, level reaches 1.5 of 1\).*players clip.*place: 0.505, ",
+        ),
         ("a.flac", "the file is clipped there"),
     ],
 )
 def test_a_file_tells_what_passes_full_scale_by_name_and_how_it_ends(tmp_path, name, says):
     x = Input("x", "m")
-    scene = Scene({"force": constant(100.0, "N/m") * x, "place": 1 * x})
+    level = constant(3.0, "1/m") * x
+    scene = Scene({"force": constant(100.0, "N/m") * x, "place": 1 * x, "level": level})
     words = stimlib.compile(scene, 1000, target="python"), {"x": np.full(10, 0.5)}, 0.01
-    scales = {"force": 10.0, "place": 1.0}
+    scales = {"force": 10.0, "place": 1.0, "level": 1.0}
     warned(RuntimeWarning, says, file.write, tmp_path / name, *words, full_scale=scales)
