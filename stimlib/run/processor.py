@@ -97,7 +97,7 @@ def compile(
         Key of all noise of this run, besides each source's own seed.
     outputs : iterable of str, optional
         Those that are computed, in the order of the scene; by default all.  What only
-        others need is not run, and their samples stay as they are.
+        others need is not run.  The samples are those of a run with all.
     dtype : {"float64", "float32"}
         With JAX: of noise, long sums and outputs; motion, velocities and gates are
         float64 always.
