@@ -121,8 +121,9 @@ def draw(scene: Scene | Processor, path: str | os.PathLike[str] | None = None) -
     blocks = sum(q.kind == "block" for q in program.instances)
     if blocks > MOST:
         raise BadValue(
-            f"draw: {blocks} blocks are more than a picture can show ({MOST}); "
-            "read the plan instead: print(stimlib.compile(scene, fs).plan)"
+            f"draw: {blocks} blocks are more than a picture can show ({MOST}); draw a scene of"
+            " fewer outputs, or read the plan instead: print(stimlib.compile(scene, fs).plan), or"
+            " stimlib show --plan"
         )
     data = _render(Layout(program), suffix)
     if path is None:
