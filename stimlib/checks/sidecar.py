@@ -183,8 +183,9 @@ def storage(e: Evidence, sums: Sums | None = None) -> list[Check]:
             text = f"{counted(clips, 'sample')}; rms of what it took, of the peak"
             checks.append(Check("e", f"{name}: clipped", error, CLIPPED * whole, text))
             continue
+        peak = f"{scale:.3g} {b.dim}".removesuffix(" 1")
         text = (
-            f"rms of rounding to {e.sidecar['subtype']}, for a peak of {scale:.3g} {b.dim}; it may"
+            f"rms of rounding to {e.sidecar['subtype']}, for a peak of {peak}; it may"
             f" be {NOISE:.0%} of the vibration"
         )
         if not error <= max(NOISE * fast, DEEP * whole):

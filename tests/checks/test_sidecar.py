@@ -199,6 +199,7 @@ def test_what_the_storage_cannot_carry_fails(tmp_path, scene, name, full_scale, 
     report = stimlib.verify(stimulus, motion, tmp_path / name)
     passes = scene == "silence" or (scene, full_scale) == ("without a law", 1e5)
     assert report.passed == (good or passes), str(report)
+    assert not any(" 1 1;" in check.text for check in report.checks)  # 1 is no unit
 
 
 # session.json of a log --------------------------------------------------------------
