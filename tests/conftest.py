@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 import warnings
 from collections import Counter
 from importlib.metadata import version
@@ -112,8 +113,9 @@ def pytest_runtest_teardown(item, nextitem):
             BEGUN.setdefault(thread, item.nodeid)
     result = yield
     if nextitem is None or nextitem.path != item.path:
+        end = time.monotonic() + 60.0  # of all: tests that failed may have left many
         for thread in BEGUN:
-            thread.join(60.0)
+            thread.join(max(0.0, end - time.monotonic()))
         left = [f"{thread.name} of {test}" for thread, test in BEGUN.items() if thread.is_alive()]
         BEGUN.clear()
         assert not left, f"a sink was not closed: {left}"
