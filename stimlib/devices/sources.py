@@ -310,14 +310,14 @@ def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None
     return x
 
 
-def none_of(receive: Any, counted: Any) -> str:
+def none_of(receive: Any, came: Any) -> str:
     """Return what to say of a stream from which no row was taken in time.
 
     Parameters
     ----------
     receive : callable
         Of the stream; its ``place``, if it has one, is where rows should come.
-    counted : object
+    came : object
         With ``rows``, ``rejected`` and ``examples``, as a `Receiver` has them.
 
     Examples
@@ -325,20 +325,21 @@ def none_of(receive: Any, counted: Any) -> str:
     >>> from types import SimpleNamespace
     >>> why = "outside its limits"
     >>> examples = {why: "[12.7]"}
-    >>> counted = SimpleNamespace(
+    >>> came = SimpleNamespace(
     ...     rows=0, rejected=Counter({why: 193}), examples=examples
     ... )
-    >>> none_of(None, counted)[24:]
+    >>> none_of(None, came)[24:]
     '193 rows came and none was taken: 193 outside its limits (first: [12.7]): ...'
     """
-    if not (rejected := (Counter({"too late": counted.rows}) + counted.rejected).most_common()):
+    if not (rejected := (Counter({"too late": came.rows}) + came.rejected).most_common()):
         at = getattr(receive, "place", "the receiver")
         return f"{NONE}: no row came at {at}: is the sender running, and does it send there?"
-    first = {why: f" (first: {row})" for why, row in counted.examples.copy().items()}
+    first = {why: f" (first: {row})" for why, row in came.examples.copy().items()}
     each = ", ".join(f"{n} {why}{first.get(why, '')}" for why, n in rejected)
     remedies = REMEDIES | {"too late": "start the sender before the session"}
-    came, remedy = sum(n for _, n in rejected), remedies.get(rejected[0][0], "see its receive")
-    return f"{NONE}: {counted(came, 'row')} came and none was taken: {each}: {remedy}"
+    rows = counted(sum(n for _, n in rejected), "row")
+    remedy = remedies.get(rejected[0][0], "see its receive")
+    return f"{NONE}: {rows} came and none was taken: {each}: {remedy}"
 
 
 def positions_of(
