@@ -237,7 +237,7 @@ def test_the_memory_of_copies_is_counted_before_it_is_taken(monkeypatch, target)
     """What each runs in, and its state at sample 0."""
     proc = stimlib.compile(Scene({"y": blocks.delay(x, 1000)}), FS, target)
     monkeypatch.setattr(stimlib.limits, "state_bytes", 1e6)
-    refused(BadValue, "50000 copies.*limits.state_bytes", proc.many, range(50000))
+    refused(BadValue, "50000 processors.*limits.state_bytes", proc.many, range(50000))
     if target == "llvm":
         each = proc.many([0])[0]._engine.nbytes + proc.state.nbytes
         monkeypatch.setattr(stimlib.limits, "state_bytes", 3 * each)

@@ -674,7 +674,9 @@ def tried(name: str, known: dict) -> list[str]:
                 if not late and not str(e).lower().startswith(short.lower()):
                     wrong.append(f"{name}: {p.name} = {what}: the name is missing in: {e}")
             except Exception as e:
-                wrong.append(f"{name}: {p.name} = {what}: {type(e).__name__}: {e}")
+                # a warning in the function's own words says what it doubts
+                if not isinstance(e, RuntimeWarning) or not str(e).startswith(f"{short}: "):
+                    wrong.append(f"{name}: {p.name} = {what}: {type(e).__name__}: {e}")
             else:
                 if what in must:
                     wrong.append(f"{name}: {p.name} = {what} is taken, not {p.annotation}")

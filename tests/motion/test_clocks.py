@@ -52,7 +52,7 @@ def test_a_clock_that_wraps_is_recognised_and_unwrapped(size, unit):
     says = rf"say wrap={size:.12g}$" if size not in (10**7, 0.5) else "if the clock was set back"
     refused(RecordingError, says, recording, wrapped, {"x": "x"}, **how)
     r = recording(wrapped, {"x": "x"}, wrap=size, **how)
-    assert r.info["clock"] == {"wraps": int(counts[-1] // size)} and "wraps of the clock" in str(r)
+    assert r.info["clock"] == {"wraps": int(counts[-1] // size)} and " of the clock)" in str(r)
     assert r.motion["x"]._knots == pytest.approx((counts - counts[0]) * unit, rel=1e-9, abs=1e-9)
     assert f"wrap={size}" in repr(r)
 
