@@ -243,7 +243,7 @@ def test_the_memory_of_copies_is_counted_before_it_is_taken(monkeypatch, target)
         monkeypatch.setattr(stimlib.limits, "state_bytes", 3 * each)
         proc.many(range(3))
         monkeypatch.setattr(stimlib.limits, "state_bytes", 3 * each - 1)
-        refused(BadValue, "of 3 copies", proc.many, range(3))
+        refused(BadValue, "of 3 processors", proc.many, range(3))
 
 
 @both

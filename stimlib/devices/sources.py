@@ -325,9 +325,7 @@ def none_of(receive: Any, came: Any) -> str:
     >>> from types import SimpleNamespace
     >>> why = "outside its limits"
     >>> examples = {why: "[12.7]"}
-    >>> came = SimpleNamespace(
-    ...     rows=0, rejected=Counter({why: 193}), examples=examples
-    ... )
+    >>> came = SimpleNamespace(rows=0, rejected=Counter({why: 193}), examples=examples)
     >>> none_of(None, came)[24:]
     '193 rows came and none was taken: 193 outside its limits (first: [12.7]): ...'
     """

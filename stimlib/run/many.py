@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue
+from ..errors import BadValue, counted
 from ..system.limits import limits
 from .arguments import columns, explain, key, length
 
@@ -41,9 +41,8 @@ class Copies(Sequence[Any]):
         if not isinstance(self.threads, (int, np.integer)) or self.threads < 1:
             raise BadValue(f"many: threads = {threads!r} must be a whole number, at least 1")
         each = proc._engine.nbytes + 8 * proc._size  # and the state at sample 0
-        limits.check(
-            "state_bytes", copies * each, f"bytes of the states and buffers of {copies} processors"
-        )
+        what = f"bytes of the states and buffers of {counted(copies, 'processor')}"
+        limits.check("state_bytes", copies * each, what)
         self._all = [proc._copy(k, 8 + copies) for k in list(map(key, seeds))]
         self._run = proc._engine.together([p._engine for p in self._all])
         # beside the one that calls
