@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import nullcontext
+from types import SimpleNamespace
 from typing import Annotated, Any, Literal
 
 import typer
@@ -30,23 +31,23 @@ def _play(
     seconds: float | None,
     wanted: bool,
     reloaded: Any,
-    failures: list[Any],
+    course: SimpleNamespace,
 ) -> None:
     """Play to the end with a progress bar; the sink fades out even after an error.
 
     Where files are watched, an output that fails ends its version alone, which joins
-    ``failures``, after the time of the start.
+    ``course.failed``.
     """
     said: set[tuple[Any, str]] = set()
     with sink:
         sink.open(fs, channels, block)
         sink.start(seconds)
-        failures.append(time.monotonic())
+        course.begun = time.monotonic()
         frames = None if seconds is None else round(seconds * fs)
         with reloaded, progress("playing; Ctrl-C ends", frames, wanted) as advance:
             done = 0
             while not (now := sink.newest).finished or (
-                now in failures and (seconds is None or _passed(now, failures) < seconds)
+                now in course.failed and (seconds is None or _passed(now, course) < seconds)
             ):
                 for stage, names in now.report().clips.items() if wanted else ():
                     if (now, stage) not in said:
@@ -58,18 +59,18 @@ def _play(
                     if isinstance(reloaded, nullcontext):
                         raise
                     for one in now.onward():  # it may have followed since
-                        if one.error is e and one not in failures:
-                            failures.append(one)
+                        if one.error is e and one not in course.failed:
+                            course.failed.append(one)
                             failed(f"{e}; save the file again to go on")
                     time.sleep(0.1)
-                before, done = done, round(_passed(now, failures) * fs)
+                before, done = done, round(_passed(now, course) * fs)
                 advance(done - before)
 
 
-def _passed(now: Any, failures: list[Any]) -> float:
+def _passed(now: Any, course: SimpleNamespace) -> float:
     """Return the seconds since the start, of which a version that failed plays few."""
     played: float = (now.since + now.pump.index) / now.rate
-    return max(played, time.monotonic() - failures[0]) if failures[1:] else played
+    return max(played, time.monotonic() - course.begun) if course.failed else played
 
 
 def _sound(file: str, motions: Any, fs: float | None) -> tuple[Any, Any, float]:
@@ -245,12 +246,12 @@ def play(
         place = (rate if fs is None else fs, opt.channel_map(channels), block)
 
         sessions: list[Any] = [playing]
-        failures: list[Any] = []
+        course = SimpleNamespace(begun=0.0, failed=[])
 
         def played(scene_: Any) -> str:
             """Let a scene that was saved follow, for the rest of the time."""
             new, old = None if own else safety(scene_), playing.newest
-            left = None if length is None else length - _passed(old, failures)
+            left = None if length is None else length - _passed(old, course)
             if left is not None and left < 0.2:
                 return "is not played, because the time is over"
             there = [item for item in set_ if item.partition("=")[0].strip() in scene_.params]
@@ -267,12 +268,12 @@ def play(
             return "plays"
 
         reloaded = watched.reloaded(played) if watch else nullcontext()
-        _played(sessions, failures, place, length, quiet, reloaded)
+        _played(sessions, course, place, length, quiet, reloaded)
 
 
 def _played(
     sessions: list[Any],
-    failures: list[Any],
+    course: SimpleNamespace,
     place: tuple[float, int | list[str | None] | None, int | None],
     length: float | None,
     quiet: bool,
@@ -281,7 +282,7 @@ def _played(
     """Play to the end, then print the report of each session, and where its log is."""
     playing = sessions[0]
     try:
-        _play(playing, *place, length, not quiet, reloaded, failures)
+        _play(playing, *place, length, not quiet, reloaded, course)
     except (SinkError, FaultError) as e:
         if not playing._started:
             raise
