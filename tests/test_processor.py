@@ -165,7 +165,11 @@ def test_outputs_alone_have_the_same_samples(target):
         assert all(np.array_equal(ours[name], wanted[name]) for name in "bc")
     else:
         assert_same(part.process(motion[1:].copy()), whole.process(motion)[1:])
-    refused(UnknownName, "there is no output 'd'", stimlib.compile, scene, 1000, outputs=["d"])
+    for wrong, error, says in [
+        (["d"], UnknownName, "there is no output 'd'"),
+        ([], BadValue, "leaves none; name some of a, b, c"),
+    ]:
+        refused(error, says, stimlib.compile, scene, 1000, outputs=wrong)
 
 
 @both

@@ -56,7 +56,8 @@ def check_format(format: str, subtype: str, fs: float, channels: int, frames: in
         )
     most = MAX_CHANNELS[format]
     if channels > most:
-        raise SinkError(f"{format} holds up to {most} channels, not {channels}")
+        remedy = ".wav" if channels <= MAX_CHANNELS["WAV"] else "several files"
+        raise SinkError(f"{format} holds up to {most} channels, not {channels}: write {remedy}")
     size = frames * channels * BYTES[subtype]
     if format == "WAV" and size > MAX_WAV:
         raise SinkError(

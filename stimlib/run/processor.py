@@ -112,8 +112,8 @@ def compile(
     Raises
     ------
     BadValue
-        fs not above 0 or too low for a pass band; unknown target; a tolerance that
-        cannot be met.
+        fs not above 0 or too low for a pass band; unknown target; no outputs; a
+        tolerance that cannot be met.
     SceneError
         A step that cannot be compiled; noise keys that collide; filters on noise longer
         than the lead.
@@ -134,6 +134,10 @@ def compile(
         program_of(scene)  # refuses anything else
         wanted = [*outputs]
         need("compile: outputs", wanted, scene.outputs, "output")
+        if not wanted:
+            raise BadValue(
+                f"compile: outputs = [] leaves none; name some of {', '.join(scene.outputs)}"
+            )
         scene = type(scene)({n: b for n, b in scene.outputs.items() if n in wanted})
     if target == "jax":
         package("jax", "target='jax'")

@@ -504,17 +504,17 @@ REFUSED = [  # the change of a call that is fine, the error, and what it says
             {"path": f"b.{format}", "proc": lambda fs=fs, n=n: alike(n, fs), "seconds": 10.0}
             | {"full_scale": 64.0},
             SinkError,
-            "",
+            says,
         )
-        for format, fs, n in [
-            ("wav", 8000.5, 1),
-            ("caf", 0.5, 1),
-            ("w64", 2.0**31, 1),
-            ("flac", 65537.0, 1),
-            ("flac", 655360.0, 1),
-            ("flac", 8000.0, 9),
-            ("rf64", 8000.0, 1025),
-            ("caf", 8000.0, 257),
+        for format, fs, n, says in [
+            ("wav", 8000.5, 1, "whole number"),
+            ("caf", 0.5, 1, "whole number"),
+            ("w64", 2.0**31, 1, "whole number"),
+            ("flac", 65537.0, 1, "multiples of 10 Hz"),
+            ("flac", 655360.0, 1, "multiples of 10 Hz"),
+            ("flac", 8000.0, 9, "8 channels, not 9: write .wav"),
+            ("rf64", 8000.0, 1025, "1024 channels, not 1025: write several files"),
+            ("caf", 8000.0, 257, "256 channels, not 257: write .wav"),
         ]
     ),
     ({"proc": in_newtons_and_volts, "full_scale": 10.0}, UnitError, "force (N), drive (V)"),
