@@ -285,7 +285,7 @@ def present(
     log : path, optional
         Folder for the log of this presentation; required to record what was displayed.
     began : callable, optional
-        ``began(sink)`` is called when sample 0 has been sent.
+        ``began(sink)`` is called when the sink has started; sample 0 follows.
     interval : int
         Number of the trial's only stimulus, if its intervals are self-paced.
     meanwhile : callable, optional

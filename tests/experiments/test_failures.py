@@ -5,14 +5,14 @@ observers that make no sense.
 import errno
 import os
 import re
-import threading
-from itertools import count
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from devices.servers import Jackd, needs_jack, until_judged
+from devices.servers import Jackd, needs_jack
 from experiments.some import TASK, experiment, nothing, observer, simulate, some
 from refusals import refused
+from waiting import until
 
 import stimlib
 from stimlib.devices.sources import Live, Signal, Signals
@@ -86,33 +86,30 @@ def test_a_device_that_goes_in_the_middle_of_a_trial_leaves_it_to_be_repeated(tm
     """The server is killed in the third trial: two answers are kept, and the
     presentation is told as one without an answer.
     """
-    made = experiment(fs=8000.0, timing=Timing(interval=0.15, gap=0.05, before=0.0, ramp=0.0))
+    timing = Timing(interval=0.15, gap=0.05, before=0.0, ramp=0.0)
+    made = experiment(fs=8000.0, timing=timing)
+    long = replace(made, timing=replace(timing, interval=30.0))
     whole = [(r.trial, r.answer.values) for r in simulate(tmp_path / "whole", made).records]
-    folders = (tmp_path / f"take {k}" for k in count())
+    data = tmp_path / "data"
+    with Jackd(8000, 64) as server:
 
-    def take():
-        data = next(folders)
-        with Jackd(8000, 64) as server:
+        def began(sink):
+            until(lambda: sink.report().produced > 0)
+            server.process.kill()
 
-            def show(trial, folder):
-                if folder.name.startswith("trial-0003"):
-                    threading.Timer(0.2, server.process.kill).start()
-                return present(made, trial, "jack", folder, server=server.name, realtime=False)
+        def show(trial, folder):
+            third = folder.name.startswith("trial-0003")
+            given = (long if third else made), trial, "jack", folder, (began if third else None)
+            return present(*given, server=server.name, realtime=False)
 
-            says = r"server has ended|Error (activating|connecting)"
-            error = refused(SinkError, says, simulate, data, made, show=show)
-        if "Error" in str(error):
-            return False  # it was killed before the client was connected
-        left = read(data / "pair" / "P01-s1")
-        assert len(left.records) == 2 and status(left)["unanswered"] == 1
-        partly = read_log(left.folder / "trial-0003-1.stimlog")
-        assert partly.frames < 3120 and replay(partly).matches, "known to the sample"
-        again = simulate(data, made, show=lambda trial, folder: {"log": folder.name}, resume=True)
-        assert again.records[2].displayed[0]["log"] == "trial-0003-2.stimlog"
-        assert [(r.trial, r.answer.values) for r in again.records] == whole
-        return partly.frames > 0  # else it was killed before the first sample
-
-    until_judged(take, takes=3)
+        refused(SinkError, "server has ended", simulate, data, made, show=show)
+    left = read(data / "pair" / "P01-s1")
+    assert len(left.records) == 2 and status(left)["unanswered"] == 1
+    partly = read_log(left.folder / "trial-0003-1.stimlog")
+    assert 0 < partly.frames < 480_000 and replay(partly).matches, "known to the sample"
+    again = simulate(data, made, show=lambda trial, folder: {"log": folder.name}, resume=True)
+    assert again.records[2].displayed[0]["log"] == "trial-0003-2.stimlog"
+    assert [(r.trial, r.answer.values) for r in again.records] == whole
 
 
 @pytest.mark.parametrize("motion", [Live(), Signals({"x": Signal(1.0), "y": Signal(1.0)})])
