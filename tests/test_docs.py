@@ -104,7 +104,10 @@ def test_reference_pages_show_their_pages_of_the_gallery():
         else:
             own = [n for n in own if n == f"plot_{page.stem}"]
         shown = page.read_text().partition("\n.. shown::\n\n")[2].partition("\n\n")[0].split()
-        assert sorted(shown) == [f"{page.parent.name}/{n}" for n in sorted(own)] != [], page
+        assert sorted(shown) == [f"{page.parent.name}/{n}" for n in sorted(own)] != [], (
+            f"{page}: list below `.. shown::` the programs examples/gallery/{page.parent.name}/"
+            f"plot_{page.stem}*.py, and write one where there is none"
+        )
 
 
 def test_pages_with_a_springpot_say_its_scheme_and_both_errors():
@@ -250,6 +253,8 @@ def test_every_block_function_has_its_place():
     assert made <= set(blocks.__all__), (
         f"stimlib/blocks/__init__.pyi: import {made - set(blocks.__all__)}, or remove @public"
     )
+    bare = [n for n in blocks.__all__ if not hasattr(getattr(blocks, n), "__wrapped__")]
+    assert bare == [], f"stimlib/blocks: write @public of stimlib.errors above {bare}"
     assert Counter(told) == Counter(blocks.__all__), (
         "docs/reference/blocks: write `.. autofunction:: stimlib.blocks.NAME` on the page of its"
         f" family, once; {set(blocks.__all__) - set(told)} are on none"
@@ -303,6 +308,24 @@ def test_every_test_in_the_table_of_findings_exists():
         for c, last in (("M", 6), ("C", 2), ("V", 10), ("I", 10), ("P", 6))
         for n in range(1, last + 1)
     }
+
+
+def test_a_page_chooses_tests_that_exist():
+    """By words of their names, or by the name of what a reader adds."""
+    chosen = []
+    for page in [*PAGES, ROOT / "CONTRIBUTING.md"]:
+        text = re.sub(r"\s+\\?\s*", " ", page.read_text())
+        chosen += re.findall(r'pytest ((?:tests\S* )+)-k "?((?:\w+ or )*\w+)', text)
+    assert len(chosen) > 4
+    for paths, words in chosen:
+        files = [
+            f
+            for p in paths.split()
+            for f in ([ROOT / p] if ".py" in p else ROOT.glob(p + "/**/*.py"))
+        ]
+        names = re.findall(r"def (test_\w+)", "\n".join(f.read_text() for f in files))
+        for word in {*words.split(" or ")} - {"NAME", "karnopp", "viscous"}:
+            assert any(word in name for name in names), f"{word} names no test of {paths}"
 
 
 def test_the_tables_of_reliability_are_those_of_its_tests():
