@@ -179,7 +179,10 @@ def changed(text: str, row: Row) -> str:
     data = text.encode()
     start, end = row["start"], row["end"]
     if data[start:end].decode() != row["before"]:
-        raise SystemExit(f"{row['file']}:{row['line']} is not what it was: draw again")
+        raise SystemExit(
+            f"{row['file']}:{row['line']} is not what it was: put it back (git diff shows what"
+            " changed), or draw again"
+        )
     return (data[:start] + row["after"].encode() + data[end:]).decode()
 
 
@@ -329,14 +332,16 @@ def words_of(path: str) -> set[str]:
 
 
 class Chosen:
-    """For each mutant the tests that run a changed line: first four of each function in
-    files that are named like the changed one, then of each one before a second, the
-    quickest first; those of functions in LAST after all others.
+    """For each mutant the tests that run a changed line, and after them others that are
+    near: first four of each function in files that are named like the changed one, then
+    of each one before a second, the quickest first; those of functions in LAST at last.
     """
 
     def __init__(self, last: set[str]) -> None:
         self.lines, self.names, self.seconds = mapped()
+        files = sorted({self.file(k) for k in range(len(self.names))})
         command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-n", "0"]
+        command += [f for f in files if (ROOT / f).exists()]
         said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout
         self.there = set(said.splitlines())  # a map may be of other tests
         self.last = last
@@ -348,6 +353,7 @@ class Chosen:
         of_file = self.lines.get(row["file"], {})
         at = range(row["line"], row["end_line"] + 1)
         found = {k for line in at for k in of_file.get(line, ())}
+        runs = set(found)
         stem, near = Path(row["file"]).stem, words_of(row["file"])
         every = {k for tests in of_file.values() for k in tests}
         # a step is compiled too, and a line may run at import alone
@@ -368,9 +374,9 @@ class Chosen:
             words = words_of(self.file(k))
             own = stem in words and doubtful[name] < 4
             far = not own, doubtful[name], -len(near & words)
-            order.append((name in self.last, far, self.seconds[k], k))
+            order.append((name in self.last, k not in runs, far, self.seconds[k], k))
             doubtful[name] += 1
-        for _, _, s, k in sorted(order):
+        for *_, s, k in sorted(order):
             if len(chosen) == MOST or total + s > BUDGET and chosen:
                 break
             chosen.append(self.names[k])
@@ -409,27 +415,32 @@ def tried(tests: list[str], limit: float = LIMIT) -> Row:
     ours, theirs = os.pipe()
     child = os.fork()
     if not child:
-        os.setsid()
-        os.close(ours)
-        null = os.open(os.devnull, os.O_RDWR)
-        for k in range(3):
-            os.dup2(null, k)
-        first = First()
-        sys.dont_write_bytecode = True
-        options = ["-x", "-q", "-p", "no:cacheprovider", "--tb=short", "-n", "0"]
-        code = pytest.main([*options, *tests], plugins=[first])
-        os.write(theirs, json.dumps([int(code), first.failed[:1], first.why]).encode()[:4000])
-        os._exit(0)
+        try:
+            os.setsid()
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            os.close(ours)
+            null = os.open(os.devnull, os.O_RDWR)
+            for k in range(3):
+                os.dup2(null, k)
+            first = First()
+            sys.dont_write_bytecode = True
+            options = ["-x", "-q", "-p", "no:cacheprovider", "--tb=short", "-n", "0"]
+            code = pytest.main([*options, *tests], plugins=[first])
+            os.write(theirs, json.dumps([int(code), first.failed[:1], first.why]).encode()[:4000])
+        finally:
+            os._exit(0)  # never back to who forked, whose files it would put back
     os.close(theirs)
     began, data = time.monotonic(), b""
-    while time.monotonic() - began < limit:
-        if select.select([ours], [], [], 0.5)[0]:
-            data = os.read(ours, 65536)
-            break
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    os.close(ours)
+    try:
+        while time.monotonic() - began < limit:
+            if select.select([ours], [], [], 0.5)[0]:
+                data = os.read(ours, 65536)
+                break
+    finally:  # also where this process is stopped
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        os.close(ours)
     if not data:  # it hung, or ended without a word: the first is what a mutant does, and is seen
         hung = time.monotonic() - began >= limit
         return {"by": "it hangs" if hung else "it crashes", "why": ""}
@@ -441,6 +452,12 @@ def tried(tests: list[str], limit: float = LIMIT) -> Row:
 def run(ids: list[str]) -> None:
     """Runs the drawn mutants that have no result yet."""
     rows = json.loads((KEPT / "mutants.json").read_text())
+    if unknown := set(ids) - {r["id"] for r in rows}:
+        sys.exit(
+            f"{KEPT} has no mutant {', '.join(sorted(unknown))}: they are {rows[0]['id']} to"
+            f" {rows[-1]['id']}"
+        )
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("stopped"))  # and the file is put back
     part, parts = map(int, os.environ.get("PART", "0/1").split("/"))
     to = KEPT / f"results-{part}.jsonl"
     done = {r["id"] for path in KEPT.glob("results-*.jsonl") for r in read(path)}
@@ -585,6 +602,10 @@ def main(what: str = "", *words: str) -> None:
     elif what == "draw":
         if [*KEPT.glob("results-*.jsonl")]:
             sys.exit(f"{KEPT} has results of other mutants: name another folder by KILLS")
+        if not (words[0].isdecimal() and words[1].isdecimal()):
+            sys.exit(
+                f"draw {words[0]} {words[1]}: give the number of mutants and a seed, draw 12 7"
+            )
         rows = draw(int(words[0]), int(words[1]), words[2:])
         (KEPT / "mutants.json").write_text(json.dumps(rows, indent=1))
         print(Counter(r["room"] for r in rows), Counter(r["kind"] for r in rows), sep="\n")
