@@ -151,6 +151,10 @@ def test_splitmix64_known_answer():
     # first outputs of the reference program for state 1234567
     got = m._splitmix64(np.array([1234567], np.uint64), np.arange(3, dtype=np.uint64))
     assert got.tolist() == [6457827717110365317, 3203168211198807973, 9817491932198370423]
+    # jitter has the top bits of the generator whose state is the first of these
+    state, n = np.array([6457827717110365317], np.uint64), np.arange(64)
+    jitter = m.jittered(np.zeros_like, 1.0, 1.0, 1234567)(n + 0.5)
+    assert jitter.tolist() == (m._splitmix64(state, n.astype(np.uint64)) >> np.uint64(63)).tolist()
 
 
 BAD = [
@@ -176,6 +180,7 @@ BAD = [
     ("quantised(minimum_jerk(), 0.0)", "resolution .*above 0"),
     ("jittered(minimum_jerk(), 1e-6, 0.0)", "rate .*above 0"),
     ("jittered(minimum_jerk(), 1e-6, 1.0, seed=-1)", "seed .*whole"),
+    (f"jittered(minimum_jerk(), 1e-6, 1.0, seed={2**64})", "seed .*whole"),
     # in the call itself
     ("sinusoid(1)", "mean=0.0, phase=0.0.*missing .*'freq'"),
     ("sinusoid(1, 2, frequency=3)", "no argument 'frequency'"),
