@@ -16,7 +16,7 @@ from stimlib import BadValue, Input, Scene
 from stimlib.checks import local
 from stimlib.core.graph import Block, kind, reach
 
-STRESS = "STIMLIB_STRESS" in os.environ
+STRESS = bool(os.environ.get("STIMLIB_STRESS"))
 
 
 def mostly(chosen, whole):
