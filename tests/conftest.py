@@ -57,6 +57,11 @@ settings.register_profile(
 settings.load_profile("stimlib")
 
 
+# Servers: those of tests are on this machine, and no proxy of ours leads to them.
+known = os.environ.get("no_proxy") or os.environ.get("NO_PROXY")
+for name in ("no_proxy", "NO_PROXY"):
+    os.environ[name] = f"{known},127.0.0.1,localhost" if known else "127.0.0.1,localhost"
+
 # Signals: a shell's background jobs and nohup ignore some, and what is started here
 # would inherit that and never end.
 for number, usual in (

@@ -425,7 +425,8 @@ def test_connections_without_a_request_keep_no_page_out(server, sent, monkeypatc
         assert all(closed(sock) for sock in many)
 
 
-def test_only_the_page_is_served_and_only_to_this_machine(server):
+def test_only_the_page_is_served_and_only_to_this_machine(server, monkeypatch):
+    monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")  # of tests/conftest.py: not asked
     own = f"http://127.0.0.1:{server.port}"
     for path, host, status in (
         ("/", None, 200),
