@@ -306,8 +306,9 @@ def _ending(sessions: list[Any]) -> str:
     """Return the last line: how long was played, and whether all of it was."""
     reports = [session.report() for session in sessions]
     delivered = sum(r.delivered for r in reports)
-    for before, after in zip(reports, sessions[1:], strict=False):  # both play for a fade
-        delivered -= max(before.produced - after.at, 0)
+    for before, report, after in zip(sessions, reports, sessions[1:], strict=False):
+        begun = min(before.pump.read("FADE_AT"), before.pump.read("END"))  # a request may be late
+        delivered -= max(report.produced - max(after.at, begun), 0)  # both play for a fade
     seconds = delivered / sessions[0].rate
     lost = sum(r.lost for r in reports)
     return f"played {seconds:.4g} s, {counted(lost, 'sample') if lost else 'nothing'} lost"

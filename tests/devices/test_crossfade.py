@@ -22,6 +22,7 @@ from stimlib import (
     constant,
 )
 from stimlib.blocks.oscillators import carrier
+from stimlib.cli.play import _ending
 from stimlib.devices import (
     Calibration,
     Live,
@@ -269,6 +270,21 @@ class Stepped(Taken):
     def step(self, n, lost=0):
         self.pump.block(n, lost)
         return self._frames[0, :n].copy()
+
+
+@pytest.mark.parametrize("ahead, end", [(0.05, 4000), (-0.05, 4000), (0.05, 1300)])
+def test_the_fade_in_which_both_play_is_counted_once(ahead, end, monkeypatch):
+    """Also where the request came late, or where the other begins at a natural end."""
+    monkeypatch.setattr(crossfade, "AHEAD", ahead)
+    sink = Stepped(SPRING, 1.0, motion={"x": lambda t: t}, realtime=False)
+    with begun(sink, end / FS, block=1000):
+        until(lambda: sink.pump.next_motion() >= min(end, 3000))
+        sink.step(1000)
+        made = sink.crossfade(SPRING)
+        until(lambda: made.pump.next_motion() > 1000)
+        sink.step(1000)
+        # of 2000 frames, the first 160 rise
+        assert _ending([sink, made]) == f"played {(2000 - 160) / FS:.4g} s, nothing lost"
 
 
 def test_at_a_natural_end_the_other_begins_there_and_a_loss_counts_once():
