@@ -277,6 +277,12 @@ def test_time_goes_on_after_a_version_that_failed(tmp_path, monkeypatch):
     (tmp_path / "watch_failed.py").write_text(head + text)
     clock = SimpleNamespace(monotonic=count(step=100.0).__next__, sleep=lambda seconds: None)
     monkeypatch.setattr("stimlib.cli.play.time", clock)
+
+    def start(sink, seconds, start=Sink.start):  # a busy machine asks when it has faded out
+        start(sink, seconds)
+        until(lambda: sink.finished)
+
+    monkeypatch.setattr(Sink, "start", start)
     words = "play watch_failed.py:scene --watch --sink null --full-scale 5 --seconds 600"
     ran(f"{words} --motion sinusoid(0.01,1,0.02)", 1, "save the file again")
 

@@ -45,9 +45,12 @@ def _play(
         course.begun = time.monotonic()
         frames = None if seconds is None else round(seconds * fs)
         with reloaded, progress("playing; Ctrl-C ends", frames, wanted) as advance:
-            done = 0
+            done, waits = 0, not isinstance(reloaded, nullcontext)
+            # what failed may have faded out before it is asked for here
             while not (now := sink.newest).finished or (
-                now in course.failed and (seconds is None or _passed(now, course) < seconds)
+                waits
+                and isinstance(now.error, FaultError)
+                and (seconds is None or _passed(now, course) < seconds)
             ):
                 for stage, names in now.report().clips.items() if wanted else ():
                     if (now, stage) not in said:
@@ -56,7 +59,7 @@ def _play(
                 try:
                     now.wait(0.1)
                 except FaultError as e:
-                    if isinstance(reloaded, nullcontext):
+                    if not waits:
                         raise
                     for one in now.onward():  # it may have followed since
                         if one.error is e and one not in course.failed:
