@@ -73,9 +73,24 @@ for number, usual in (
         signal.signal(number, usual)
 
 
+# what Rich, typer, pytest and Python read, on GitHub too
+TERMINAL = (
+    "COLUMNS LINES TERMINAL_WIDTH NO_COLOR FORCE_COLOR CLICOLOR CLICOLOR_FORCE PY_COLORS"
+    " PYTHON_COLORS GITHUB_ACTIONS TTY_COMPATIBLE TTY_INTERACTIVE"
+).split()
+
+
 # Python's collector of garbage is off until a worker has collected its tests: it took a
 # fifth of that.  The process that only gathers the workers' reports leaves it off.
 gc.disable()
+
+
+def pytest_sessionstart():
+    """No terminal of the surroundings: its colours and width are not in what is
+    printed. pytest itself has read them by now.
+    """
+    for name in TERMINAL:
+        os.environ.pop(name, None)
 
 
 def pytest_collection_finish(session):

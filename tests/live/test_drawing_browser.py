@@ -12,6 +12,7 @@ from live.test_asking_browser import awaited, opened, over, press
 from live.test_drawing import shown
 
 from stimlib.experiments import Cursor, Drawing, read
+from stimlib.files import read_log
 from stimlib.scenes import viscoelastic
 
 pytestmark = pytest.mark.xdist_group("browser")
@@ -105,10 +106,12 @@ def test_a_visual_experiment_is_drawn_moved_answered_and_recorded(browser, tmp_p
         of[int(line["log"][6:10])] += line["samples"]
     # every picture again from the log
     outputs, _ = outputs_of(tmp_path / FOLDER / "trial-0001-1.stimlog")
-    assert len(of[1]) == len(shown) > 20 and told[0]["wide"] == 900
+    assert len(of[1]) == len(shown) and told[0]["wide"] == 900
     for n, values in zip(of[1], shown, strict=True):
         assert values == {name: outputs[name][n] for name in ("x1", "y1", "depth1")}
-    assert len(of[2]) <= 1 + 3.1 / 0.1 < len(of[1])
+    assert len(of[2]) <= 1 + 3.1 / 0.1
+    fs = read_log(tmp_path / FOLDER / "trial-0001-1.stimlog").fs
+    assert min(np.diff(of[1])) < 0.1 * fs  # how many there are depends on the machine
 
 
 def test_an_avatar_is_beside_the_pen_and_takes_all_levels_of_its_pressure(browser, tmp_path):
