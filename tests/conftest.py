@@ -62,6 +62,9 @@ known = os.environ.get("no_proxy") or os.environ.get("NO_PROXY")
 for name in ("no_proxy", "NO_PROXY"):
     os.environ[name] = f"{known},127.0.0.1,localhost" if known else "127.0.0.1,localhost"
 
+# Pictures: in the style of matplotlib, not of whoever runs the tests.
+os.environ["MATPLOTLIBRC"] = os.devnull
+
 # Signals: a shell's background jobs and nohup ignore some, and what is started here
 # would inherit that and never end.
 for number, usual in (

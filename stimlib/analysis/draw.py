@@ -20,6 +20,7 @@ from ..core.guard import Guard
 from ..core.program import Program
 from ..errors import BadValue, public, shown
 from ..system import safe_files
+from ..system.packages import plain_style
 from .layout import (
     LINE,
     MARGIN,
@@ -164,13 +165,9 @@ def html_of(scene: Scene) -> str:
 
 def _render(layout: Layout, suffix: str) -> bytes:
     """Return a drawn graph as the bytes of an image file."""
-    import matplotlib
     from matplotlib.figure import Figure
 
-    plain = {k: v for k, v in dict.items(matplotlib.rcParamsDefault) if not k.startswith("backend")}
-    with matplotlib.rc_context(
-        {**plain, "svg.hashsalt": "stimlib", "font.family": ["DejaVu Sans"]}
-    ):
+    with plain_style(svg_hashsalt="stimlib", font_family=["DejaVu Sans"]):
         width = max(layout.x[-1] + layout.wide[-1] + MARGIN, 3.0)
         height = layout.top.height + 2 * MARGIN + 0.3
         figure = Figure(figsize=(width, height), dpi=150)

@@ -29,7 +29,7 @@ from ..core.scene import Scene
 from ..errors import SinkError, public, shown
 from ..run.rendering import Rendering
 from ..system import safe_files
-from ..system.packages import package
+from ..system.packages import package, plain_style
 from .listening import CUTOFF, vibration
 
 if TYPE_CHECKING:
@@ -158,7 +158,8 @@ def picture(
     True
     """
     check_place(path)
-    save(figure(rendering, spectra), path)
+    with plain_style():
+        save(figure(rendering, spectra), path)
 
 
 def save(drawn: Figure, path: str | os.PathLike) -> None:
@@ -302,7 +303,8 @@ def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
     first = max(1, round(seconds * rendering.fs))
     cut = f" (the first {seconds:g} s)" if rendering.y.shape[1] > first else ""
     data = io.BytesIO()
-    figure(dc.replace(rendering, y=rendering.y[:, :first])).savefig(data, dpi=80, format="png")
+    with plain_style():
+        figure(dc.replace(rendering, y=rendering.y[:, :first])).savefig(data, dpi=80, format="png")
     text = html.escape(shown(f"{rendering!r}{cut}"))
     return (
         f'<pre>{text}</pre><img alt="inputs, outputs, spectra"'

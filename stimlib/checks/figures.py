@@ -21,7 +21,7 @@ from ..analysis.overview import (
     over_time,
     rows_of,
 )  # fmt: skip
-from ..system.packages import package
+from ..system.packages import plain_style
 from .evidence import Evidence, Tap
 
 if TYPE_CHECKING:
@@ -64,10 +64,9 @@ def svg(draw: Callable[[Figure], Any], size: tuple[float, float]) -> str:
 
     ``draw`` gets the empty figure.
     """
-    mpl = package("matplotlib", "a picture")
-    from matplotlib.figure import Figure
+    with plain_style(svg_hashsalt="stimlib", svg_fonttype="none", font_size=9):
+        from matplotlib.figure import Figure
 
-    with mpl.rc_context({"svg.hashsalt": "stimlib", "svg.fonttype": "none", "font.size": 9}):
         fig = Figure(figsize=size, layout="constrained")
         draw(fig)
         out = io.StringIO()

@@ -52,3 +52,25 @@ def package(module: str, what: str) -> Any:
         raise MissingPackage(
             f"{what} needs the package {name}, which cannot be imported ({e}): {remedy}"
         ) from None
+
+
+def plain_style(**more: Any) -> Any:
+    """Return a context in which matplotlib draws in its own style, not in the user's.
+
+    Parameters
+    ----------
+    **more
+        Settings, with ``_`` for the dots in their names.
+
+    Examples
+    --------
+    >>> import matplotlib
+    >>> from stimlib.system.packages import plain_style
+    >>> with plain_style(font_size=9):
+    ...     matplotlib.rcParams["font.size"]
+    9.0
+    """
+    mpl = package("matplotlib", "a picture")
+    # a program that has chosen a backend keeps it; dict.items: no warning of old names
+    plain = {k: v for k, v in dict.items(mpl.rcParamsDefault) if not k.startswith("backend")}
+    return mpl.rc_context(plain | {k.replace("_", "."): v for k, v in more.items()})

@@ -3,11 +3,15 @@ wrong rendering leaves the band; and copies of it to listen to.
 """
 
 import dataclasses as dc
+import io
+from base64 import b64decode
 
+import matplotlib
 import numpy as np
 import pytest
 from laws import mostly
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 from refusals import refused
 
 import stimlib
@@ -24,6 +28,7 @@ from stimlib.analysis.overview import (
     picture,
     rows_of,
 )
+from stimlib.checks.figures import svg
 from stimlib.errors import BadValue, UnknownName, counted
 from stimlib.files import audio
 from stimlib.motion.generators import constant_speed, minimum_jerk
@@ -272,6 +277,21 @@ def test_odd_signals_have_a_page_and_a_picture(name, tmp_path):
 LOUD = stimlib.Scene({"force": K * X, "still": 0 * X})
 TIME = np.arange(2 * FS) / FS
 TONE = 1e-5 * np.sin(2 * np.pi * 150 * TIME)
+
+
+def test_what_is_written_does_not_depend_on_the_style_of_the_user(tmp_path):
+    r = stimlib.render(SCENE, SAME, FS, target="python", seconds=0.1)
+    pictures, pages, path = [], [], tmp_path / "a.png"
+    own = {"font.size": 33, "axes.facecolor": "black", "savefig.bbox": "tight", "text.color": "red"}
+    for style in {}, own:
+        with matplotlib.rc_context(style):
+            picture(r, path)
+            shown = b64decode(r._repr_html_().partition("base64,")[2].partition('"')[0])
+            pictures += [imread(path), imread(io.BytesIO(shown))]
+            pages.append(svg(lambda fig: fig.subplots().plot([0, 1]), (4, 3)))
+    assert pages[0] == pages[1]
+    for before, after in (pictures[::2], pictures[1::2]):
+        assert np.abs(before - after).max() <= 1.5 / 255  # as drawn twice in one style
 
 
 @pytest.fixture
