@@ -46,10 +46,11 @@ def chance_of(where: str, given: Any) -> float | None:
     return None if given != given else float(given)
 
 
-def set_of(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
+def set_of(where: str, given: Sequence[ArrayLike], log: bool, middle: float | None = None) -> Sets:
     """Return one set, each level once.
 
-    Levels that differ by rounding are one, the lowest of them.
+    Levels that differ by rounding are one, the lowest of them; those that so differ
+    from a known middle, on the axis of the fit, are that middle.
     """
     if not 2 <= len(given) <= 3:
         raise BadValue(
@@ -93,6 +94,11 @@ def set_of(where: str, given: Sequence[ArrayLike], log: bool) -> Sets:
             f"{where}: levels of {unique[0]:g} to {unique[-1]:g}: give them in another unit, so"
             " that sums of squares exist"
         )
+    if middle is not None:
+        near = SAME * max(float(log), abs(middle), np.abs(unique).max())
+        unique = np.where(np.abs(unique - middle) <= near, middle, unique)
+        unique, merged = np.unique(unique, return_inverse=True)
+        at_level = merged[at_level]
     return Sets(unique, np.bincount(at_level, k[n > 0]), np.bincount(at_level, n[n > 0]))
 
 

@@ -565,7 +565,7 @@ def psychometrics(
     for key, given in data.items():
         where = f"psychometrics of {shortened(key)}" if key != "" else "psychometrics"
         answers, chance = answers_of(where, given)
-        sets[key] = set_of(where, answers, log)
+        sets[key] = set_of(where, answers, log, middle)
         if middle is not None and chance not in (None, 0.5):
             raise BadValue(f"{where}: pse is of a curve that is 1/2 there, not of chance {chance}")
         chances[key] = None if middle is not None else chance if guess is None else guess

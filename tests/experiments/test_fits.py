@@ -180,8 +180,12 @@ def test_a_known_middle_starts_a_curve_of_differences_at_chance():
         (0.0, "falling", [8.0] * 9, [0] * 9),
         (0.0, "few", [0.0] * 9, [0] * 5 + [1] * 4),
         (0.0, "flat", [8.0] * 30, [1, 0] * 15),
+        # a level that differs from the middle by rounding is the middle
+        (0.3, "separated", [0.2, 0.1 + 0.2, 0.4], [0, 5, 9], [9] * 3),
+        (0.0, "separated", [-0.1, 0.1 * 3 - 0.3, 0.1], [0, 5, 9], [9] * 3),
+        (11.0, "separated", [8.8, 11.0, 13.2], [0, 5, 9], [9] * 3),
     ):
-        assert psychometric(*given, pse=pse).problems == (problem,)
+        assert psychometric(*given, pse=pse, log=pse > 1).problems == (problem,)
 
 
 def test_ends_are_infinite_where_there_are_none_and_only_what_is_looked_for_is_computed():
