@@ -81,8 +81,10 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
     before, after = _pooled(one), _pooled(other)
     if len(before) != len(after) or not np.allclose(before, after, rtol=ROUNDED, atol=0.0):
         raise BadValue("likelihood_ratio: both models must be fitted to the same answers")
+    # a shared rate counts once for each call that fitted it
     counts = [
-        sum(fit.parameters for fit in fits) + max((fit.shared for fit in fits), default=0)
+        sum(fit.parameters for fit in fits)
+        + sum({fit.method and fit.method[-1]: fit.shared for fit in fits}.values())
         for fits in (one, other)
     ]
     df = counts[1] - counts[0]

@@ -93,7 +93,8 @@ class Fit:
     data : tuple of (float, int, int)
         Each level, how many said yes, how many were asked.
     method : tuple
-        How it was fitted, for `level_interval`.
+        How it was fitted, for `level_interval`; and the log-likelihood of all sets that
+        share a rate, by which `likelihood_ratio` tells one call from another.
     """
 
     pse: float
@@ -118,7 +119,9 @@ class Fit:
     comparison: bool = True
     unit: str = ""
     data: tuple[tuple[float, int, int], ...] = ()
-    method: tuple[Model, float, Options] | None = field(default=None, repr=False, compare=False)
+    method: tuple[Model, float, Options, float] | None = field(
+        default=None, repr=False, compare=False
+    )
 
     @property
     def name(self) -> str:
@@ -251,7 +254,7 @@ class Fit:
         part = float(self._part(p))
         if self.method is None or not math.isfinite(self.pse + part):
             return math.nan, math.nan
-        model, fall, how = self.method
+        model, fall, how, _ = self.method
         at, yes, asked = np.array(self.data).T[:, None]
         sets = Sets(np.log10(at) if self.log else at, yes, asked)
         best = maximum(sets, middle_of(sets, model), model)
@@ -575,18 +578,21 @@ def psychometrics(
         keys = [key for key in data if chances[key] == chance]
         model = Model(link, chance, lapse, middle)
         parts += [(keys[at : at + TOGETHER], model) for at in range(0, len(keys), TOGETHER)]
-    rates = _shared([([sets[key] for key in keys], model) for keys, model in parts])
+    common = _shared([([sets[key] for key in keys], model) for keys, model in parts])
     for keys, model in parts:
-        found = _fitted([sets[key] for key in keys], model, rates, how)
+        found = _fitted([sets[key] for key in keys], model, *common, how)
         fits |= zip(keys, found, strict=True)
     return {key: fits[key] for key in data}
 
 
-def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> dict[str, float]:
-    """Return the rates that all sets share, whatever else their models are."""
+def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> tuple[dict[str, float], float]:
+    """Return the rates that all sets share, whatever else their models are.
+
+    And the log-likelihood of all sets with them.
+    """
     names = [name for name in ("guess", "lapse") if parts and getattr(parts[0][1], name) == SHARED]
     if not names:
-        return {}
+        return {}, 0.0
     padded = [(stacked(part), model) for part, model in parts]
 
     def loss(rates: Array) -> float:
@@ -607,7 +613,7 @@ def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> dict[str, float]:
         bounds=[(0.0, v) for v in highest],
         options={"xatol": 1e-6, "fatol": 1e-9, "initial_simplex": [start, *(start + step)]},
     )
-    return dict(zip(names, found.x.tolist(), strict=True))
+    return dict(zip(names, found.x.tolist(), strict=True)), -float(found.fun)
 
 
 def _with(model: Model, rates: Mapping[str, float]) -> Model:
@@ -616,7 +622,7 @@ def _with(model: Model, rates: Mapping[str, float]) -> Model:
 
 
 def _fitted(
-    part: Sequence[Sets], model: Model, rates: Mapping[str, float], how: Options
+    part: Sequence[Sets], model: Model, rates: Mapping[str, float], together: float, how: Options
 ) -> list[Fit]:
     """Return the fits of some sets, in one call of each step."""
     most = {
@@ -671,7 +677,7 @@ def _fitted(
             dispersion=float(scatter[i]),
             parameters=fitted,
             shared=len(rates),
-            method=(model, float(falls[i]), how),
+            method=(model, float(falls[i]), how, together),
         )
         for i, one in enumerate(part)
     ]

@@ -533,6 +533,8 @@ def test_a_shared_lapse_rate_is_at_the_highest_of_several_peaks():
     assert loglik("shared") >= max(map(loglik, np.linspace(0.0, 0.1, 11))) - 1e-6
     found = likelihood_ratio(none, shared)
     assert found.df == 1
+    each = [psychometrics({k: v}, lapse="shared", **HALF)[k] for k, v in sets.items()]
+    assert likelihood_ratio(none, each).df == likelihood_ratio(shared, each).df + 1 == 2
     assert found.statistic == pytest.approx(2 * (loglik("shared") - loglik(0.0)))
 
 
