@@ -116,8 +116,8 @@ def detection(
         raise BadValue(
             f"detection: correction = {correction!r} must be one of {', '.join(CORRECTIONS)}"
         )
-    _counts("detection", hits, signals)
-    _counts("detection", false_alarms, noises)
+    hits, signals = _counts("detection", hits, signals)
+    false_alarms, noises = _counts("detection", false_alarms, noises)
     (H, n), (F, m) = _rate(hits, signals, correction), _rate(false_alarms, noises, correction)
     z_H, z_F = float(inverse(H)), float(inverse(F))
     variance = sum(
@@ -181,9 +181,9 @@ def wilson(k: float, n: float, confidence: Below1 = 0.95) -> Proportion:
     >>> round(p.value, 4), round(p.low, 4), round(p.high, 4)
     (0.9484, 0.9138, 0.9696)
     """
-    _counts("wilson", k, n)
-    found = scipy.stats.binomtest(int(k), int(n)).proportion_ci(confidence, method="wilson")
-    return Proportion(k / n, float(found.low), float(found.high), int(k), int(n))
+    k, n = _counts("wilson", k, n)
+    found = scipy.stats.binomtest(k, n).proportion_ci(confidence, method="wilson")
+    return Proportion(k / n, float(found.low), float(found.high), k, n)
 
 
 @dataclass(frozen=True)
@@ -235,11 +235,8 @@ def diagnosis(
     ... ]
     [0.9138, 0.9668, 0.9399]
     """
-    return Diagnosis(
-        wilson(hits, signals, confidence),
-        wilson(correct_rejections, noises, confidence),
-        wilson(hits + correct_rejections, signals + noises, confidence),
-    )
+    a, b = wilson(hits, signals, confidence), wilson(correct_rejections, noises, confidence)
+    return Diagnosis(a, b, wilson(a.k + b.k, a.n + b.n, confidence))
 
 
 @dataclass(frozen=True)
@@ -313,8 +310,7 @@ def forced_choice(
     >>> forced_choice(40, 40).problems
     ('ceiling',)
     """
-    _counts("forced_choice", correct, trials)
-    k, n, tail = int(correct), int(trials), (1 - confidence) / 2
+    (k, n), tail = _counts("forced_choice", correct, trials), (1 - confidence) / 2
     low = float(scipy.special.betaincinv(k, n - k + 1, tail)) if k else 0.0
     high = float(scipy.special.betaincinv(k + 1, n - k, 1 - tail)) if k < n else 1.0
     d, *ends = (_sensitivity(p, alternatives) for p in (k / n, low, high))
@@ -501,7 +497,8 @@ def _binormal(S: np.ndarray, N: np.ndarray, rounds: int) -> tuple[np.ndarray, np
     return np.full(2, np.nan), np.full((2, 2), np.nan)
 
 
-def _counts(what: str, k: float, n: float) -> None:
+def _counts(what: str, k: float, n: float) -> tuple[int, int]:
+    """Return counts as whole numbers of any size, or raise BadValue."""
     whole = all(
         isinstance(v, (int, float, np.integer, np.floating)) and math.isfinite(v) and v == int(v)
         for v in (k, n)
@@ -511,3 +508,4 @@ def _counts(what: str, k: float, n: float) -> None:
             f"{what}: {k!r:.80} of {n!r:.80}: give whole numbers, the first from 0 to the second,"
             f" the second above 0 and at most {MOST:g}"
         )
+    return int(k), int(n)

@@ -251,6 +251,9 @@ def test_proportions_of_the_nodules():
     parts = [wilson(k, n, 0.8) for k, n in ((239, 252), (112, 112), (351, 364))]
     assert [less.sensitivity, less.specificity, less.accuracy] == parts
     assert wilson(27, 28).low < wilson(27, 28, 0.8).low
+    # counts of one byte: their sum has two
+    assert diagnosis(*np.uint8([239, 252, 112, 112])) == found
+    assert detection(*np.uint8([255, 255, 0, 255])) == detection(255, 255, 0, 255)
 
 
 # What cannot be used ------------------------------------------------------------------
