@@ -435,9 +435,10 @@ class Staircase:
             )
         if last is not None and (not _counts(last) or last % 2):
             raise BadValue(f"Staircase.estimate: last = {last!r} must be an even number from 2 on")
-        near = 1e-9 * (self.bounds[1] - self.bounds[0])
-        for bound in self.bounds:  # of which a file of few digits has the nearest
-            rows[0, np.abs(rows[0] - bound) <= near] = bound
+        # of a file of few digits; levels that are multiplied may be far below the range
+        near = 1e-9 * (self.bounds[1] - self.bounds[0]) * (self.step_type == "lin")
+        for bound in self.bounds:
+            rows[0, np.isclose(rows[0], bound, rtol=1e-9, atol=near)] = bound
         state = self.init(0) | {"level": rows[0, 0] if rows.size else 0.0}
         for level, result in rows.T.tolist():
             if not math.isclose(level, state["level"], rel_tol=1e-9, abs_tol=near):

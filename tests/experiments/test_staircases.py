@@ -214,6 +214,10 @@ def test_an_estimate_of_few_reversals_is_none():
         found = stairs.estimate(asked(stairs, n * [True])[0])
         assert math.isnan(found["level"]) and math.isnan(found["error"])
         assert (found["reversals"], found["problem"]) == (0, "few")
+    far = dc.replace(stairs, start=1e-8, bounds=(1e-12, 1e2), step_type="db")
+    assert far.estimate(asked(far, 9 * [True, False])[0])["level"] == pytest.approx(
+        10 ** (-8 - 0.25 / 20)
+    )
     steady = stairs.estimate(asked(stairs, 9 * [True, False])[0])
     assert steady == {"level": -0.25, "error": 0.0, "reversals": 16, "problem": ""}
 
