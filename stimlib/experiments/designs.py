@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import BadValue, Count, counted, need, public
+from ..errors import BadValue, Count, counted, need, public, shortened
 from ..system.fields import number
 from .random_streams import seed_of, stream
 from .tasks import Task
@@ -38,6 +38,11 @@ def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
     names : sequence of str
         Each once.
 
+    Raises
+    ------
+    BadValue
+        A name that is there twice.
+
     Examples
     --------
     >>> from stimlib.experiments import shuffled
@@ -46,6 +51,8 @@ def shuffled(seed: int, purpose: str, names: Sequence[str]) -> list[str]:
     >>> shuffled(1, "parts", ["a", "b", "c", "d", "e"])
     ['e', 'b', 'a', 'c', 'd']
     """
+    if len(set(names)) < len(names):  # those of one name would always be neighbours
+        raise BadValue(f"shuffled: names = {shortened(names)}: each must be there once")
     return sorted(names, key=lambda name: stream(seed, purpose, name).random())
 
 

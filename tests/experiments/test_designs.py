@@ -377,6 +377,7 @@ NORMAL = {"deviations": (1.0,)}
         ),
         *((partial(stream, wrong, "a"), {}, "seed") for wrong in (-1, 1.0, True, 2**64)),
         (partial(turn_of, "Anna", 3), {}, "number at the end"),
+        (partial(shuffled, 1, "x"), {"names": ["a", "b", "a"]}, "each must be there once"),
         (experiment, {"questions": choice("q", "?", "first", "second")}, "questions = .* a tuple"),
         (experiment, {"questions": ("q",)}, "questions = .* must be a tuple"),
         (experiment, {"scenes": [SPRING]}, "scenes = .* must be a dict"),
