@@ -282,7 +282,12 @@ generator.
 def correct(trial: Trial, answer: Answer) -> bool | None:
     """Return whether all right answers were given; None if a trial has none."""
     right = trial.right.items()
-    return all(answer.values.get(k) == v for k, v in right) if right else None
+    return all(_listed(answer.values.get(k)) == _listed(v) for k, v in right) if right else None
+
+
+def _listed(value: Any) -> Any:
+    """Return a tuple as the list that it becomes in a log."""
+    return list(value) if isinstance(value, tuple) else value
 
 
 @public

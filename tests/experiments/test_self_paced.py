@@ -194,8 +194,13 @@ def test_right_and_wrong_are_a_column(tmp_path):
         for answer in ({"softer": "first"}, {"softer": "first"}, {"where": [[0.0, 1.0]]}):
             session.put(Answer(answer))
     assert columns(sessions("pair", tmp_path))["correct"] == [True, False, None]
-    two = Trial("c", (named["first"],), ("a", "b"), correct={"a": "x", "b": "y"})
-    for said, right in (({"a": "x", "b": "y"}, True), ({"a": "x", "b": "z"}, False), ({}, False)):
+    two = Trial("c", (named["first"],), ("a", "b"), correct={"a": ("x", "z"), "b": "y"})
+    # a ranking is a tuple before it is in a log, and a list after
+    for said, right in (
+        ({"a": ["x", "z"], "b": "y"}, True),
+        ({"a": ("z", "x")}, False),
+        ({}, False),
+    ):
         assert correct(two, Answer(said)) is right
 
 
