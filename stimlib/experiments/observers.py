@@ -311,7 +311,7 @@ def _of(v: By, condition: str, name: str) -> float:
 
 # Many of them -------------------------------------------------------------------------
 COLUMNS = (
-    *("participant", "number", "condition", "track", "level", "chance"),
+    *("participant", "session", "number", "condition", "track", "level", "chance"),
     *("outcome", "correct", "seconds", "simulated"),
 )
 
@@ -349,11 +349,11 @@ def simulate(
     Returns
     -------
     dict of str to list
-        Columns ``participant``, ``number`` (of the trial, from 1), ``condition``,
-        ``track``, ``level``, ``chance`` (of the task), ``outcome``, ``correct``,
-        ``seconds`` (of the observer's answer), ``simulated`` (True), and each question
-        by its name; training is left out.  The same on every run and with any number of
-        workers.
+        Columns ``participant``, ``session``, ``number`` (of the trial, from 1),
+        ``condition``, ``track``, ``level``, ``chance`` (of the task), ``outcome``,
+        ``correct``, ``seconds`` (of the observer's answer), ``simulated`` (True), and
+        each question by its name; training is left out.  The same on every run and with
+        any number of workers.
 
     Raises
     ------
@@ -442,6 +442,7 @@ def _participant(
             rows.append(
                 (
                     code,
+                    session,
                     number,
                     trial.condition,
                     trial.track,

@@ -280,7 +280,8 @@ def _residuals(figure: Any, fits: Mapping[tuple, Fit], answers: Mapping[tuple, C
     """Draw how far the answers are from each curve, over the trials."""
     for ax, (key, fit) in zip(_axes(figure, len(fits)), fits.items(), strict=True):
         rows = answers[key]
-        order = np.argsort(numbers("report: number", rows["number"]), kind="stable")
+        by = [numbers(f"report: {k}", rows[k]) for k in ("number", "session") if k in rows]
+        order = np.lexsort(by)  # numbers begin anew in each session
         # where the curve has reached 0 or 1, the deviation of nothing is 0
         p = np.clip(fit(np.asarray(rows["level"], float)[order]), FLOOR, 1 - FLOOR)
         left = np.asarray(rows["outcome"], float)[order] - p
@@ -298,7 +299,7 @@ def _residuals(figure: Any, fits: Mapping[tuple, Fit], answers: Mapping[tuple, C
 def _tracks(figure: Any, tracks: Mapping[tuple, Columns], unit: str) -> None:
     """Draw the levels over trials, with a line for each staircase."""
     for ax, (key, rows) in zip(_axes(figure, len(tracks)), tracks.items(), strict=True):
-        for one in grouped(rows, ("track",)).values():
+        for one in grouped(rows, [k for k in ("session", "track") if k in rows]).values():
             ax.plot(one["number"], one["level"], ".-", ms=3, lw=0.7)
         if min(map(float, rows["level"])) > 0:
             logarithmic(ax.yaxis, ax.set_yscale)

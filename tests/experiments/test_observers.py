@@ -117,8 +117,8 @@ def test_one_interval_and_ratings():
 # Whole experiments --------------------------------------------------------------------
 def test_a_participant_more_changes_no_other():
     two, three, third = (simulate(experiment(), FELT, n) for n in (2, 3, ["P03"]))
-    names = "participant number condition track level chance outcome correct seconds simulated"
-    assert set(two) == {*names.split(), "softer"}
+    names = "participant session number condition track level chance outcome correct seconds"
+    assert set(two) == {*names.split(), "simulated", "softer"}
     n, first = len(two["level"]), two["participant"].count("P01")
     assert {name: column[:n] for name, column in three.items()} == two
     assert two["number"][:first] == list(range(1, first + 1)) and first < n
@@ -153,6 +153,7 @@ def test_power_counts_all_experiments_and_everybody_is_somebody_else():
     assert (found.found, found.interval) == (0.5, (wilson(2, 4).low, wilson(2, 4).high))
     assert (found.estimate, found.bias, found.spread, found.failed) == (2.0, 0.5, 1.0, 1)
     assert (len(set(people)), len(set(draws)), found.trials) == (8, 16, (2.0, 2))
+    assert simulate(short, FELT, 2)["session"] == [1, 2, 1, 2]
 
 
 # What they went by --------------------------------------------------------------------
