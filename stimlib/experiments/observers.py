@@ -221,7 +221,13 @@ class Listener:
                 " figure"
             )
         need("Listener", [self.figure] * bool(self.figure), figures, "figure")
-        return figures[self.figure] if self.figure else next(iter(figures.values()))
+        name = self.figure or next(iter(figures))
+        if not math.isfinite(figures[name]):
+            raise BadValue(
+                f"Listener: {name} of {stimulus.scene!r} is {figures[name]}, which nobody can"
+                " compare or rate; give another figure or motion"
+            )
+        return figures[name]
 
     def __call__(self, trial: Trial, rng: np.random.Generator) -> Answer:
         """Answer the first question of a trial.

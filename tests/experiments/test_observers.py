@@ -33,10 +33,16 @@ from stimlib.experiments import (
     wilson,
 )
 from stimlib.motion.generators import sinusoid
+from stimlib.sweep import measure
 
 SPRING = stimlib.Scene({"force": stimlib.Param("k", 100.0, "N/m") * stimlib.Input("x", "m")})
 HAND = {"x": sinusoid(0.01, 5.0)}
 PAIR = TwoInterval("k", "stiffer", Stimulus("spring"), Stimulus("spring"), "k")
+
+
+@measure("N")
+def nothing(rendering):
+    return math.nan
 
 
 def listener(measure="rms", sigma=0.1, **other):
@@ -201,6 +207,7 @@ def test_the_cue_that_explains_the_answers_has_a_distance_of_d():
             "no scores",
         ),
         (lambda t: listener("cues")(t, stream(1)), "several figures"),
+        (lambda t: listener(nothing)(t, stream(1)), "nothing of 'spring' is nan"),
         (lambda t: listener(figure="rms")(t, stream(1)), "there are rms_force"),
         (lambda t: listener().figure_of(Stimulus("wall")), "no scene 'wall'"),
         (
