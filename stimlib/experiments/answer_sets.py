@@ -34,16 +34,21 @@ def answers_of(where: str, given: Any) -> tuple[Sequence[ArrayLike], float | Non
     return (given["level"], given["outcome"]), chances.pop() if chances else None
 
 
+def missing(value: Any) -> bool:
+    """Return whether a cell of a table is empty: None, nan, or pandas' NA."""
+    return value is None or type(value).__name__ == "NAType" or bool(value != value)
+
+
 def chance_of(where: str, given: Any) -> float | None:
     """Return a chance level of a table as a float, or None where it is missing."""
-    if given is None or type(given).__name__ == "NAType":  # pandas' missing value
+    if missing(given):
         return None
-    if not isinstance(given, Real) or not (given != given or 0 <= float(given) < 1):
+    if not isinstance(given, Real) or not 0 <= float(given) < 1:
         raise BadValue(
             f"{where}: chance = {given!r:.80} must be a number from 0 to below 1, or None where the"
             " task has no chance level"
         )
-    return None if given != given else float(given)
+    return float(given)
 
 
 def set_of(where: str, given: Sequence[ArrayLike], log: bool, middle: float | None = None) -> Sets:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import BadValue, UnknownName, need, public
 from ..system.packages import package
+from .answer_sets import missing
 from .likelihood import numbers
 from .tables import Columns, grouped
 
@@ -306,9 +307,9 @@ def elapsed_times(
     """
     need("elapsed_times", (by, seconds), answers)
     return {
-        str(name): numbers("elapsed_times", times)
-        for (name,), rows in grouped(answers, [by]).items()
-        if (times := [v for v in rows[seconds] if v is not None])
+        name: numbers("elapsed_times", times)
+        for (name,), rows in grouped({**answers, by: list(map(str, answers[by]))}, [by]).items()
+        if (times := [v for v in rows[seconds] if not missing(v)])
     }
 
 

@@ -10,6 +10,7 @@ from contextlib import suppress
 from types import SimpleNamespace
 
 import numpy as np
+import pandas
 import pytest
 from experiments.some import QUESTION, TASK, Scripted, experiment, simulate
 from experiments.test_experiment_cli import Pty
@@ -408,7 +409,11 @@ SLEEP = (
 
 def test_times_have_the_t_of_student_and_intervals_of_medians():
     """Ranks of intervals: Conover (1999), the binomial table: 2 and 9 of 10."""
-    table = {"drug": ["1"] * 10 + ["2"] * 10 + ["1"], "extra": [*SLEEP[0], *SLEEP[1], None]}
+    none = [None, np.nan, pandas.NA]
+    table = {
+        "drug": ["1"] * 9 + [1] + ["2"] * 10 + ["1"] * 3,
+        "extra": [*SLEEP[0], *SLEEP[1], *none],
+    }
     times = elapsed_times(table, "drug", "extra")
     assert {k: v.tolist() for k, v in times.items()} == dict(zip("12", SLEEP, strict=True))
     one, two, _, pair = times_text(times, {"1": "as printed"}).splitlines()
