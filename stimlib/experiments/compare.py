@@ -80,11 +80,12 @@ def shapiro(values: ArrayLike) -> Statistic:
     0.7888
     """
     row = _row("shapiro", values, 3)
-    if np.ptp(row) == 0:
+    if _same(row):
         raise BadValue(
             f"shapiro: all {row.size} values are {row[0]:g}: there is no spread to judge"
         )
-    found = scipy.stats.shapiro(row)
+    # scaled by a power of 2, because scipy takes a range below 1e-19 for none
+    found = scipy.stats.shapiro(np.ldexp(row, -int(np.frexp(np.ptp(row))[1])))
     return Statistic("Shapiro-Wilk", float(found.statistic), (), float(found.pvalue))
 
 
@@ -365,7 +366,7 @@ def times_text(
             f"{name:<12}  {np.median(row):.1f} s [{low:.1f}, {high:.1f}], mean {row.mean():.2f} s,"
             f" SD {moments[name][1]:.2f}, n = {n}{told.get(name, '')}"
         )
-    if len(rows) < 2 or np.ptp(np.concatenate(list(rows.values()))) == 0:
+    if len(rows) < 2 or _same(np.concatenate(list(rows.values()))):
         return "\n".join(lines)
     test, pairs = kruskal(rows), dunn(rows, sides)
     lines += [f"times: H({test.df[0]:g}) = {test.value:.3f}, p = {test.p:.2g}"]
@@ -417,7 +418,7 @@ def paired(a: ArrayLike, b: ArrayLike) -> Statistic:
             " order"
         )
     _spread("paired", a - b)
-    if np.ptp(a - b) <= 1e-14 * np.abs(a).max():
+    if _same(a - b, np.abs([a, b]).max()):
         raise BadValue("paired: all differences are the same: there is no spread to compare with")
     found = scipy.stats.ttest_rel(a, b)
     return Statistic(
@@ -538,7 +539,7 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
     n = shape[0]
     rows = y.reshape(*y.shape[: y.ndim - len(shape)], n, -1)
     within = np.sum((rows - rows.mean(axis=-2, keepdims=True)) ** 2, axis=(-2, -1))
-    found = []
+    found, least = [], 1e-28 * np.sum(rows * rows, axis=(-2, -1))  # what may be rounding
     for size in range(1, len(names) + 1):
         for some in combinations(range(len(names)), size):
             d = rows @ _contrasts(shape[1:], some)
@@ -547,14 +548,16 @@ def repeated(values: ArrayLike, factors: Sequence[str] = ("condition",)) -> tupl
             effect, error = n * np.sum(middle**2, axis=-1), np.sum(rest**2, axis=(-2, -1))
             df = float(d.shape[-1]), float(d.shape[-1] * (n - 1))
             name = ":".join(names[k] for k in some)
-            if y.ndim == len(shape) and error <= 1e-28 * np.sum(y * y):
+            none = error <= least
+            if y.ndim == len(shape) and none:
                 raise BadValue(
                     f"repeated: {name}: the differences are the same for all participants, so there"
                     " is no error to compare with"
                 )
+            effect, error = np.where(effect <= least, 0.0, effect), np.where(none, 0.0, error)
             with np.errstate(divide="ignore", invalid="ignore"):
                 F = (effect / df[0]) / (error / df[1])
-                S = np.swapaxes(rest, -1, -2) @ rest
+                S = np.where(none[..., None, None], 0.0, np.swapaxes(rest, -1, -2) @ rest)
                 epsilon = np.trace(S, axis1=-2, axis2=-1) ** 2 / (
                     df[0] * np.sum(S * S, axis=(-2, -1))
                 )
@@ -754,10 +757,15 @@ def _groups(what: str, groups: Mapping[str, ArrayLike]) -> dict[str, Array]:
         raise BadValue(
             f"{what}: groups {', '.join(map(repr, groups))}: two have the same name as text"
         )
-    if np.ptp(np.concatenate(list(rows.values()))) == 0:
+    if _same(np.concatenate(list(rows.values()))):
         raise BadValue(f"{what}: all values are the same")
     _spread(what, np.concatenate(list(rows.values())))
     return rows
+
+
+def _same(values: Array, size: float | None = None) -> bool:
+    """Return whether values, computed from numbers up to a size, differ by rounding."""
+    return bool(np.ptp(values) <= 1e-14 * (np.abs(values).max() if size is None else size))
 
 
 def _spread(what: str, values: Array) -> None:

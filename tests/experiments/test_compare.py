@@ -122,6 +122,8 @@ def test_a_small_p_of_shapiro_is_not_normal():
     rng = np.random.default_rng(1)
     assert shapiro(rng.normal(size=100)).p > 0.05 > shapiro(rng.exponential(size=100)).p
     assert np.isnan(shapiro([1.0, 2.0, 4.0, 3.0]).effect)
+    row = np.array([1.0, 2.0, 4.0, 9.0])  # whatever the unit
+    assert [shapiro(row * 2.0**k) for k in (-200, 200)] == [shapiro(row)] * 2
 
 
 # Within people ------------------------------------------------------------------------
@@ -281,6 +283,8 @@ def test_proportions_of_the_nodules():
         (lambda: paired([1, 2], [1, 2, 3]), "same order"),
         (lambda: paired([1, 2], [2, 3]), "no spread"),
         (lambda: paired([0.1, 0.2], [0.2, 0.3]), "no spread"),  # but for rounding
+        (lambda: paired([0, 0, 0], [0.3, 0.1 + 0.2, 0.3]), "no spread"),
+        (lambda: anova({"a": [0.3, 0.1 + 0.2], "b": [0.3, 0.3]}), "all values are the same"),
         (lambda: shapiro([1, 1, 1]), "no spread"),
         (lambda: repeated([1, 2]), "no axis"),
         (lambda: shapiro([1, 2]), "at least 3 values"),
@@ -314,6 +318,11 @@ def test_what_cannot_be_used_is_said(call, said):
 
 @pytest.mark.filterwarnings("error")
 def test_differences_without_error_are_taken_in_simulations():
-    (effect,) = repeated([[[0.0, 0.0]] * 3, [[1.0, 2.0]] * 3, [[1, 2], [1, 3], [2, 2]]])
-    assert np.isnan(effect.F[0]) and np.isinf(effect.F[1]) and np.isfinite(effect.F[2])
+    rounded = [[0.3, 0.1 + 0.2], [0.7, 0.6 + 0.1], [0.5, 0.5]]
+    (effect,) = repeated(
+        [[[0.0, 0.0]] * 3, [[1.0, 2.0]] * 3, [[1, 2], [1, 3], [2, 2]], rounded]
+        + [[[0.1, 0.3], [0.2, 0.4], [0.3, 0.5]]]
+    )
+    assert np.isnan(effect.F[[0, 3]]).all() and np.isinf(effect.F[[1, 4]]).all()
+    assert np.isfinite(effect.F[2])
     assert np.isnan(effect.eta2[0]) and effect.eta2[1] == 1
