@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, public
+from .likelihood import numbers
 
 
 class Integrated(NamedTuple):
@@ -54,7 +55,7 @@ def integrated(values: ArrayLike, sds: ArrayLike) -> Integrated:
     >>> round(found.value, 6), round(found.sd, 4), found.weights
     (10.6, 0.8944, (0.8, 0.2))
     """
-    x, s = np.asarray(values, float), np.asarray(sds, float)
+    x, s = numbers("integrated: values", values), numbers("integrated: sds", sds)
     if x.ndim != 1 or x.shape != s.shape or not x.size or not (np.isfinite(s) & (s > 0)).all():
         raise BadValue(
             f"integrated: {x.size} values and {s.size} standard deviations; give one above 0 for"

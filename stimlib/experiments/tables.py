@@ -6,6 +6,8 @@ import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from ..errors import BadValue, need, public
 from ..system.fields import positive
 from ..system.packages import package
@@ -184,7 +186,8 @@ def difference_thresholds(
             conditions = rows.get("condition", ["without a column condition"])
             need("difference_thresholds", conditions, standard, "condition")
             given = {standard[name] for name in conditions}
-        at[key] = given.pop() if given else standard
+        value = given.pop() if given else standard
+        at[key] = value.item() if isinstance(value, np.generic) else value
         if given or not positive(at[key]):
             raise BadValue(
                 f"difference_thresholds: standard = {at[key]!r:.80} must be a number above 0, and"

@@ -109,6 +109,7 @@ def test_several_people_and_conditions_are_a_table():
     # pandas has nan where there is no chance level
     frame = pandas.DataFrame(columns).astype({"chance": float})
     assert difference_thresholds(frame, 200.0) == difference_thresholds(columns, 200.0)
+    assert difference_thresholds(columns, {"200 Hz": np.int64(200)}) == found
     free = difference_thresholds(columns, 200.0, pse=None)["P01", "200 Hz"]
     fit = fitted(columns)["P01", "200 Hz"]
     assert (free.pse, free.jnd) == (fit.pse, fit.jnd) and free.pse != 200.0
