@@ -118,6 +118,11 @@ def test_ugrip_finds_what_its_observers_feel():
     assert found[7].mean_b > 1.5 * found[7].mean_a > 9.0, "two fingers feel finer differences"
     over = -found[1].mean_a * np.log10(2.02)  # k in N/mm
     assert found[2].mean_a == pytest.approx(over, rel=0.3)
+    # somebody who has felt one finger alone, so far
+    rows = zip(answers["participant"], answers["condition"], strict=True)
+    kept = [who != "P01" or condition.startswith("one") for who, condition in rows]
+    part = {k: [v for v, keep in zip(c, kept, strict=True) if keep] for k, c in answers.items()}
+    assert [t.people for t in comparisons(part)] == 3 * [people] + 5 * [people - 1]
     line = text(found[:1])
     assert line.startswith("pse") and f"F(1, {people - 1})" in line
     assert line.endswith("paper: 2.02, 2.34: F > 5.6, p < .03")
@@ -446,6 +451,9 @@ def test_nodules_gives_the_papers_rates_of_the_papers_counts():
     assert pairs[0].statistic < -1.5 and test.df == (2.0,)
     assert {p.sides for p in found.tests["ACC"][1]} == {"one-sided"}
     assert "Se 94.8 % [91.4, 97.0] (94.8)" in nod.text(found)
+    # somebody who has begun, with a surface that has nodules on both sides
+    more = zip(answers, ("P14", "deformation, A1 and C1", "nodule", "nodule"), strict=True)
+    assert nod.found({k: [*answers[k], v] for k, v in more}).tests == found.tests
     refused(UnknownName, "no column 'left'", nod.found, {"condition": [], "right": []})
 
 

@@ -297,8 +297,8 @@ def weber_fractions(answers: Columns) -> WeberFractions:
         if len(names) > 1:
             error = float(np.std(slopes, ddof=1)) / len(names) ** 0.5
             half = float(t.ppf(0.975, len(names) - 1)) * error
-        highest = float("inf") if half >= mean else 1 / (mean - half)
-        group[a] = jnd_from_dprime([d[who, a] for who in names], STEPS), 1 / (mean + half), highest
+        low, high = (float("inf") if v <= 0 else 1 / v for v in (mean + half, mean - half))
+        group[a] = jnd_from_dprime([d[who, a] for who in names], STEPS), low, high
     table = [[fractions[who, a] for a in REFERENCES.values()] for who in names]
     measured = len(names) > 1 and np.isfinite(table).all()
     effect = repeated(table, ["alpha"])[0] if measured else None

@@ -204,7 +204,8 @@ class Found:
     tests : dict of str to (Statistic, tuple of Pair)
         For "Se", "Sp" and "ACC", the Kruskal-Wallis test of the participants' rates,
         and Dunn's test of each pair, one-sided and multiplied by 3, as in the paper.
-        There is no test if all rates are equal.
+        There is no test if all rates are equal; a participant who has not yet felt both
+        a side with a nodule and one without is in none.
     """
 
     rates: Mapping[str, Diagnosis]
@@ -231,7 +232,7 @@ def found(answers: Columns) -> Found:
     UnknownName
         A column is missing.
     BadValue
-        As `stimlib.experiments.compare.kruskal`: all participants are equally good.
+        A technique of which nobody has felt a side with a nodule, or one without.
 
     References
     ----------
@@ -247,9 +248,9 @@ def found(answers: Columns) -> Found:
     totals = {mode: np.sum(counts, axis=0).tolist() for mode, counts in people.items() if counts}
     tests = {}
     for name, rate in RATES.items():
-        groups = {mode: [rate(*counts) for counts in people[mode]] for mode in totals}
-        spread = len({v for values in groups.values() for v in values}) > 1
-        if spread:
+        each = {mode: [rate(*c) for c in people[mode] if c[1] and c[3]] for mode in totals}
+        groups = {mode: rates for mode, rates in each.items() if rates}
+        if len(groups) > 1 and len({v for rates in groups.values() for v in rates}) > 1:
             tests[name] = kruskal(groups), dunn(groups, "one-sided")
     return Found({mode: diagnosis(*counts) for mode, counts in totals.items()}, tests)
 

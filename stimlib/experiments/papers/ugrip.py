@@ -359,7 +359,8 @@ def comparisons(answers: Columns) -> tuple[Comparison, ...]:
     people = list(dict.fromkeys(answers["participant"]))
 
     def test(what: str, a: str, b: str, printed: str) -> Comparison:
-        pairs = np.array([[getattr(found[who, c], what) for c in (a, b)] for who in people])
+        there = [who for who in people if (who, a) in found and (who, b) in found]
+        pairs = np.array([[getattr(found[who, c], what) for c in (a, b)] for who in there])
         x, y = pairs[np.isfinite(pairs).all(axis=1)].T
         within, between = paired(x, y), anova({a: x, b: y})
         return Comparison(
