@@ -55,6 +55,7 @@ COLUMNS = {
     "_rt": {"Description": "Time from when the question was asked to its answer", "Units": "s"},
 }
 TRACKED = {"m": "POS", "m/s": "VEL", "m/s**2": "ACCEL"}  # types of motion channels, by unit
+AXIS = re.compile("(.*_|.)?[xyz]")  # an input of one: x, vx or hand_x, and not velocity
 
 
 @public
@@ -187,7 +188,7 @@ def _run(
         moved = f"{place}/motion/{name}_tracksys-input_run-{r.number}"
         channels = {
             "name": list(log.inputs),
-            "component": [n[-1] if n[-1] in "xyz" else "n/a" for n in log.inputs],
+            "component": [n[-1] if AXIS.fullmatch(n) else "n/a" for n in log.inputs],
             "type": [TRACKED.get(units[n], "MISC") for n in log.inputs],
             "tracked_point": ["hand"] * len(log.inputs),
             "units": [units[n] for n in log.inputs],

@@ -115,6 +115,8 @@ def test_a_trial_with_a_log_is_a_run(signals):
     assert (told["SamplingFrequency"], told["MotionChannelCount"]) == (1000.0, 1)
     channels = Path(f"{motion}_channels.tsv").read_text().splitlines()
     assert channels[1].split("\t") == ["x", "x", "POS", "hand", "m"]
+    names = ("x", "vx", "hand_z", "velocity", "index", "x1", "y_max")
+    assert list(filter(bids.AXIS.fullmatch, names)) == ["x", "vx", "hand_z"]
 
 
 def test_signals_are_read_back_as_recordings(signals, tmp_path):
