@@ -16,6 +16,7 @@ UNITS = 1e-6, 1e-3  # s, of such counts
 NEAR = 50  # median periods between the last report before a wrap and the first after it
 MOST_DRIFT = 0.01  # two clocks differ by less, or the unit of one is wrong
 LOST = 10, 0.1  # periods and s without a row: a silence, where the rows are counted anew
+LEVEL = 15  # rows before and after a step back whose medians show whether it lasts
 
 
 def unwrapped(
@@ -86,15 +87,19 @@ def evened(table: TableFile, t: Array, rate: float, rows: Rows) -> tuple[Array, 
     """Return times at an even rate, which is fitted to the time stamps.
 
     Rows are counted anew after a silence. Where a clock was set back, it is taken to
-    have gone on by one period.
+    have gone on by one period. A step back of jitter, which the next rows make good, is
+    left to the fit.
     """
-    steps = np.diff(t)
-    back = np.flatnonzero(steps < 0)
-    if 2 * len(back) > len(steps):
+    steps, shift = np.diff(t), np.zeros(len(t))
+    silence = max(LOST[0] / rate, LOST[1])
+    if 2 * np.count_nonzero(steps < 0) > len(steps):
         raise table.error("time goes back in most rows", "reverse them, or use another column")
-    set_back = [(int(rows[i + 1]), float(steps[i])) for i in back]
-    t = t + np.append(0, np.cumsum(np.where(steps < 0, 1 / rate - steps, 0.0)))
-    first = np.append(0, 1 + np.flatnonzero(np.diff(t) > np.maximum(LOST[0] / rate, LOST[1])))
+    while len(back := _set_back(steps, 1 / rate, silence)):
+        shift[back + 1] = 1 / rate - steps[back]
+        steps[back] = 1 / rate
+    set_back = [(int(rows[i]), float(1 / rate - shift[i])) for i in np.flatnonzero(shift)]
+    t = t + np.cumsum(shift)
+    first = np.append(0, 1 + np.flatnonzero(np.diff(t) > silence))
     each = np.diff(np.append(first, len(t)))
     mean = np.repeat(np.add.reduceat(t, first) / each, each)
     k = np.arange(len(t)) - np.repeat(first + (each - 1) / 2, each)
@@ -106,6 +111,24 @@ def evened(table: TableFile, t: Array, rate: float, rows: Rows) -> tuple[Array, 
     even = mean + period * k
     facts = _facts(1 / (period * rate) - 1, t - even)
     return even, {**facts, "rate": 1 / period, "set_back": set_back}
+
+
+def _set_back(steps: Array, period: float, silence: float) -> Rows:
+    """Return the rows after which a clock was set back, one in 15 rows at most.
+
+    There the times fall behind by half of the step back or more, from the median of 15
+    rows to that of the next, and by more than six standard deviations of jitter.
+    """
+    late = np.append(0.0, np.cumsum(np.where(steps > silence, 0.0, steps - period)))
+    ends = np.full(LEVEL, np.nan)
+    near = np.lib.stride_tricks.sliding_window_view(np.concatenate([ends, late, ends]), LEVEL)
+    back = np.flatnonzero(steps < 0)
+    parts = np.array_split(back + 1, 1 + len(back) // (1 << 16))  # to save memory
+    falls = [np.nanmedian(near[i], 1) - np.nanmedian(near[i + LEVEL], 1) for i in parts]
+    jitter = 3 * np.median(np.abs(steps - np.median(steps)))
+    back = back[np.concatenate(falls) > np.maximum((period - steps[back]) / 2, jitter)]
+    groups = np.split(back, np.flatnonzero(np.diff(back) > LEVEL) + 1)
+    return np.array([g[np.argmin(steps[g])] for g in groups if len(g)], dtype=np.int64)
 
 
 def _facts(drift: float, apart: Array) -> dict[str, Any]:

@@ -125,6 +125,12 @@ def test_an_even_rate_is_fitted_to_the_stamps():
         "times fitted: drift -1915 ppm, residual 0.00057 s rms" in str(r)
         and error_of(r, true) < 3e-5
     )
+    for size in (5e-3, 3e-2):  # stamps go back, and the next rows make it good
+        back = jittered(T, size)
+        c = recording(table(back), {"x": "x"}, rate=250).info["clock"]
+        assert (np.diff(back) < 0).any() and c["set_back"] == [] and abs(c["drift"]) < size / 5
+        c = recording(table(back - 0.1 * (T > 0.801)), {"x": "x"}, rate=250).info["clock"]
+        assert 201 in [row for row, _ in c["set_back"]] and abs(c["drift"]) < size / 5
     for period, gap in ((0.004, 0.15), (0.02, 0.25)):  # more than 10 periods and 0.1 s
         even, how = np.arange(400) * period, {"columns": {"x": "x"}, "rate": 1 / period}
         silent, short = (jittered(even + s * (even >= 200 * period)) for s in (gap, 0.09))
