@@ -234,7 +234,7 @@ class Recording:
         if "contact" not in served.values():
             self._check_unbroken(contact)
         lifted, blocks = dict(self.info["lifted"]), inputs if isinstance(inputs, Mapping) else {}
-        for name, by in served.items() if self.has_lifts else ():
+        for name, by in served.items() if self.has_lifts or self.info["jumps"] else ():
             unit = str(getattr(blocks.get(name), "dim", "m"))
             if by in self.motion and lifted.setdefault(by, LIFTED.get(unit)) is None:
                 raise BadValue(

@@ -568,6 +568,12 @@ def test_a_lifted_finger_holds_a_position_and_exerts_no_force(csv, unit, lifted,
     assert motion["a1"].info is r.info
 
 
+def test_a_jump_is_a_lift_of_a_force():
+    r = recording(jumping(100) | {"f": np.ones(400)}, {"x": "x", "f": "f"}, max_speed={"x": 1})
+    inputs = {"x": Input("x", "m"), "f": Input("f", "N"), "contact": Input("contact")}
+    assert r.motion_for(inputs)["f"]([0.98, 0.995, 1.0]).tolist() == [1, 0, 1] and not r.has_lifts
+
+
 def test_a_rendering_and_its_sidecar(csv, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     csv(LIFT)
