@@ -340,14 +340,15 @@ def _read_bids(file: str, digest: str, data: bytes, stem: str) -> TableFile:
     limits.check("recording_rows", most, f"{file}: rows", RecordingError)
     form = _Form(file, tuple(names), "\t", ".", "", False)
     read = (*notes, f"names and rate, {rate:g} Hz, from {os.path.basename(beside)}")
-    return TableFile(
-        file,
-        digest,
-        ("t_s", *names),
-        most,
-        lambda: (_Even(b, rate, start) for b in _exact(data, 0, 1, form, {})),
-        read=read,
-    )
+    skipped: dict[str, tuple[int, int]] = {}
+
+    def batches() -> Iterator[Batch]:
+        at = 0
+        for batch in _exact(data, 0, 1, form, skipped):
+            yield _Even(batch, at, rate, start)
+            at += len(batch.rows)
+
+    return TableFile(file, digest, ("t_s", *names), most, batches, read=read, skipped=skipped)
 
 
 @dataclass(frozen=True)
@@ -355,6 +356,7 @@ class _Even:
     """Rows at an even rate, whose times are the column t_s."""
 
     batch: Batch
+    at: int  # number of its first row; blank lines are none
     rate: float
     start: float
 
@@ -365,7 +367,7 @@ class _Even:
     def numbers(self, columns: Sequence[str]) -> Array:
         stored = [name for name in columns if name != "t_s"]
         values = dict(zip(stored, self.batch.numbers(stored), strict=True))
-        values["t_s"] = self.start + (self.rows - 1) / self.rate
+        values["t_s"] = self.start + (self.at + np.arange(len(self.rows))) / self.rate
         return np.array([values[name] for name in columns])
 
     def texts(self, column: str) -> Sequence[str]:

@@ -147,6 +147,10 @@ def test_signals_are_read_back_as_recordings(signals, tmp_path):
     (tmp_path / "a_motion.json").write_text(json.dumps(facts))
     batch = next(iter(read_table(tmp_path / "a_motion.tsv").batches()))
     assert batch.texts("t_s")[:2] == ["-0.5", "-0.25"] and float(batch.texts("x")[0]) == wanted[0]
+    (tmp_path / "a_motion.tsv").write_text("1\n\n2\n")  # a blank line takes no time
+    table = read_table(tmp_path / "a_motion.tsv")
+    assert [b.texts("t_s") for b in table.batches()] == [["-0.5", "-0.25"]]
+    assert "1 blank lines skipped, the first in row 2" in table.notes()
 
 
 def test_a_damaged_log_and_a_full_disk_are_told(data, tmp_path, monkeypatch):
