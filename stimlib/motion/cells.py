@@ -2,7 +2,7 @@
 
 import datetime
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,13 @@ STAMP = re.compile(
 DAY = 86400.0  # s
 
 
+def in_both(numbers: Sequence[float]) -> Array:
+    """Return numbers, and what they are where they were stored in single precision."""
+    with np.errstate(over="ignore"):
+        singles = np.array(numbers, np.float32).astype(float)
+    return np.append(numbers, singles[np.isclose(singles, numbers, 1e-6, 0.0)])
+
+
 class Cells:
     """The cells of a table as numbers.
 
@@ -32,8 +39,8 @@ class Cells:
     sentinels : collection of float or str
         Numbers and texts that stand for a missing number. Numbers are also found where
         they were stored in single precision.
-    flag : str, optional
-        Column of contact, in which 0 and 1 are no sentinels.
+    never : mapping of column to numbers, optional
+        Numbers that are no sentinels: 0 in a time, 0 and 1 in contact.
     """
 
     def __init__(
@@ -42,17 +49,14 @@ class Cells:
         clock: str = "",
         missing: Missing = "refuse",
         sentinels: Collection[float | str] = (),
-        flag: str | None = None,
+        never: Mapping[str | None, tuple[int, ...]] | None = None,
     ):
         self._table, self._clock, self._missing = table, clock, missing
         self._texts = {s.strip() for s in sentinels if isinstance(s, str)}
         reads = (number, table.number)
         found = [read(s) if isinstance(s, str) else float(s) for s in sentinels for read in reads]
-        self._numbers = [value for value in found if value is not None]
-        with np.errstate(over="ignore"):
-            singles = np.array(self._numbers, np.float32).astype(float)
-        self._numbers += singles[np.isclose(singles, self._numbers, 1e-6, 0.0)].tolist()
-        self._flag = flag
+        self._numbers = in_both([value for value in found if value is not None])
+        self._never = never or {}
         self._day: int | None = None
         self._timed: bool | None = None  # whether the clock has times of day, as its first row
         self._form: tuple[bool, ...] = ()  # of the times: with a date, with a zone
@@ -76,9 +80,7 @@ class Cells:
         except ValueError:
             values = np.array([self._column(batch, name, which) for name in columns])
         for name, row in zip(columns, values, strict=True):
-            lost = np.isin(row, self._numbers) if self._numbers else np.zeros(len(row), bool)
-            if name == self._flag:
-                lost &= ~np.isin(row, (0, 1))
+            lost = np.isin(row, self._numbers) & ~np.isin(row, self._never.get(name, ()))
             for i in np.flatnonzero(lost) if self._missing == "refuse" else ():
                 raise self._error(f"{row[i]:g} stands for a missing number", batch, which[i], name)
             row[np.flatnonzero(lost)] = np.nan
@@ -99,8 +101,8 @@ class Cells:
         timed_here = bool(self._timed) and column == self._clock
         for k, i in enumerate(which):
             text = texts[i].strip()
-            lost = text in self._texts and not (column == self._flag and text in ("0", "1"))
             value = self._seconds(text) if timed_here else self._table.number(text)
+            lost = text in self._texts and value not in self._never.get(column, ())
             if lost or (value is None and text.lower() in WORDS):
                 if self._missing == "refuse":
                     problem = f"{text!r} stands for no number" if text else "there is no number"

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BadValue, counted
-from .cells import Cells, Missing
+from .cells import Cells, Missing, in_both
 from .clocks import evened, fitted, step_back, unwrapped
 from .expression import Expression, Linear, expression, linear, names_in
 from .layout import are_numbers
@@ -84,7 +84,8 @@ def series(
     flag = _contact_column(table, contact)
     chosen = _selected(table, where) if where else None
     alone = isinstance(time, Linear) and (time.scale, time.offset) == (1.0, 0.0)
-    cells = Cells(table, time.columns[0] if alone else "", missing, sentinels, flag)
+    never = {name: (0,) for e in (time, *second) for name in e.columns} | {flag: (0, 1)}
+    cells = Cells(table, time.columns[0] if alone else "", missing, sentinels, never)
     t, x, touch, rows = _converted(table, [time, *second, *wanted.values()], flag, chosen, cells)
     if not len(t):
         raise table.error(
@@ -220,11 +221,12 @@ def _equal(table: TableFile, column: str, value: Any) -> Mask:
 
     Cells are compared as numbers if the whole column is numeric, otherwise as text.
     """
-    wanted, text = table.number(str(value)), str(value).strip()
-    if wanted is None:
-        wanted = np.nan
+    text = str(value).strip()
+    plain = isinstance(value, int | float | np.number | np.bool_)
+    number = float(value) if plain else table.number(text)
+    wanted = in_both([] if number is None else [number])
     try:
-        parts = [b.numbers([column])[0] == wanted for b in table.batches()]
+        parts = [np.isin(b.numbers([column])[0], wanted) for b in table.batches()]
     except ValueError:
         texts = (b.texts(column) for b in table.batches())
         parts = [np.array([t.strip() == text for t in batch]) for batch in texts]

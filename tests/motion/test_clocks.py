@@ -209,7 +209,8 @@ def lost(x, *rows, by=np.nan):
 @pytest.mark.parametrize(
     ("by", "sentinels"),
     [(np.nan, ()), ("", ()), ("n/a", ()), ("NA", ()), (-9999, (-9999,)), (".", (".",)),
-        ("-9999", ("-9999",)), ("LOST", (-1, "LOST"))],
+        ("-9999", ("-9999",)), ("LOST", (-1, "LOST")),
+        (np.inf, (np.inf, np.nan))],
 )  # fmt: skip
 @pytest.mark.parametrize("how", ["gap", "hold", "interpolate"])
 def test_a_missing_number_is_no_contact_or_bridged(tmp_path, by, sentinels, how):
@@ -353,12 +354,12 @@ def test_sentinels_in_single_precision_and_of_decimal_commas_are_found(tmp_path)
 
 @pytest.mark.parametrize("sentinel", [0, "0"])
 @pytest.mark.parametrize("texts", [False, True])
-def test_no_contact_is_not_a_missing_contact(sentinel, texts):
+def test_no_contact_is_no_missing_contact_nor_0_s_a_missing_time(sentinel, texts):
     touch = np.array([1, 1, 0, 1])
-    given = {"t_s": [1.0, 1.1, 1.2, 1.3], "x": [1, "" if texts else 0, 2, 3], "contact": touch}
+    given = {"t_s": [0.0, 0.1, 0.2, 0.3], "x": [1, "" if texts else 0, 2, 3], "contact": touch}
     given = {name: [str(v) for v in values] for name, values in given.items()} if texts else given
     r = recording(given, {"x": "x"}, missing="hold", sentinels=(sentinel,), max_speed=None)
-    assert r.info["lifts"] == [(2, pytest.approx(0.2))]
+    assert r.info["lifts"] == [(2, pytest.approx(0.2))] and r.info["reports"] == 4
 
 
 # -- columns combined

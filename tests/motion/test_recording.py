@@ -158,6 +158,14 @@ def test_where_selects_rows(csv, where):
     assert "np." not in repr(r)
 
 
+def test_where_compares_numbers_as_numbers(csv):
+    table = {"t_s": [0, 0.01, 0.02], "x": [1, 2, 3], "on": [False, True, True]}
+    table |= {"g": np.float32([0.1, 1.7, 1.7])}
+    path = csv("t_s;x;g\n0,0;1;0,1\n0,01;2;1,234\n0,02;3;1,234\n")
+    for source, where in ((table, {"g": 1.7}), (table, {"on": True}), (path, {"g": 1.234})):
+        assert recording(source, {"x": "x*1e-3"}, where=where).motion["x"](0.0) == 2e-3
+
+
 N = np.arange(40)
 OFF = {"t_s": N * 0.01 + (N > 30), "contact": np.where(N == 30, 0, 1)}  # 1 s in the air
 
