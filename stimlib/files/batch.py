@@ -17,6 +17,7 @@ from ..system import safe_files
 from ..system.pool import spread
 from ..system.progress import progress as bar
 from . import audio as file
+from .formats import FORMATS
 
 
 def order(n: int, repetitions: int, seed: int) -> list[list[int]]:
@@ -188,6 +189,10 @@ def _is_there(
         "fs": fs,
         "frames": round(seconds * fs),
         "seed": seed,
+        "index": 0,
+        "log": [],
+        "subtype": FORMATS[sidecar["format"]][0],
+        "dither": None,
         "motion": {name: repr(m) for name, m in motion.items()},
         "stimlib": file.__version__,
         "definitions": definitions(scene),

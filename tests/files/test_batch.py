@@ -80,6 +80,14 @@ def test_another_job_is_rendered_again(tmp_path):
         assert path == tmp_path / "index.json"
         found.add((tmp_path / "a.wav.json").read_bytes())
     assert len(found) == 5
+    words["full_scale"] = 400.0
+    render_set(tmp_path, {"a": SET["sine6"]}, **words)
+    rendered, proc = (tmp_path / "a.wav").read_bytes(), stimlib.compile(SET["sine6"], 8000)
+    for subtype in ("PCM_16", "FLOAT"):  # the second goes on from the first
+        how = {"subtype": subtype, "full_scale": 400.0, "progress": False}
+        file.write(tmp_path / "a.wav", proc, MOTION, 0.1, **how)
+        render_set(tmp_path, {"a": SET["sine6"]}, **words)
+        assert (tmp_path / "a.wav").read_bytes() == rendered
 
 
 def test_orders_are_permutations_fixed_by_the_seed():
