@@ -600,8 +600,8 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
     Parameters
     ----------
     path : path
-        A file written by `write` keeps its physical units; for any other sound file the
-        outputs are channel1, channel2, .., without a unit.
+        A file written by `write` keeps its names and physical units; of two channels of
+        one name, and of any other sound file, the outputs are channel1, channel2, ..
 
     Returns
     -------
@@ -646,8 +646,10 @@ def as_scene(path: str | os.PathLike[str]) -> tuple[Scene, dict[str, Array], flo
         raise SinkError(
             f"{path} has no samples, or some that are not finite: there is nothing to play"
         )
-    units = {c["name"]: c["unit"] for c in info.get("channels", ())}
-    units = units or {f"channel{k + 1}": "1" for k in range(len(y))}
+    channels = info.get("channels", [{"unit": "1"}] * len(y))
+    units = {c.get("name"): c["unit"] for c in channels}
+    if len(units) < len(y) or None in units:  # two channels of a session may have one output
+        units = {f"channel{k + 1}": c["unit"] for k, c in enumerate(channels)}
     scene = Scene({n: Input(n, "" if unit == "1" else unit) for n, unit in units.items()})
     return scene, dict(zip(scene.outputs, np.ascontiguousarray(y), strict=True)), float(info["fs"])
 

@@ -80,7 +80,7 @@ class PatternReport:
             f" {counted(self.taps, 'transient')}; 1 stands for {one}"
         ]
         for name, (error, shape, bands) in self.lost.items():
-            least = max(level for _, level, _ in bands) - 40
+            least = max((level for _, level, _ in bands), default=0.0) - 40
             heard = [f"{f:.4g} Hz {x:.1f} -> {y:.1f}" for f, x, y in bands if max(x, y) > least]
             lines.append(
                 f"{name}: read back, it differs by {error:.1f} dB in samples, {shape:.1f} dB in its"

@@ -99,6 +99,9 @@ def test_a_session_with_changes_and_losses_replays(session, tmp_path):
     channels = [(c["name"], c["full_scale"]) for c in sidecar["channels"]]
     assert channels == [(n or "channel1", SCALES.get(n, 1.0)) for n in FOUR]
     assert np.array_equal(y, (frames.astype(float) * [s for _, s in channels]).T)
+    scene, sounds, _ = file.as_scene(tmp_path / "17.wav")  # two channels have one name
+    assert list(scene.outputs) == list(sounds) == [f"channel{k}" for k in (1, 2, 3, 4)]
+    assert np.array_equal(list(sounds.values()), y)
     assert sidecar["lost"] == [{"at": a, "frames": n} for a, n in LOST]
     at = [a for a, f, given in delivered(log, 100) if given and len(f)]
     assert at == sorted(at)

@@ -436,6 +436,8 @@ def test_the_loss_is_that_of_known_signals(tmp_path):
     made = stimlib.render(stimlib.Scene({"a": white_noise(1)}), fs=FS, seconds=0.5)
     report = write_pattern(tmp_path / "a.hjif", made)
     assert report.lost["a"][0] > -1.0 and "read back, it differs by" in str(report)
+    slow = stimlib.render(stimlib.Scene({"a": oscillator(25)}), fs=80.0, seconds=2.0)
+    assert "read back" in str(write_pattern(tmp_path / "a.hjif", slow))  # below all octaves
 
 
 # Refuse -------------------------------------------------------------------------------
