@@ -49,9 +49,10 @@ def events_of(rendering: Rendering, name: str) -> list[Point]:
 def analysed(y: Array, fs: float, events: list[Point], device: PatternDevice) -> Pattern:
     """Return samples as a pattern: taps at the events, and one voice for all else.
 
-    A tap has the height of a ring that is fitted, by least squares, to the samples
-    after its event. The voice has the magnitude and the instantaneous frequency of the
-    analytic signal (Gabor, J. IEE 93 (1946), p. 429), above 20 Hz.
+    A tap has the height of a ring that is fitted, by least squares with a
+    constant force below it, to the samples after its event. The voice has the magnitude
+    and the instantaneous frequency of the analytic signal (Gabor, J. IEE 93 (1946), p.
+    429), above 20 Hz.
     """
     rest, taps, top = y.astype(np.float64), [], np.abs(y).max()
     ends = [at for at, _ in events[1:]] + [len(y)] * bool(events)
@@ -59,12 +60,13 @@ def analysed(y: Array, fs: float, events: list[Point], device: PatternDevice) ->
         at = int(start)
         tail = rest[at : at + round(12 * device.decay * fs)]
         window = tail[: max(4, min(int(later) - at, round(TAP_SECONDS * fs)))]
+        window = window - window.mean()  # a force below it is no part of the tap
         if not hertz:
             spectrum = np.abs(np.fft.rfft(window * np.hanning(len(window)), 8192))
             hertz = float(np.argmax(spectrum)) * fs / 8192
         t = np.arange(len(tail)) / fs
         ring = np.exp(-t / device.decay) * np.sin(2 * np.pi * hertz * t)
-        near = ring[: len(window)]
+        near = ring[: len(window)] - ring[: len(window)].mean()
         height = float(window @ near / max(near @ near, 1e-30))
         if abs(height) > 0.001 * top:
             tail -= height * ring

@@ -234,6 +234,8 @@ def read_ahap(tree: Tree, device: PatternDevice, skip_sound: bool = False) -> li
             line = [(p.get("Time", 0.0) + c.get("Time", 0.0), c["ParameterValue"]) for c in points]
             curves[p["ParameterID"]].append(rising(line, f"$.Pattern[{k}]"))
             ends[f"$.Pattern[{k}]"] = line[-1][0]
+        elif (name := p.get("ParameterID", "")).startswith("Haptic"):
+            notes.append(f"$.Pattern[{k}] changes times of envelopes ({name}) and was ignored")
     lines = joined(curves[INTENSITY], 1.0, 0.0), joined(curves[SHARPNESS], 0.0, -1.0)
     pattern, size = Pattern([], []), 0
     for k, item in enumerate(tree["Pattern"]):

@@ -38,7 +38,8 @@ class ImportedPattern:
         How its numbers were read.
     notes : list of str
         What of the file has no effect, by its JSON path: fields that the format does
-        not have, curves that go on after the vibration, and sound that was skipped.
+        not have, dynamic parameters of envelopes, curves that go on after the
+        vibration, and sound that was skipped.
     """
 
     scene: Scene

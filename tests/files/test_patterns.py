@@ -15,7 +15,7 @@ from memory import most_memory
 from refusals import refused
 
 import stimlib
-from stimlib.blocks import at, loop, oscillator, ring, rising, timeline, white_noise
+from stimlib.blocks import at, grain, loop, oscillator, ring, rising, timeline, white_noise
 from stimlib.cli import convert
 from stimlib.errors import BadValue, FaultError, SceneFileError, UnitError
 from stimlib.files import PatternDevice, read_pattern, write_pattern
@@ -195,13 +195,15 @@ def test_what_of_a_file_has_no_effect_is_noted(tmp_path):
     odd = happens(**PARAMETERS, _for=1.0)
     odd["Event"]["Loudness"], odd["Note"] = 1.0, None
     steps = curved(INTENSITY, (0.0, 1.0), (2.5, 0.5)), step("HapticSharpnessControl", 1.0009, 0)
+    slow = step("HapticDecayTimeControl", 0.5, 0.5)
     hum = SOUND | {"EventType": "AudioContinuous", "EventDuration": 9.0}
-    path = ahap(tmp_path, odd, tap(0.5, 1.0), odd, *steps, {"Event": SOUND}, {"Event": hum})
+    path = ahap(tmp_path, odd, tap(0.5, 1.0), odd, *steps, {"Event": SOUND}, {"Event": hum}, slow)
     made = read_pattern(path, skip_sound=True)
     no_field = "is no field of this format and was ignored"
     assert made.notes == [
         f"$.Pattern[..].Event.Loudness {no_field} (2 x)",
         f"$.Pattern[..].Note {no_field} (2 x)",
+        "$.Pattern[7] changes times of envelopes (HapticDecayTimeControl) and was ignored",
         "$.Pattern[5].Event is sound (AudioCustom) and was skipped",
         "$.Pattern[6].Event is sound (AudioContinuous) and was skipped",
         "$.Pattern[3] goes on to 2.5 s, and the vibration ends at 1 s",
@@ -358,6 +360,7 @@ def test_a_tone_comes_back_with_its_level_and_frequency(tmp_path, suffix, most):
 
 HEIGHTS = timeline([(0, 0.5), (0.1, -1.0), (0.205, 0.3)], "step", "N")
 RISEN = rising(stimlib.Input("x", "m"), stimlib.Param("at", 0.01, "m"))
+CLICK = np.exp(-np.arange(400) / FS / TAU) * np.sin(2 * np.pi * 200 * np.arange(400) / FS)
 LINES_OF_40_S = timeline([(k * 1.0, 0.2 + 0.1 * (k % 3)) for k in range(41)]) * oscillator(
     timeline([(0, 100), (40, 250)], unit="Hz")
 )
@@ -368,6 +371,12 @@ TAPPED = {  # a scene, how it is rendered, its format, and times, heights and Hz
         {"seconds": 0.5},
         ".hjif",
         [(0.05, 0.5, 120), (0.2, -1.0, 120), (0.21, 0.3, 120)],
+    ),
+    "on a constant force": (
+        2.0 + ring(at([0.1]), 200.0, TAU) + grain(at([0.3]), CLICK, FS),
+        {"seconds": 0.5},
+        ".hjif",
+        [(0.1, 1.0, 200), (0.3, 1.0, 200)],
     ),
     "of the same motion and parameters": (
         ring(0.5 * RISEN, 150, TAU),
