@@ -310,7 +310,7 @@ def header(
     """
     made = protect(scene, safety)
     named = {**made.inputs, **made.params, **made.outputs}
-    versions = {p: metadata.version(p) for p in ("numpy", "llvmlite")}
+    versions = {p: metadata.version(p) for p in ("numpy", "scipy", "llvmlite")}
     return {
         "stimlib": __version__,
         "versions": {"python": platform.python_version(), **versions},

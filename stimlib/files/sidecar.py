@@ -7,7 +7,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -165,9 +165,5 @@ def read_of(sources: Mapping[str, Any]) -> dict[str, Any]:
 def versions() -> dict[str, str]:
     """Return the versions of the packages that affect the bytes of a file."""
     sf = soundfile()
-    return {
-        "numpy": np.__version__,
-        "llvmlite": import_module("llvmlite").__version__,
-        "soundfile": sf.__version__,
-        "libsndfile": sf.__libsndfile_version__,
-    }
+    used = {p: metadata.version(p) for p in ("numpy", "scipy", "llvmlite")}
+    return used | {"soundfile": sf.__version__, "libsndfile": sf.__libsndfile_version__}

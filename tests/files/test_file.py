@@ -241,7 +241,8 @@ def test_sidecar_says_what_the_samples_are(tmp_path):
     proc.set("k", 1500.0)
     file.write(tmp_path / "a.wav", proc, MOTION, 0.1)
     sidecar = json.loads((tmp_path / "a.wav.json").read_text())
-    assert set(sidecar.pop("versions")) == {"numpy", "llvmlite", "soundfile", "libsndfile"}
+    packages = {"numpy", "scipy", "llvmlite", "soundfile", "libsndfile"}
+    assert set(sidecar.pop("versions")) == packages
     assert sidecar["channels"][0].pop("peak") == pytest.approx(1500 * 0.02, rel=0.1)
     assert {"sha256", "file_sha256", "definitions"} <= set(sidecar)
     assert {k: v for k, v in sidecar.items() if "sha256" not in k and k != "definitions"} == {
