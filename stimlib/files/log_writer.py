@@ -21,6 +21,7 @@ from ..errors import BadValue, SinkError, StimlibError, public
 from ..run.safety import Safety, protect
 from ..system import fields, safe_files
 from ..version import __version__
+from .formats import check_format
 from .log_reader import COUNT, MAX_LOST, checked
 from .sound_file import Draft
 
@@ -87,6 +88,8 @@ class LogWriter(AbstractContextManager["LogWriter"]):
     ):
         self.folder = Path(folder)
         self._head = checked(dict(header), "header", BadValue)
+        if record:
+            check_format("CAF", "FLOAT", self._head.fs, 1, 0)
         self._inputs, self._channels = len(self._head.inputs), len(self._head.channels)
         self._span = max(1, round(SPAN * self._head.fs))
         # the next delivered frame; the first that is not under a hash yet

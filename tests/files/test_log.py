@@ -427,6 +427,8 @@ def test_the_writer_refuses_what_it_could_not_replay(tmp_path):
     assert [e.kind for e in read_log(tmp_path / "a").events] == ["note", "hash"]
     refused(SinkError, "^(?!cannot).*not empty", LogWriter, tmp_path / "a", GOOD)
     refused(SinkError, "cannot make the log", LogWriter, tmp_path / "none" / "a", GOOD)
+    uneven = GOOD | {"fs": 1000.4}  # delivered.caf would say 1000 Hz
+    refused(SinkError, "whole number", LogWriter, tmp_path / "b", uneven, record=True)
 
 
 def test_a_full_disk_is_told_and_the_log_stays_readable(mounted):
