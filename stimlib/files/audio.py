@@ -467,8 +467,8 @@ def write_frames(
         "seed": 0,
         "params": {},
         "index": 0,
+        **{"log": [], "motion": {}, "scene": {}, "scene_hash": "", "definitions": {}},
     }
-    blank |= {"log": [], "motion": {}, "scene": {}, "scene_hash": "", "definitions": {}}
     scales = np.array([c["full_scale"] for c in info["channels"]])
 
     def run(put: Put) -> tuple[NDArray[np.int64], Array, None]:

@@ -339,41 +339,19 @@ def _read_bids(file: str, digest: str, data: bytes, stem: str) -> TableFile:
     most = 1 + _ends(data)
     limits.check("recording_rows", most, f"{file}: rows", RecordingError)
     form = _Form(file, tuple(names), "\t", ".", "", False)
+    timed = replace(form, names=("t_s", *names))
     read = (*notes, f"names and rate, {rate:g} Hz, from {os.path.basename(beside)}")
     skipped: dict[str, tuple[int, int]] = {}
 
     def batches() -> Iterator[Batch]:
-        at = 0
+        at = 0  # number of the first row; blank lines take no time
         for batch in _exact(data, 0, 1, form, skipped):
-            yield _Even(batch, at, rate, start)
-            at += len(batch.rows)
+            times = (start + np.arange(at, at + len(batch.rows)) / rate).tolist()
+            cells = [[str(t), *row] for t, row in zip(times, batch.cells, strict=True)]
+            yield _Exact(cells, batch.rows, timed)
+            at += len(times)
 
     return TableFile(file, digest, ("t_s", *names), most, batches, read=read, skipped=skipped)
-
-
-@dataclass(frozen=True)
-class _Even:
-    """Rows at an even rate, whose times are the column t_s."""
-
-    batch: Batch
-    at: int  # number of its first row; blank lines are none
-    rate: float
-    start: float
-
-    @property
-    def rows(self) -> Rows:
-        return self.batch.rows
-
-    def numbers(self, columns: Sequence[str]) -> Array:
-        stored = [name for name in columns if name != "t_s"]
-        values = dict(zip(stored, self.batch.numbers(stored), strict=True))
-        values["t_s"] = self.start + (self.at + np.arange(len(self.rows))) / self.rate
-        return np.array([values[name] for name in columns])
-
-    def texts(self, column: str) -> Sequence[str]:
-        if column == "t_s":
-            return [str(t) for t in self.numbers(["t_s"])[0]]
-        return self.batch.texts(column)
 
 
 def _ends(piece: bytes) -> int:
