@@ -303,14 +303,14 @@ def swept_damping(
     if not name:
         raise BadValue(f"swept_damping: {output} reads no position, so it needs no damping: try_on")
     proc = compile(scene, fs, seed=seed)
-    for param, value in params.items():
-        proc.set(param, value, ramp=0.0)
     column, row = [*proc.inputs].index(name), [*proc.outputs].index(output)
     f = np.arange(1, size // 2) * fs / size
     t = np.arange(2 * size) / fs
     x, damping = np.zeros((len(proc.inputs), t.size)), np.empty(f.size)
     for k, w in enumerate(2 * np.pi * f):
         proc.reset(seed)
+        for param, value in params.items():
+            proc.set(param, value, ramp=0.0)
         x[column] = center + amplitude * np.sin(w * t)
         late = amplitude * np.sin(w * (np.append(t, t.size / fs) + delay))
         step = np.diff(late)

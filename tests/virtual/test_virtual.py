@@ -182,11 +182,14 @@ def test_a_sweep_of_what_is_not_linear():
     inside = swept_damping(half, center=0.005)[1].max()
     assert inside == pytest.approx(1.0, rel=1e-3)  # its force is a mean, half a sample late
     assert 0 < swept_damping(half)[1].max() < inside
-    # each frequency begins anew, with the same noise
-    noisy = Scene({"force": spring(X, 100.0) + constant(0.1, "N") * white_noise(1)})
-    f, damping = swept_damping(noisy, size=20, seed=3)
+    # each frequency begins anew, with the same noise and the given parameters
+    k = Param("k", 500.0, "N/m")
+    noisy = Scene({"force": k * X + constant(0.1, "N") * white_noise(1)})
+    f, damping = swept_damping(noisy, size=20, seed=3, params={"k": 100.0})
     x = 1e-3 * np.sin(2 * np.pi * f[6] * np.arange(41) / 1000.0)
-    force = stimlib.compile(noisy, 1000.0, seed=3).process(x[None, :40])[0]
+    proc = stimlib.compile(noisy, 1000.0, seed=3)
+    proc.set("k", 100.0, ramp=0.0)
+    force = proc.process(x[None, :40])[0]
     step = np.diff(x)
     want = -np.sum((force * step)[20:]) / np.sum(step[20:] ** 2) / 1000.0
     assert damping[6] == pytest.approx(want, rel=1e-9)
