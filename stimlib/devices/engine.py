@@ -185,7 +185,7 @@ class Pump:
             self._fill(MOTION=words.FROM_TABLE, TABLE=place(source.x), TABLE_N=source.x.shape[1])
         elif isinstance(source, (Scripted, Live)):
             size = 1 << math.ceil(math.log2(max(proc.fs, 4 * words.CHUNK)))
-            keep = round(source.keep * proc.fs) if isinstance(source, Live) else 0
+            keep = max(1, round(source.keep * proc.fs)) if isinstance(source, Live) else 0
             self._fill(
                 MOTION=words.LIVE if keep else words.TIMED,
                 M_RING=place(np.zeros(size * inputs)),

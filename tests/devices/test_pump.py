@@ -249,8 +249,9 @@ def test_motion_that_stays_away_is_held_then_faded():
     )
 
 
-def test_a_slow_tracker_is_held_between_its_reports():
-    bench = live().begun()
+@pytest.mark.parametrize("keep", [0.05, 1e-5])
+def test_a_slow_tracker_is_held_between_its_reports(keep):
+    bench = live(keep).begun()
     for k in range(20):
         bench.pump.put_motion(np.full((1, 1), 0.01 * k))
         bench.block(64)  # 125 reports a second
