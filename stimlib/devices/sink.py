@@ -412,6 +412,8 @@ class Sink:
             with self._lock:
                 if self._closed:
                     raise SinkError("start: this sink was closed meanwhile")
+                if self._stopped:
+                    return self.pump.write("STATE", words.DONE)
                 first = self._first()
                 if self._at is not None:  # as far as it is known; see _keep_time
                     left = self._due(self._at, time.monotonic) - time.monotonic()
@@ -1031,8 +1033,9 @@ class Sink:
         self._calls, self._silence = calls, 0.0 if even else self._silence + seconds
         silent = self.clock and self._silence >= self.silent_for
         if silent and not (self._device_gone or self._closed):
-            self._hangs = True
-            self.device_lost(f"{self.gone.format(self.silent_for)} No fade-out was possible")
+            device = getattr(self, "root", self)  # which may be of a session before
+            device._hangs = True
+            device.device_lost(f"{self.gone.format(self.silent_for)} No fade-out was possible")
         if self._feeder and self._feeder.is_alive() and not (self.error or self.finished):
             turns, before = self._feeder.turns, self._turns
             self._turns, self._waited = turns, self._waited + seconds if turns == before else 0.0

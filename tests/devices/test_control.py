@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from devices.servers import Seen, begun, played
+from devices.servers import Seen, begun, played, until
 from refusals import refused
 
 import stimlib
@@ -84,20 +84,26 @@ def test_deadlines_are_absolute_and_what_is_missed_is_told():
     assert loop().lateness(50) == [0.0]
 
 
-def test_a_read_that_hangs_is_written_zeros_by_the_watchdog():
-    gate, count = threading.Event(), iter(range(10**6))
+@pytest.mark.parametrize("follows", [False, True])
+def test_a_read_that_hangs_is_written_zeros_by_the_watchdog(follows):
+    gate, hangs = threading.Event(), threading.Event()
 
     def read():
-        if next(count) == 300:
+        if hangs.is_set():
             gate.wait(60)
         return [0.02]
 
-    made = loop(read, watchdog=0.1)
+    made = loop(read, watchdog=0.5)
     with begun(made, 60.0, fs=1000):
-        refused(SinkError, "period has not ended for 0.1 s: zeros", made.wait, 50.0)
-        assert max(made.written)[0] > 1.9 and made.written[-1][0] == 0.0 and not gate.is_set()
+        if follows:
+            made.crossfade(SPRING)
+        until(lambda: made.newest.pump.index > 300)
+        hangs.set()
+        refused(SinkError, "period has not ended for 0.5 s: zeros", made.wait, 50.0)
+        until(lambda: made.written[-1][0] == 0.0)
+        assert max(made.written)[0] > 1.9 and not gate.is_set()
         gate.set()
-        made.error = None
+        made.error = made.newest.error = None
     assert made.written[-1][0] == 0.0
 
 

@@ -140,6 +140,12 @@ def test_a_sink_that_is_closed_while_it_begins_ends_its_threads_and_its_log(tmp_
     assert read_log(tmp_path).report["produced"] == 0
 
 
+def test_a_sink_that_is_stopped_while_it_begins_plays_nothing():
+    sink = clocked()
+    sink._start = sink.stop  # as another thread does, while a device settles
+    assert played(sink, patience=20.0).finished and sink.report().produced == 0
+
+
 # The process --------------------------------------------------------------------------
 def test_a_program_that_ends_needs_no_new_thread_to_close(monkeypatch):
     """From Python 3.12 on none can be started then."""
