@@ -25,7 +25,8 @@ class NidaqSink(Sink):
     ----------
     scene, safety, **options
         See ``Sink``.  ``block`` of ``open`` is the number of samples that are written
-        at once, by default 10 ms of them; four blocks lie in the device's buffer.
+        at once, by default 10 ms of them and at most 50 ms; four blocks lie in the
+        device's buffer.
     name : str
         Outputs as NI-DAQmx names them, such as ``"Dev1/ao0"`` or ``"Dev1/ao0:1"``, one
         for each channel.
@@ -47,6 +48,7 @@ class NidaqSink(Sink):
     """
 
     device = "nidaq"
+    queue = AHEAD + 1
 
     def __init__(
         self, scene, safety=None, *, name: str = "Dev1/ao0", volts: float = 10.0, **options: Any

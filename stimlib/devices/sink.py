@@ -58,8 +58,8 @@ CLOSE_WITHIN = 2.0
 """Seconds within which ``close`` returns, whatever the device does."""
 
 LONGEST_BLOCK = 0.25
-"""Longest block of a device in s: a stop is late by a block, and must end before
-``close`` returns.
+"""Longest block of a device in s, with the blocks that wait in it: a stop is as late,
+and must end before ``close`` returns.
 """
 
 WAITS = 2.0
@@ -153,6 +153,7 @@ class Sink:
 
     device = "none"
     clock = True  # whether it has a clock of its own
+    queue = 1  # blocks from a stop until its fade leaves the device, at most
     leads = True  # whether frames before sample 0 lead to it; else the gain rises along the samples
     silent_for = 2.0
     gone = "the device has taken no samples for {:g} s: is it still there?"
@@ -296,11 +297,12 @@ class Sink:
         )
         try:
             self._open()
-            if self.clock and self.block and self.block > LONGEST_BLOCK * self.rate:
+            late = self.queue * (self.block or 0) / self.rate
+            if self.clock and late > LONGEST_BLOCK:
                 raise SinkError(
-                    f"{self.device}: blocks of {counted(self.block, 'frame')} are"
-                    f" {self.block / self.rate:.2g}"
-                    f" s, and a stop would come as late: at most {int(LONGEST_BLOCK * self.rate)}"
+                    f"{self.device}: with blocks of {counted(self.block or 0, 'frame')} a stop"
+                    f" would come {late:.2g} s late: at most"
+                    f" {int(LONGEST_BLOCK * self.rate / self.queue)}"
                 )
         except BaseException:
             self._closed = True

@@ -390,6 +390,7 @@ def test_what_is_missing_is_named_with_its_command(monkeypatch, kind, package, e
         ({"name": "Nothing/ao0"}, {}, "cannot be opened: .*identifier"),
         ({"name": "Dev1/ao0:1"}, {}, "2 outputs, not 1"),
         ({}, {"rate": 100_000}, "plays at 50000 Hz, not 100000"),
+        ({}, {"block": 400}, "400 frames a stop would come 1 s late: at most 100"),
     ],
 )
 def test_what_an_ni_device_does_not_have_is_refused(monkeypatch, how, told, says):
