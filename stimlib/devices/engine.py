@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -300,6 +300,14 @@ class Pump:
         """
         bits = int(np.float64(value).view(np.int64))
         return bool(self.native.put_command(self.context, words.SET, self.params[name], bits, ramp))
+
+    def waiting(self) -> Iterator[tuple[str, float, int]]:
+        """Yield the changes that no block has taken yet: name, value, ramp."""
+        names, ring = [*self.params], self.buffers("C_RING").reshape(-1, words.RECORD)
+        for at in range(self.read("C_READ"), self.read("C_WRITE")):
+            kind, param, bits, ramp, _ = ring[at % len(ring)].tolist()
+            if kind == words.SET:
+                yield names[param], float(np.int64(bits).view(np.float64)), ramp
 
     def stop(self, reason: str, earliest: int = 0) -> None:
         """Request a fade-out, at sample ``earliest`` or later.

@@ -476,7 +476,8 @@ class Sink:
         elif isinstance(self._feeder, Feeder):
             x = self._feeder.columns(0, 1)
         state = self.proc.state
-        self.proc.set(GAIN, 1.0, ramp=0.0)
+        for name, value, ramp in [*self.pump.waiting(), (GAIN, 1.0, 0)]:
+            self.proc.set(name, value, ramp / self.rate)
         y = self.proc.process(x)[:, 0]
         self.proc.state = state
         return y

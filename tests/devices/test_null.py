@@ -35,10 +35,14 @@ def clocked(scene=STEADY, full_scale=1.0, **options):
 @pytest.mark.parametrize(
     "motion", [lambda t: 0.5 - t, 0.5 - np.arange(800) / FS], ids=["function", "recorded"]
 )
-def test_the_rise_before_sample_0_leads_to_it(motion):
+@pytest.mark.parametrize("jump", [0.0, 2.0])
+def test_the_rise_before_sample_0_leads_to_it(motion, jump):
     scene = Scene({"y": Param("level", 1.0) * Input("x") + 0.01 * stimlib.blocks.white_noise(1)})
-    with fast(scene, 10.0, motion={"x": motion}, params={"level": 3.0}, seed=5) as sink:
+    params = {"level": 3.0 - jump}
+    with fast(scene, 10.0, motion={"x": motion}, params=params, seed=5) as sink:
         sink.open(FS)
+        if jump:
+            sink.set("level", 3.0, ramp=0.0)
         start, firsts = sink.pump.start, []
         sink.pump.start = lambda frames, first: (firsts.append(first), start(frames, first))
         sink.start(seconds=0.1)
