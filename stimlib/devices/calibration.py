@@ -151,7 +151,7 @@ class Calibration:
         BadValue
             A frequency outside of it.
         """
-        return float(abs(self._at(freq, self.gain)))
+        return float(self._at(freq, np.abs(self.gain)))  # whatever the phase, as of a delay
 
     def error(self, freq: float) -> float:
         """Return the relative uncertainty (95 %) of ``full_scale`` at a frequency.
