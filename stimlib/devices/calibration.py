@@ -192,7 +192,7 @@ class Calibration:
         taps : int, optional
             Odd; more follow sharper resonances and narrower slopes beside the band.  By
             default the fewest of 129, 183, 257, .. 8193 that invert with an error
-            of at most 1 %.
+            of at most 1 %, before they are scaled for a gain of at most 1.
 
         Returns
         -------
@@ -238,8 +238,9 @@ class Calibration:
                 f" {error:.1%}, and a gain of up to {spill:.2g} where nothing was measured: give"
                 " more taps, sweep more beyond the band, or leave out the deepest gap"
             )
-        most = np.abs(overall[wanted < 1.0]).max(initial=0.0)
-        return found / max(1.0, most), error, response, apart
+        most = max(1.0, np.abs(overall[wanted < 1.0]).max(initial=0.0))
+        error = float(np.abs(overall / most - 1.0)[wanted == 1.0].max())
+        return found / most, error, response, apart
 
     def _over(self, fs: float) -> tuple[Any, Any, Any, Any, Any]:
         """Return frequencies up to fs/2, and what holds there.
