@@ -156,7 +156,7 @@ def record_sweep(
         frames: list[np.ndarray] = []
         # a log in memory; losses are in the report
         kept = SimpleNamespace(
-            motion=lambda x: moved.append(x.copy()),
+            motion=moved.append,
             delivered=frames.append,
             event=lambda at, kind, **more: None,
             close=lambda report: None,

@@ -228,7 +228,7 @@ class Recorder:
         while len(x := p.motion()):
             self._column = x[-1:].T.copy()
             if writer is not None:
-                writer.motion(np.ascontiguousarray(x.T))
+                writer.motion(x.T.copy())
         while True:
             frames = p.frames()
             self._pending += p.events()  # an event is there before the frames that follow it

@@ -31,10 +31,10 @@ class Seen:
         self.x, self.frames, self.events, self.end = [], [], [], None
 
     def motion(self, x):
-        self.x.append(x.copy())
+        self.x.append(x)
 
     def delivered(self, frames):
-        self.frames.append(frames.copy())
+        self.frames.append(frames)
 
     def event(self, at, kind, **data):
         self.events.append((at, kind, data))

@@ -116,6 +116,14 @@ def test_a_scripted_hand_is_its_function_of_time(clocked):
     assert x.shape == expected.shape and not late[:64].any() and late.any() <= clocked
 
 
+def test_a_log_may_keep_what_it_is_given():
+    """Also the motion of one input, whose row lies in the memory of the sink."""
+    log, x = Seen(), np.arange(20_000) * 1e-5
+    scene = Scene({"y": 1 * Input("x")})
+    played(NullSink(scene, 1.0, motion={"x": x}, clocked=False, log=log))
+    assert np.array_equal(np.concatenate(log.x, axis=1), [x])
+
+
 def test_a_hand_that_is_no_number_is_told_with_its_sample():
     """At once, where it is seen before the start; how it fades: test_functions."""
     broken = {"x": lambda t: np.where(t < 1.0, 0.5, np.nan)}
