@@ -339,6 +339,23 @@ CORRECT = {
         {"fs": 4000},
         "too long",
     ),
+    "a course and a level far slower than the run": (
+        lambda: Scene(
+            {
+                "course": b.timeline([(0.0, 0.0), (100.0, 1.0)], "cosine"),
+                "level": b.envelope_follower(X, 10.0),
+            }
+        ),
+        {"x": np.ones(400)},
+        {},
+        "",
+    ),
+    "the first two samples of a slow pulse": (
+        lambda: s.pulse(duration=0.4, ramp=0.1, period=0.6),
+        {},
+        {"fs": 192000, "seconds": 1e-5},
+        "",
+    ),
     "outputs named as taps": (lambda: taps("tap0"), {"x": np.ones(500)}, {}, ""),
     "outputs named as gates": (lambda: taps("gate0"), {"x": np.ones(500)}, {}, ""),
     **alike(

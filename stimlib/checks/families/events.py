@@ -34,12 +34,13 @@ def _at(b, fs, x, y):
 
 @law("Timeline", since=0)
 def _timeline(b, fs, x, y):
-    t, want = x[0], np.full(y.size, b.values[0])
+    t, want, size = x[0], np.full(y.size, b.values[0]), np.full(y.size, abs(b.values[0]))
     for t0, t1, v0, v1 in zip(b.times, b.times[1:], b.values, b.values[1:], strict=False):
         z = (t - t0) / (t1 - t0) if t1 > t0 else np.zeros(t.size)
-        w = {"step": 0 * z, "linear": z, "cosine": (1 - np.cos(np.pi * z)) / 2}[b.kind]
+        w = {"step": 0 * z, "linear": z, "cosine": np.sin(np.pi / 2 * z) ** 2}[b.kind]
         want = np.where(t >= t0, v0 + (v1 - v0) * w, want)
-    return near(np.where(t >= b.times[-1], b.values[-1], want), 1e-13)
+        size = np.where(t >= t0, abs(v0) + abs(v1), size)
+    return np.where(t >= b.times[-1], b.values[-1], want), 2e-15 * size
 
 
 @law("Edge", since=1)

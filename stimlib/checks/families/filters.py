@@ -92,7 +92,7 @@ def _track(b, fs, x, y):
 
 def _part(n: float) -> float:
     """Return how much of the way a follower with a time of n samples goes in one."""
-    return 1.0 if n <= 1e-3 else 1 - math.exp(-1 / n)
+    return 1.0 if n <= 1e-3 else -math.expm1(-1 / n)
 
 
 @law("Follower", since=1)

@@ -245,7 +245,7 @@ def bursts(a: Asked) -> np.ndarray:
     t = n - starts[np.searchsorted(starts, n, "right") - 1] + 0.5
     rise = np.clip(np.minimum(t, long - t) / min(max(0.5, g["ramp"] * a.fs), long / 2), 0, 1)
     a.say(f"{g['duration']:g} s with ramps of {g['ramp']:g} s, {g['repeats'] or 'endless'} times")
-    return np.where(t < long, (1 - np.cos(np.pi * rise)) / 2, 0)
+    return np.where(t < long, np.sin(np.pi / 2 * rise) ** 2, 0)
 
 
 def on_channels(a: Asked, want: np.ndarray, tol: float, text: str) -> list[Check]:
