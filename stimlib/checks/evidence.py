@@ -501,7 +501,8 @@ def noise_model(root: Block, fs: float):
 
     def psd(f):
         with np.errstate(divide="ignore", invalid="ignore"):
-            return 2 / fs * np.prod([np.abs(r.law(f, fs)) ** 2 for r in chain], axis=0)
+            flat = np.full(np.shape(f), 2 / fs)
+            return flat * np.prod([np.abs(r.law(f, fs)) ** 2 for r in chain], axis=0)
 
     bands = [r.f(fs) for r in chain]
     low = max((f[0] for f in bands if f[0] > 1), default=1.0)

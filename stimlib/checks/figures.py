@@ -140,7 +140,7 @@ def _of_noise(tap: Tap) -> Against:
     title = f"noise in {tap.output} before gate and rate"
     return Against(
         title,
-        "1/s",
+        f"{tap.block.dim}",
         centre,
         level * np.array([b.ratio for b in s.bands]),
         level,

@@ -28,6 +28,7 @@ from stimlib.analysis.overview import (
     picture,
     rows_of,
 )
+from stimlib.blocks import enabled, white_noise
 from stimlib.checks.figures import svg
 from stimlib.errors import BadValue, UnknownName, counted
 from stimlib.files import audio
@@ -250,17 +251,19 @@ ODD = {  # an output of x, and x
     "silence": (0.0 * X, np.linspace(0, 1, 400)),
     "a fault": (1.0 / (X / ONE - 0.5), np.linspace(0, 1, 401)),
     "one sample": (K * X, np.ones(1)),
+    "a gated noise": (enabled(white_noise(1), by=X), np.ones(400)),
     "squares that are too large": (1e305 * X, np.linspace(0, 1, 400)),
 }
 
 
-@pytest.mark.parametrize("name", mostly(["a fault", "one sample"], ODD))
+@pytest.mark.parametrize("name", mostly(["a fault", "one sample", "a gated noise"], ODD))
 def test_odd_signals_have_a_page_and_a_picture(name, tmp_path):
     y, x = ODD[name]
     scene = stimlib.Scene({"y": y})
     r = stimlib.render(scene, {"x": x}, FS, on_fault="ignore", target="python")
     report = stimlib.verify(scene, {"x": x}, r)
     assert report.passed == (name != "a fault") and set(report.spectra()) <= {"y"}
+    assert all(a.unit == f"{scene.outputs['y'].dim}" for a in report.spectra().values())
     report.to_html(tmp_path / "a.html")
     picture(r, tmp_path / "a.png", report.spectra())
     data = (tmp_path / "a.png").read_bytes()
