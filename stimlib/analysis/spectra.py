@@ -57,9 +57,9 @@ def bins(n: int, fs: float, f_low: float, f_high: float) -> np.ndarray:
     >>> bins(1000, 1000.0, 10.0, 20.0)
     array([10, 13, 16, 19])
     """
-    return np.arange(max(4, int(np.ceil(f_low * n / fs))), min(n // 2, int(f_high * n / fs)) + 1)[
-        ::3
-    ]
+    # a bin nearer to half the rate depends on its mirror image
+    top = min((n - 3) // 2, int(f_high * n / fs))
+    return np.arange(max(4, int(np.ceil(f_low * n / fs))), top + 1)[::3]
 
 
 def whitened(

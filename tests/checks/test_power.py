@@ -306,6 +306,15 @@ def test_the_expected_spectrum_is_the_model_seen_through_the_taper():
     np.testing.assert_allclose(periodogram / W, expected, rtol=1e-3)
 
 
+@pytest.mark.parametrize("n", [65, 66, 67, 68, 69, 70])
+def test_no_bin_depends_on_its_mirror_image(n):
+    """Half the rate is a real number, whose square has a heavier tail than Exp(1)."""
+    j, k = np.arange(n), spectra.bins(n, 1000.0, 1.0, 500.0)
+    taper = np.sin(np.pi * (j + 0.5) / n) ** 2
+    mirrored = np.exp(-4j * np.pi * np.outer(k, j) / n) @ taper**2
+    assert k[-1] > n / 2 - 5 and np.abs(mirrored).max() < 1e-9
+
+
 def test_a_last_group_of_too_few_bins_joins_its_neighbour():
     parts = [np.arange(5), np.arange(5, 8), np.arange(8, 12), np.arange(12, 14)]
     assert [p.tolist() for p in spectra._at_least(parts, 4)] == [[*range(5)], [*range(5, 14)]]
