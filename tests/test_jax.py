@@ -18,7 +18,7 @@ from test_graphs import LENGTH, motion, scenes as generated
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, blocks as b, scenes
-from stimlib.checks.agreement import agreement
+from stimlib.checks.agreement import Agreement, agreement
 from stimlib.core import maths
 from stimlib.core.graph import Map, registry
 from stimlib.core.maths import where
@@ -237,6 +237,7 @@ def test_every_scene_equals_the_reference(dtype_name):
 def test_every_deviate_of_float32_is_the_reference_rounded():
     a = agreement(Scene({"y": b.white_noise(3)}), {}, 8000.0, n=64, dtype="float32")
     assert a.worst < 1e-6, a
+    assert np.isnan(Agreement({"y": 0.0, "z": np.nan}, {}, 0, 0).worst)
 
 
 def test_a_cursor_in_its_map_has_a_derivative_along_both_inputs():

@@ -42,8 +42,8 @@ class Agreement:
 
     @property
     def worst(self) -> float:
-        """The largest error of all outputs, given the same decisions."""
-        return max(self.error.values())
+        """The largest error of all outputs, given the same decisions, or NaN."""
+        return float(np.max([*self.error.values()]))
 
     def __str__(self):
         errors = ", ".join(f"{name} {v:.1e}" for name, v in self.error.items())
