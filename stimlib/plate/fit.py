@@ -91,10 +91,10 @@ def fit_frame(
             f"fit_frame: vary = {tuple(vary)} for {len(measured)} frequencies; choose at most as"
             f" many of {', '.join(NUMBERS)}"
         )
-    if "clamp_stiffness" in vary and model.clamp_stiffness is None:
+    if "clamp_stiffness" in vary and not model.clamp_stiffness:
         raise BadValue(
-            "fit_frame: the edges of this plate cannot turn; give it a clamp_stiffness to start"
-            " from, such as 20 D/length"
+            f"fit_frame: clamp_stiffness = {model.clamp_stiffness} of this plate is no start for a"
+            " search; give it one above 0, such as 20 D/length"
         )
     order = sorted(measured)
     want = np.array([measured[k] for k in order], float)

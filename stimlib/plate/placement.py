@@ -46,8 +46,8 @@ def best_patches(
     points : int
         Of the grid, along each of x and y, from the corner to the middle.
     gap : float
-        Between the outermost patches and the edges, and between the innermost two, in
-        m.
+        Between the outermost patches and the edges, and between the innermost ones and
+        the centre lines, in m.
 
     Returns
     -------

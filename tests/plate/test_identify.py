@@ -149,7 +149,15 @@ U, R = sweep()
         (lambda: drift([], []), "at least three"),
         (lambda: drift([158.0] * 3, [1.0, 2.0, 3.0]), "must be a list .a Resonance"),
         (lambda: drift([], ["warm"]), "must be a list of numbers"),
-        (lambda: fit_frame(Plate.paper(), {0: 158.0}, ("clamp_stiffness",)), "cannot turn"),
+        *(
+            (
+                lambda k=k: fit_frame(
+                    replace(Plate.paper(), clamp_stiffness=k), {0: 158.0}, ("clamp_stiffness",)
+                ),
+                "no start for a search",
+            )
+            for k in (None, 0.0)
+        ),
         (lambda: fit_frame(Plate.paper(), {0: 158.0, 1: 246.0}, ("E", "E")), "at most as many"),
         (lambda: fit_frame(Plate.paper(), {0: 158.0}, ("E", "in_plane_load")), "at most as many"),
         (lambda: fit_frame(Plate.paper(), {0: 158.0}, ("colour",)), "colour"),

@@ -169,6 +169,8 @@ def test_the_swap_gives_back_the_depth_of_modulation_at_its_price():
     half = envelope_behind(158.0, 10.0, 20.0, 4, lambda u: 0.5 * half_sine(u))
     np.testing.assert_allclose(half[:4], after[:4])
     assert best_gain(158.0, 10.0, 45.0, 1e6) == pytest.approx(20.0)  # all that a swap may have
+    # where the voltage without a swap rounds to above 1
+    assert best_gain(360.84141223071293, 12.067601992448894, 8.348727644281727, 1.0) == 1.0
     gain = best_gain(158.0, 10.0, 45.0, 1.8)
     assert envelope_behind(158.0, 10.0, 45.0, gain).drive == pytest.approx(1.8, rel=1e-6)
 
