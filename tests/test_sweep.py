@@ -33,6 +33,7 @@ from stimlib import (
 )
 from stimlib.analysis import cues
 from stimlib.blocks import fir, pink_noise, white_noise
+from stimlib.cli.sweeps import _axis
 from stimlib.motion import minimum_jerk, recording, sinusoid
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid, measure, measured, rendering, sweep
@@ -611,6 +612,10 @@ def lowest(run):
     return run["force"].min()
 def made(gain, k=3.0):
     return stimlib.Scene({"force": gain * stimlib.Param("k", k, "N/m") * stimlib.Input("x", "m")})
+def both(k=2.0):
+    return made(k, k)
+def needs(k):
+    return made(k, k)
 """
 
 
@@ -622,6 +627,7 @@ def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
     rows = grid(k=[500.0, 1000.0, 1500.0], seed=[0, 1])
     wanted = max(swept(rows, squeeze(fingers=1))["peak_force1"].to_pylist())
     assert (told["rows"], told["failed"]) == (6, 0)
+    assert _axis("seed=9007199254740993, 1") == ("seed", [2**53 + 1, 1]), "every digit"
     assert told["figures"]["peak_force1"]["largest"] == wanted
     (tmp_path / "own_study.py").write_text(OWN_STUDY)
     (tmp_path / "rows.csv").write_text("gain,k\n1,2\n2,2\n")
@@ -632,6 +638,11 @@ def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
         ("--dry", "2 rows, 0 of them there"),
     ):
         assert says in ran(f"{words} --live k {more}").stdout
+    for name, ratio in (("both", 3.0), ("needs", 9.0)):  # set in one scene, or of one for each
+        words = f"sweep own_study.py:{name} --measure peak --json {fixed} --axis"
+        one, other = (json.loads(ran(f"{words} k={ks}").stdout)["figures"] for ks in ("1,3", "3,1"))
+        assert one == other, "no row has a part in another"
+        assert one["peak_force"]["largest"] == pytest.approx(ratio * one["peak_force"]["least"])
 
 
 @pytest.mark.parametrize(

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import html
 import json
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from ..errors import BadValue, SinkError, counted, shown
+from ..errors import BadValue, SceneError, SinkError, counted, shown
 from ..system import safe_files
 from ..system.packages import package
 from . import options as opt
 from .app import command, note, print_json, print_wide
 from .motions import motions_of
-from .scene import SceneText, maker_of, number, own_of, run_files, touching
+from .scene import SceneText, maker_of, number, own_of, run_files, scene_of, touching
 
 OF_EACH = {"least": "min", "median": "median", "largest": "max"}
 """What is reported of each figure, and numpy's function that gives it."""
@@ -123,9 +124,12 @@ def sweep_(
         raise BadValue("name the rows: --axis k=500:3000:11, or --rows design.csv")
     table = table_of(rows if rows is not None else grid(**dict(map(_axis, axis))))
     make = maker_of(scene)
-    first = some_scene(make, table)
-    if not live and all(name == "seed" or name in first.params for name in table.column_names):
-        make = first  # no argument among them
+    first, known = some_scene(make, table), live or None
+    if not live and {*table.column_names} <= {"seed", *first.params}:
+        try:
+            make = scene_of(scene)  # of a scene of one row, numbers would be in all the others
+        except SceneError:  # it needs arguments
+            known = []
     measures = [own_of(*m.rsplit(":", 1), kind=Measure) if ".py:" in m else m for m in measure]
     motion, recorded = motions(first, contact=touching(scene))
     files = [*import_, *(text.rpartition(":")[0] for text in (scene, *measure))]
@@ -136,7 +140,7 @@ def sweep_(
         measures=measures,
         fs=fs,
         seconds=opt.length(seconds, recorded),
-        live=live or None,
+        live=known,
         out=out,
         **_where(scheduler, workers, files),
         retry=retry,
@@ -209,21 +213,20 @@ def _axis(text: str) -> tuple[str, list[Any]]:
     what = f"--axis {text}"
     if not equals or not name.isidentifier() or not values:
         raise BadValue(f"{what}: write NAME=FROM:TO:HOW_MANY, NAME=VALUE,VALUE or NAME=FIRST..LAST")
-    if ".." in values and values.replace("..", "").isdigit():
-        first, _, last = values.partition("..")
-        return name, list(range(int(first), int(last) + 1))
+    if ends := re.fullmatch(r"(\d{1,20})\.\.(\d{1,20})", values):
+        return name, list(range(int(ends[1]), int(ends[2]) + 1))
     if ":" in values:
         import numpy as np
 
         if values.count(":") != 2:
             raise BadValue(f"{what}: write FROM:TO:HOW_MANY, such as {name}=10:100:5")
         low, high, n = (number(part, what) for part in values.split(":"))
-        if n != int(n) or n < 1:
+        if not (n >= 1 and n % 1 == 0):
             raise BadValue(f"{what}: the last number, {n:g}, is how many values: 1 or more")
         return name, np.linspace(low, high, int(n)).tolist()
-    words = values.split(",")
-    if name == "seed" or all(w.lstrip("-").isdigit() for w in words):
-        return name, [int(number(w, what)) for w in words]
+    words = [w.strip() for w in values.split(",")]
+    if all(re.fullmatch(r"-?\d{1,20}", w) for w in words):
+        return name, [*map(int, words)]
     try:
         return name, [float(w) for w in words]
     except ValueError:
