@@ -42,7 +42,8 @@ def amplitude(level: str, unit: str, threshold: float | None = None) -> float:
     Raises
     ------
     BadValue
-        A text of another form; dB SL without a threshold, or one not above 0.
+        A text of another form; dB over a reference that is not above 0; dB SL without
+        a threshold, or one not above 0.
     UnitError
         A level in another unit.
 
@@ -57,7 +58,8 @@ def amplitude(level: str, unit: str, threshold: float | None = None) -> float:
     5.62e-07 m
     """
     said = _LEVEL.fullmatch(level)
-    if said is None or not math.isfinite(value := float(said["number"])):
+    value, over = (float(said[k] or 1) if said else math.nan for k in ("number", "reference"))
+    if said is None or not (abs(value) <= (6000 if said["db"] else 1e308) and 0 < over < 1e308):
         raise BadValue(
             f"amplitude: {level[:60]!r} is not a level; write it as '2 m/s^2 rms', '5 um pp',"
             " '20 dB re 1 um' or '15 dB SL'"
@@ -75,6 +77,6 @@ def amplitude(level: str, unit: str, threshold: float | None = None) -> float:
             f"amplitude: {level[:60]!r} is not in {pretty(unit) or '1'}, nor a multiple of it"
         )
     if said["db"]:
-        value = float(said["reference"]) * 10.0 ** (value / 20)
+        value = over * 10.0 ** (value / 20)
     kind = said["kind"]
     return value * factor * PEAK[kind and kind.lower()]
