@@ -20,7 +20,7 @@ from refusals import largest_file, refused
 
 import stimlib
 from stimlib import BadValue, Input, Param, Scene, SinkError, UnitError, enabled
-from stimlib.blocks import pink_noise, pinking, springpot, velocity, wall, white_noise
+from stimlib.blocks import oscillator, pink_noise, pinking, springpot, velocity, wall, white_noise
 from stimlib.export import INCLUDE, export_c
 from stimlib.export.program import comment
 from stimlib.run.safety import Inverse, Passivity, Safety, Watch, protect
@@ -120,6 +120,7 @@ def test_parameters_gates_and_cuts(tmp_path):
     noise = enabled(pink_noise(1.0, 3), velocity(x) > stimlib.constant(0.0, "m/s"))
     scene = Scene({"f": k * x + stimlib.constant(1.0, "N") * noise})
     way = 0.01 * np.sin(np.arange(300) / 20)
+    export_c(Scene({"y": oscillator(Param("f", 480.0, "Hz"))}), 1000, tmp_path / "near half fs")
     made = export_c(scene, 1000, tmp_path, {"x": way}, params={"k": 250.0})
     proc = stimlib.compile(scene, 1000)
     proc.set("k", 250.0, ramp=0.0)
@@ -190,7 +191,7 @@ def test_the_safety_stage_is_exported_with_its_counts(tmp_path):
     proc = stimlib.compile(protect(scene, safety), 1000)
     proc.set("sink_gain", 1.0, ramp=safety.samples(1000) / 1000)
     want = [proc.process(way[None, :200].copy())]
-    proc.set("k", 1100.0, ramp=0.01)
+    proc.set("k", 900.0, ramp=0.01)
     want.append(proc.process(way[None, 200:].copy()))
     counts = {stage: sum(of.values()) for stage, of in Watch(proc).counts().items()}
     counts["outside"] = Watch(proc).outside()["force"]["samples"]
@@ -293,10 +294,12 @@ def test_a_compiler_that_would_change_samples_is_refused_and_files_of_two_export
         ({"tile": 65}, BadValue, "tile = 65"),
         ({"fs": 0}, BadValue, "fs = 0"),
         ({"motion": {"x": np.ones(99)}}, BadValue, "x has 99 samples and the self test 100"),
+        ({"motion": {"x": 0.01}}, BadValue, "motion of x: need one dimension"),
+        ({"seconds": -1.0}, BadValue, "at least one sample"),
         ({"params": {"level": 1.0}}, stimlib.UnknownName, "level"),
         *(
             ({"scene": Scene({f"y{n}": X * Param(n, 1.0) for n in names})}, BadValue, "rename")
-            for names in (["k", "K"], ["fs"], ["tile"])
+            for names in (["k", "K"], ["fs"], ["tile"], ["fault"])
         ),
         *(
             ({"name": name}, BadValue, f"'{name}' is taken.*'{name}_stimulus'")

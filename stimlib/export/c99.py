@@ -15,10 +15,10 @@ from typing import Any, Literal
 import numpy as np
 
 from ..core.clocks import ROOT
-from ..core.program import number, rate
+from ..core.program import rate
 from ..core.scene import Scene
 from ..errors import BadValue, MissingPackage, SceneError, SinkError, public
-from ..motion.source import positions, sources_of
+from ..motion.source import frames_of, positions, sources_of
 from ..run.driver import samples
 from ..run.processor import Change, Processor, compile
 from ..run.safety import GAIN, Safety, protect
@@ -46,7 +46,8 @@ TAKEN = frozenset(
     " st stimlib c m test all help clean install package con aux nul prn".split()
 ) | {f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10)}
 """Names that C, POSIX, CMake or Windows have for something else."""
-MACROS = ("export", "fs", "inputs", "outputs", "tile")  # of the header, beside those of parameters
+# of the header, beside those of parameters
+MACROS = ("export", "fs", "inputs", "outputs", "fault", "tile")
 MARK = b"xported by stimlib"  # in each file
 
 CMAKE = """\
@@ -157,7 +158,7 @@ def export_c(
     name : str
         Prefix of all names in C: lower-case letters, digits and underscores.
     seconds : float
-        Length of the self test. After a third of it every parameter is moved by 10 %,
+        Length of the self test. After a third of it every parameter falls by 10 %,
         within 10 ms.
     params : mapping of str to float, optional
         Values of parameters at sample 0.
@@ -233,9 +234,9 @@ def export_c(
     motion = dict(motion or {})
     if missing := [n for n in proc.inputs if n not in motion]:
         raise BadValue(f"export_c: no motion for {', '.join(missing)}; the self test needs one")
-    n = max(3, round(number(seconds, "seconds") * fs))
+    n = max(3, frames_of(seconds, fs))
     for one, source in motion.items():
-        if not callable(source) and len(source) < n:
+        if not callable(source) and np.ndim(source) and len(source) < n:
             raise BadValue(
                 f"export_c: motion of {one} has {len(source)} samples and the self test {n}; give"
                 f" more, or seconds={len(source) / fs:g}"
@@ -246,7 +247,7 @@ def export_c(
     writer = Writer(proc, name, tile, single)
     fade = [Change(0, GAIN, 1.0, safety.samples(fs) / fs)] if safety else []
     changes = fade + [
-        Change(cut, p, v * (1.1 if abs(v) < 1e308 else 0.9), RAMP)
+        Change(cut, p, 0.9 * v, RAMP)  # a higher frequency may not fit below fs/2
         for p, v in proc.params.items()
         if not (fade and p == GAIN)
     ]
