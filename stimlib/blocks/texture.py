@@ -21,6 +21,7 @@ from ..design.texture import (
     TextureModel,
     load_texture as load_texture,
     save_texture as save_texture,
+    scattered,
     upsampler,
 )
 from ..errors import BadValue, public
@@ -39,7 +40,8 @@ INT = np.int64
 #              from 0 to 1
 #   bx         of the second
 #   corners    numbers of models, three for each triangle
-#   lsf        in half turns, of each model those of the AR part and then of the MA part
+#   lsf        in half turns, of each model those of the AR part, then of the MA part;
+#              scattered
 #   poles      how many those are
 TextureParams = namedtuple(
     "TextureParams",
@@ -201,7 +203,7 @@ class Texture(Block):
         (ax, ay, a), (bx, by, b) = np.ascontiguousarray(planes.transpose(1, 2, 0)[:2])
         poles, zeros = self.lsf.shape[1], self.ma.shape[1]
         per_speed, per_force = 1 / float(self.speeds.max()), 1 / float(self.forces.max())
-        lsf = np.concatenate([self.lsf, self.ma], axis=1).ravel() / math.pi
+        lsf = np.concatenate([*map(scattered, (self.lsf, self.ma))], axis=1).ravel() / math.pi
         p = TextureParams(
             float(every),
             upsampler(every).ravel(),

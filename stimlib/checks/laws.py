@@ -105,20 +105,17 @@ def texture_weights(
 def from_line_spectrum(lsf: np.ndarray) -> np.ndarray:
     """Return polynomial coefficients from line spectral frequencies (n, p).
 
-    They are (n, p), without the leading 1; all roots are multiplied out.
+    They are (n, p), without the leading 1; they follow from the values of P + Q at p +
+    2 points of the unit circle, in each of which the factors are multiplied.
     """
     n, p = lsf.shape
-    halves = []
+    u, whole = np.exp(-2j * np.pi * np.arange(p + 2) / (p + 2)), np.zeros((n, p + 2), complex)
     for first, sign in ((0, 1.0), (1, -1.0)):
-        roots = np.exp(1j * lsf[:, first::2])
-        half = np.ones((n, 1), complex)
-        fixed = [-sign] if p % 2 == 0 else [1.0, -1.0] if sign < 0 else []
-        for root in (*roots.T, *roots.conj().T, *fixed):
-            more = np.pad(half, ((0, 0), (0, 1)))
-            more[:, 1:] -= np.reshape(root, (-1, 1)) * half
-            half = more
-        halves.append(half.real)
-    return (halves[0] + halves[1])[:, 1 : p + 1] / 2
+        half = np.ones((n, 1)) * (1 + sign * u if p % 2 == 0 else 1 - u**2 if sign < 0 else u**0)
+        for w in lsf[:, first::2].T:
+            half *= (1 - np.exp(1j * w)[:, None] * u) * (1 - np.exp(-1j * w)[:, None] * u)
+        whole += half
+    return np.fft.ifft(whole).real[:, 1 : p + 1] / 2
 
 
 def texture(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses as dc
+import math
 import os
 from html import escape
 from typing import Any
@@ -309,7 +310,7 @@ def polynomial(lsf: np.ndarray) -> np.ndarray:
     >>> polynomial(frequencies(np.array([1.0, -0.9, 0.5]))).round(12)
     array([ 1. , -0.9,  0.5])
     """
-    p = len(lsf)
+    p, lsf = len(lsf), scattered(lsf)
     halves = []
     for own, sign in ((lsf[::2], 1.0), (lsf[1::2], -1.0)):
         whole = np.array([1.0])
@@ -318,6 +319,29 @@ def polynomial(lsf: np.ndarray) -> np.ndarray:
         fixed = [1.0, sign] if p % 2 == 0 else [1.0, 0.0, -1.0] if sign < 0 else [1.0]
         halves.append(np.convolve(whole, fixed))
     return (halves[0] + halves[1])[: p + 1] / 2
+
+
+def scattered(lsf: np.ndarray) -> np.ndarray:
+    """Return line spectral frequencies in the order in which to multiply out roots.
+
+    Each of P and Q keeps its own. Products of roots on one side of the circle have
+    coefficients up to 2^p, of which the whole product keeps few digits; so from 11
+    frequencies of one polynomial on, each is far from the last ones.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stimlib.design.texture import scattered
+    >>> scattered(np.arange(22.0))[::2]
+    array([ 0., 14.,  6., 20., 12.,  4., 18., 10.,  2., 16.,  8.])
+    """
+    found = lsf.copy()
+    for k in (0, 1):
+        n = lsf[..., k::2].shape[-1]
+        if n > 10:
+            step = next(s for s in range(round(0.618 * n), n) if math.gcd(s, n) == 1)
+            found[..., k::2] = lsf[..., k::2][..., np.arange(n) * step % n]
+    return found
 
 
 def frequencies(a: np.ndarray) -> np.ndarray:
