@@ -602,6 +602,17 @@ def test_recorded_hands_have_their_own_lengths():
         SPRING, grid(motion=hands, k=[1.0, 2.0]), motion=hands, measures=[long], fs=1000, workers=0
     )["long"].to_pylist() == [0.189, 0.189, 0.389, 0.389]
 
+    def touched(unit):
+        return Scene({"y": Input("x", unit) / constant(1.0, unit), "on": Input("contact")})
+
+    x = np.where(abs(t - 0.2) < 0.055, np.nan, 1 + t)
+    how = {"missing": "gap", "max_gap": 0.02, "max_speed": None}
+    lifted = recording({"t_s": t, "x": x}, {"x": "x"}, **how)
+    words = {"motion": lifted, "measures": "rms(y)", "fs": 1000, "workers": 0}
+    each = [sweep(touched, {"unit": [u]}, **words)["rms_y"][0].as_py() for u in ("N", "m")]
+    both = sweep(touched, {"unit": ["N", "m"]}, **words)["rms_y"].to_pylist()
+    assert each[0] < each[1] and both == each, "lifted, a force is 0 and a place is held"
+
 
 # From a terminal ----------------------------------------------------------------------
 OWN_STUDY = """

@@ -58,7 +58,8 @@ class Made(NamedTuple):
     scene: Scene
     digest: bytes
     """Digest of its content."""
-    inputs: tuple[str, ...]
+    inputs: dict[str, str]
+    """Inputs with their units, on which a recording depends."""
 
 
 @dataclass
@@ -111,7 +112,7 @@ class Runner:
         def made() -> bytes:
             pool.note(at, NO_SCENE)
             made = self._made(row)
-            key = self.motions[name][0], *made.inputs
+            key = self.motions[name][0], *made.inputs.items()
             if key not in self._digests:
                 self._moved_of(name, made)
             return hashlib.sha256(made.digest + self._digests[key]).digest()[:KEY]
@@ -197,7 +198,8 @@ class Runner:
 
         def make() -> Made:
             scene = self.plan.scene(row)
-            return Made(scene, scene_digest(scene, self.plan.fs), tuple(scene.inputs))
+            units = {n: str(b.dim) for n, b in scene.inputs.items()}
+            return Made(scene, scene_digest(scene, self.plan.fs), units)
 
         return self._scenes.get_or(self._arguments(row), SCENES, make)
 
@@ -215,8 +217,7 @@ class Runner:
 
     def _moved_of(self, name: str, made: Made) -> Moved:
         digest, given = self.motions[name]
-        inputs = made.inputs
-        key = digest, *inputs
+        inputs, key = tuple(made.inputs), (digest, *made.inputs.items())
 
         def sampled() -> Moved:
             motion = motion_of(given, made.scene)
