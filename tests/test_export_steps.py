@@ -76,10 +76,11 @@ class Names(Block):
         gamma_ = 2.0 * x
         i_1 = n_1 = t_1 = 5.0 * x
         st_i1 = 0.5
-        linux = bool_ = 1.0
+        linux = bool_ = explicit = nullptr = DBL_MAX = 1.0
         for i in range(3):
             gamma_ = gamma_ + i_1 * i + n_1 + t_1 - st_i1
-        return gamma - 3.0 * gamma_ + p.short * p.long + linux + bool_, s
+        z = explicit + nullptr + DBL_MAX
+        return gamma - 3.0 * gamma_ + p.short * p.long + linux + bool_ + z, s
 
 
 def halved(k, n):

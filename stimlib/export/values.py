@@ -21,7 +21,11 @@ RESERVED = frozenset(
     " inline int long register restrict return short signed sizeof static struct switch typedef"
     " union unsigned void volatile while and or not xor new delete this class template operator"
     " bool true false asm typeof namespace using try catch throw private public friend linux unix"
-    " int64_t uint64_t NAN INFINITY"
+    " alignas alignof and_eq bitand bitor char8_t char16_t char32_t co_await co_return co_yield"
+    " compl concept const_cast consteval constexpr constinit decltype dynamic_cast explicit export"
+    " mutable noexcept not_eq nullptr or_eq reinterpret_cast requires static_assert static_cast"
+    " thread_local typeid typename typeof_unqual virtual wchar_t xor_eq"
+    " int64_t uint64_t NAN INFINITY M_PI DBL_MAX FLT_MAX INT64_MAX"
     " y0 y1 yn j0 j1 jn gamma index fma sqrt floor fabs rint memcpy memset".split()
 )
 
