@@ -24,7 +24,7 @@ MODULES = {".".join(p.relative_to(STIMLIB).with_suffix("").parts): p for p in ST
 @cache
 def nodes(module: str) -> list[ast.AST]:
     """What its text says of others: imports, and constants."""
-    tree = ast.parse(MODULES[module].read_text())
+    tree = ast.parse(MODULES[module].read_text(encoding="utf-8"))
     return [n for n in ast.walk(tree) if isinstance(n, ast.ImportFrom | ast.Constant)]
 
 
@@ -63,7 +63,7 @@ def test_every_room_has_its_floor():
 
 def table_of(heading: str) -> str:
     """A table of the page on architecture."""
-    page = (ROOT / "docs" / "explanation" / "architecture.rst").read_text()
+    page = (ROOT / "docs" / "explanation" / "architecture.rst").read_text(encoding="utf-8")
     return page.partition(f"\n{heading}\n")[2].partition("\nWhere something new goes\n")[0]
 
 
@@ -136,7 +136,7 @@ def around() -> list[Path]:
 def files_of(path: Path) -> set[Path]:
     """What a file beside the package imports of others beside the package."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names = [a.name for a in node.names]
         elif isinstance(node, ast.ImportFrom):

@@ -43,7 +43,10 @@ EVENTS: tuple[tuple[str, Callable[..., dict[str, Any]]], ...] = (
 
 
 PUMP = (
-    "".join(Path(__file__).with_name(f"{n}.py").read_text() for n in ("words", "callback")),
+    "".join(
+        Path(__file__).with_name(f"{n}.py").read_text(encoding="utf-8")
+        for n in ("words", "callback")
+    ),
     "pump",
 )
 _P, _I, _D = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double

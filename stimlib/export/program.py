@@ -329,7 +329,7 @@ void {n}_process({n}_state *m, const double *const *in, double *const *out, int 
             for k, i in enumerate(program.params.values())
         )
         begin = starts(self.fields, self.begin)
-        runtime, of_doubles = RUNTIME.read_text().split(OF_DOUBLES)
+        runtime, of_doubles = RUNTIME.read_text(encoding="utf-8").split(OF_DOUBLES)
         exact = "\n".join([of_doubles, *self.unit.maths.types, *self.unit.maths.functions])
         source = f"""\
 /* Exported by stimlib. */

@@ -407,7 +407,12 @@ def _reader() -> Callable[..., int]:
     """Return the compiled loop over the cells of a column."""
     from ..targets.llvm.cache import load  # takes 0.1 s
 
-    text = Path(__file__).parents[1].joinpath("targets", "llvm", "tables.py").read_text()
+    text = (
+        Path(__file__)
+        .parents[1]
+        .joinpath("targets", "llvm", "tables.py")
+        .read_text(encoding="utf-8")
+    )
     kinds = [c_void_p, c_void_p, c_int64, c_int64, c_int64, c_void_p, c_void_p]
     return CFUNCTYPE(c_int64, *kinds)(load(text, "tables").addresses["decimals"])
 

@@ -89,7 +89,7 @@ def test_a_trial_with_a_log_is_a_run(signals):
         beh = place / "beh" / f"sub-P01_ses-1_task-pair_run-{r.number}"
         motion = place / "motion" / f"sub-P01_ses-1_task-pair_tracksys-input_run-{r.number}"
         x, y = np.loadtxt(f"{motion}_motion.tsv"), np.loadtxt(f"{beh}_stim.tsv.gz")
-        events = Path(f"{beh}_events.tsv").read_text()
+        events = Path(f"{beh}_events.tsv").read_text(encoding="utf-8")
         head, *rows = (line.split("\t") for line in events.splitlines())
         assert head == ["onset", "duration", "trial_type", "scene"]
         for (onset, duration, *kind), stimulus in zip(rows, r.trial.stimuli, strict=True):
@@ -100,10 +100,10 @@ def test_a_trial_with_a_log_is_a_run(signals):
             assert np.abs(y[a:b] - 10 * force.astype(float)).max() < 1e-8, (
                 "every digit of what was displayed"
             )
-        assert events == Path(f"{motion}_events.tsv").read_text()
-    told = json.loads(Path(f"{beh}_events.json").read_text())
+        assert events == Path(f"{motion}_events.tsv").read_text(encoding="utf-8")
+    told = json.loads(Path(f"{beh}_events.json").read_text(encoding="utf-8"))
     assert told["onset"]["Description"].endswith("not in real time")
-    told = json.loads(Path(f"{beh}_stim.json").read_text())
+    told = json.loads(Path(f"{beh}_stim.json").read_text(encoding="utf-8"))
     assert told == {
         "TaskName": "pair",
         "StartTime": 0.0,
@@ -111,9 +111,9 @@ def test_a_trial_with_a_log_is_a_run(signals):
         "Columns": ["force"],
         "force": {"Units": "N"},
     }
-    told = json.loads(Path(f"{motion}_motion.json").read_text())
+    told = json.loads(Path(f"{motion}_motion.json").read_text(encoding="utf-8"))
     assert (told["SamplingFrequency"], told["MotionChannelCount"]) == (1000.0, 1)
-    channels = Path(f"{motion}_channels.tsv").read_text().splitlines()
+    channels = Path(f"{motion}_channels.tsv").read_text(encoding="utf-8").splitlines()
     assert channels[1].split("\t") == ["x", "x", "POS", "hand", "m"]
     names = ("x", "vx", "hand_z", "velocity", "index", "x1", "y_max")
     assert list(filter(bids.AXIS.fullmatch, names)) == ["x", "vx", "hand_z"]
@@ -235,7 +235,7 @@ def test_psych_ds_has_a_table_for_each_session(data, tmp_path):
 
 def test_the_command_writes_them_and_what_is_no_dataset_is_refused(data, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("own.py").write_text("from experiments.test_bids import MADE as pair\n")
+    Path("own.py").write_text("from experiments.test_bids import MADE as pair\n", encoding="utf-8")
     words = ["experiment", "export", "own.py:pair", "--data", str(data)]
     for more, code, said in (
         (["--bids", "out"], 0, r"\d\d files in out\n"),

@@ -107,7 +107,9 @@ def test_mistakes(tmp_path):
 
 def test_the_command_takes_a_recording_or_renders_the_experiment(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    Path("finger.csv").write_text("t_s,x_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n0.03,4,1\n")
+    Path("finger.csv").write_text(
+        "t_s,x_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n0.03,4,1\n", encoding="utf-8"
+    )
     monkeypatch.setattr("stimlib.scenes.bumps_set", lambda: bumps_set()[::27])
     monkeypatch.setattr(os, "cpu_count", lambda: 1)  # as many workers as there are cores
     words = "render-set set --motion finger.csv --map x=x_mm*1e-3 --workers 1"
@@ -115,7 +117,7 @@ def test_the_command_takes_a_recording_or_renders_the_experiment(tmp_path, monke
     ran(words + " --contact")
     ran("render-set other --seconds 0.01 --seed 7 --repetitions 3")
     for folder, frames, more in (("set", 240, (4, 0)), ("other", 80, (3, 7))):
-        index = json.loads(Path(folder, "index.json").read_text())
+        index = json.loads(Path(folder, "index.json").read_text(encoding="utf-8"))
         name, file_name = list(index["files"].items())[-1]
         names = list(index["files"])
         assert index["presentation"] == [[names[i] for i in one] for one in order(3, *more)]

@@ -63,12 +63,12 @@ _loaded: dict[str, Code] = {}
 def _salt() -> str:
     # the texts of our own files, not a version: an edit of the compiler must compile
     # again
-    texts = [(Path(__file__).parent / f"{name}.py").read_text() for name in PARTS]
+    texts = [(Path(__file__).parent / f"{name}.py").read_text(encoding="utf-8") for name in PARTS]
     # they are compiled into the runtime, which only names their classes
     operations = [source(cls.step) for cls in rows.OPERATIONS if cls.step]
     # code for another processor may not run here, and homes are shared between machines
     host = llvmlite.binding.get_host_cpu_name(), machine.FEATURES, machine.CHOICES
-    texts += [Path(maths.__file__).read_text()]
+    texts += [Path(maths.__file__).read_text(encoding="utf-8")]
     versions = llvmlite.__version__, sys.version_info[:2]
     return _sum("".join([*texts, *operations, repr((host, versions))]).encode())
 

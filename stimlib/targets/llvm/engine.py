@@ -35,7 +35,7 @@ TOGETHER = ctypes.CFUNCTYPE(None, _P, _I, _P, _P, _I, _I, _P, _I, _I)
 
 
 RUNTIME, SLOW_MODES, CONTACT, THREADS = (
-    (Path(__file__).with_name(f"{name}.py").read_text(), name)
+    (Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8"), name)
     for name in ("runtime", "slow_modes", "contact", "threads")
 )
 
