@@ -7,7 +7,7 @@ from refusals import refused
 import stimlib
 from stimlib import BadValue, Input, Param, Scene
 from stimlib.analysis import cues, sensation_level, vibration, weighted_rms
-from stimlib.experiments import psychometric
+from stimlib.experiments import integrated, jnd_from_dprime, line, psychometric
 from stimlib.fitting import fit_springpot, fit_texture
 from stimlib.motion.source import positions
 from stimlib.plate import amplifier_load
@@ -25,6 +25,9 @@ CALLS = {
     "fit": lambda y: stimlib.fit(SPRING, {"x": WAVE}, y, {"k": 2.0}, fs=1000.0, steps=1),
     "fit_texture": lambda y: fit_texture(y, RAMP, RAMP, fs=1e3, order=3, seconds=0.05),
     "psychometric": lambda y: psychometric(y, WAVE > 0),
+    "line": lambda y: line(y, TIME),
+    "jnd_from_dprime": lambda y: jnd_from_dprime(y, RAMP),
+    "integrated": lambda y: integrated(y, RAMP),
     "amplifier_load": lambda y: amplifier_load(y, 1e-9, 1000.0),
 }
 

@@ -214,8 +214,8 @@ def recorded(
     UnknownName
         No such input or output.
     BadValue
-        A trial without a log or with several intervals, or a signal that ``cues``
-        rejects.
+        A trial without a log or with several intervals, or words of ``how`` that
+        ``cues`` rejects.
     SinkError
         A log is missing or damaged.
 

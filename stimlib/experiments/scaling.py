@@ -242,8 +242,8 @@ def jnd_from_dprime(d: ArrayLike, increment: ArrayLike) -> float:
     0.05
     """
     d, step = numbers("jnd_from_dprime: d", d), numbers("jnd_from_dprime: increment", increment)
-    if not d.size or not step.size:
-        raise BadValue("jnd_from_dprime: there is no d'")
+    if not d.size or not step.size or np.isnan(d).any():
+        raise BadValue("jnd_from_dprime: there is no d', or one is masked and not finite")
     if d.shape[-1:] != step.shape:
         raise BadValue(
             f"jnd_from_dprime: d has shape {d.shape}, so increments must be {d.shape[-1:]}, not"
@@ -385,10 +385,12 @@ def _points(what: str, x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarr
             f"{what}: give two rows of one length, of at least three points; got shapes {x.shape}"
             f" and {y.shape}"
         )
-    if max(np.abs([x, y]).max(), *(1 / np.ptp(v) for v in (x, y) if np.ptp(v))) > LARGEST:
+    # not >: a masked value is nan
+    if not max(np.abs([x, y]).max(), *(1 / np.ptp(v) for v in (x, y) if np.ptp(v))) <= LARGEST:
         raise BadValue(
-            f"{what}: numbers above {LARGEST:g}, or that differ by less than {1 / LARGEST:g}, have"
-            " no sums of squares; give them in another unit"
+            f"{what}: numbers that are masked or not finite, above {LARGEST:g}, or that differ by"
+            f" less than {1 / LARGEST:g}, have no sums of squares; leave out gaps, and give the"
+            " others in another unit"
         )
     if np.ptp(x) == 0:
         raise BadValue(f"{what}: all points have the same x, {x[0]:g}: a line needs two places")
