@@ -101,8 +101,9 @@ def set_of(where: str, given: Sequence[ArrayLike], log: bool, middle: float | No
         )
     if middle is not None:
         near = SAME * max(float(log), abs(middle), np.abs(unique).max())
-        unique = np.where(np.abs(unique - middle) <= near, middle, unique)
-        unique, merged = np.unique(unique, return_inverse=True)
+        unique, merged = np.unique(
+            np.where(np.abs(unique - middle) <= near, middle, unique), return_inverse=True
+        )
         at_level = merged[at_level]
     return Sets(unique, np.bincount(at_level, k[n > 0]), np.bincount(at_level, n[n > 0]))
 

@@ -374,8 +374,7 @@ def label(text: str) -> str:
     >>> label("P-01 (left)")
     'P01left'
     """
-    found = re.sub(r"[^0-9A-Za-z]", "", text)
-    if not found:
+    if not (found := re.sub(r"[^0-9A-Za-z]", "", text)):
         raise BadValue(f"to_bids: {text!r} has no letter or digit for a label")
     return found
 
@@ -392,8 +391,7 @@ def subject(code: str) -> str:
     >>> subject("P07"), subject("sub-01"), subject("P_01"), subject("Q1-qd")
     ('P07', 'subqd01', 'Pqu01', 'Q1qdqqd')
     """
-    text = re.sub("q(?=[qdu_-])", "qq", code, flags=re.I)
-    return text.replace("-", "qd").replace("_", "qu")
+    return re.sub("q(?=[qdu_-])", "qq", code, flags=re.I).replace("-", "qd").replace("_", "qu")
 
 
 def _json(data: dict[str, Any]) -> str:

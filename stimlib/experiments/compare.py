@@ -723,10 +723,8 @@ def mixed(
                 f"mixed: {formula}: {one.name} = {one.value:g} with a standard error of"
                 f" {one.error:g}; look for values that are too large, too small or all the same"
             )
-    good = bool(fit.converged) and not any(
-        "ConvergenceWarning" in w.category.__name__ for w in said
-    )
-    return Mixed(fixed, float(fit.cov_re.iloc[0, 0]), float(fit.scale), good, float(fit.llf))
+    bad = not fit.converged or any("ConvergenceWarning" in w.category.__name__ for w in said)
+    return Mixed(fixed, float(fit.cov_re.iloc[0, 0]), float(fit.scale), not bad, float(fit.llf))
 
 
 # What is given ------------------------------------------------------------------------

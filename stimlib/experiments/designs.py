@@ -249,8 +249,7 @@ class Staircase:
                 f"Staircase: bounds = {self.bounds!r} and start = {self.start!r} must be numbers,"
                 " or (low, high)"
             )
-        low, high = self.bounds
-        least, largest = self._start
+        (low, high), (least, largest) = self.bounds, self._start
         unit, most, _, such = _STEPS[self.step_type]
         linear = self.step_type == "lin"
         if not low < high or (low <= 0 and not linear):

@@ -101,8 +101,7 @@ def likelihood_ratio(simple: Iterable[Fit], full: Iterable[Fit]) -> LikelihoodRa
             " sets in both"
         )
     gain = max(gain, 0.0)
-    free = [(fit.levels - fit.parameters, fit.dispersion) for fit in other]
-    free = [(k, v) for k, v in free if math.isfinite(v)]
+    free = [(v.levels - v.parameters, v.dispersion) for v in other if math.isfinite(v.dispersion)]
     left = sum(k for k, _ in free)
     scatter = sum(k * v for k, v in free) / left if left else 1.0
     p = (

@@ -105,9 +105,11 @@ def flaws_of(sets: Sets, middle: Array, model: Model, found: Found) -> list[str]
     )
     # at the edge of its range: half of chi squared
     least = scipy.stats.chi2.isf(2 * SURE, 1)
-    gain = np.full(flat.shape, -np.inf)
-    if model.lapse != FREE:
-        gain = _gain(sets, middle, model._replace(lapse=FREE), found, least)
+    gain = (
+        np.full(flat.shape, -np.inf)
+        if model.lapse == FREE
+        else _gain(sets, middle, model._replace(lapse=FREE), found, least)
+    )
     lapses = gain > least
     guess = np.zeros(flat.shape, bool)
     if model.guess != FREE and model.pse is None:

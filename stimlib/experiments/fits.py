@@ -168,8 +168,7 @@ class Fit:
     @property
     def jnd_interval(self) -> Interval:
         """Interval of ``jnd``, from that of sigma."""
-        low, high = self.sigma_interval
-        return self._difference(low), self._difference(high)
+        return self._difference(self.sigma_interval[0]), self._difference(self.sigma_interval[1])
 
     def __call__(self, level: ArrayLike) -> Array:
         """Return the probability of yes at a level.
@@ -269,9 +268,11 @@ class Fit:
     def advice(self) -> list[str]:
         """Return the problems of the fit, and what to do about them."""
         low, high = self.gap
-        against = f"contradict a chance level of {self.guess:.3g}"
-        if self.comparison:
-            against = "fit a chance level of 0.5 about as well as a symmetric curve"
+        against = (
+            "fit a chance level of 0.5 about as well as a symmetric curve"
+            if self.comparison
+            else f"contradict a chance level of {self.guess:.3g}"
+        )
         falls = allowed([self.dispersion, math.nan], self.levels - self.parameters, self.confidence)
         wider = math.sqrt(falls[0] / falls[1])
         between = f"near {low:.6g}" if low == high else f"between {low:.6g} and {high:.6g}"
@@ -331,9 +332,7 @@ class Fit:
 
     def _difference(self, sigma: float) -> float:
         wide = float(curve(self.link).inverse(0.75)) * sigma
-        if not self.log:
-            return wide
-        return float(_power(wide)) - 1
+        return float(_power(wide)) - 1 if self.log else wide
 
 
 def _power(exponent: ArrayLike) -> Array:

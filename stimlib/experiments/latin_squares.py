@@ -146,10 +146,7 @@ def graeco_latin(n: int) -> NDArray[np.int64]:
             f"graeco_latin({n!r}): {why}; take one that has a square, such as {5 if n == 6 else 4}"
         )
     even = n & -n  # the largest power of 2 in n
-    if even == 2:
-        square = _bordered(n)
-    else:
-        square = _product(_field(even), _cyclic(n // even))
+    square = _bordered(n) if even == 2 else _product(_field(even), _cyclic(n // even))
     check_graeco_latin(square)
     return square
 

@@ -277,8 +277,9 @@ class Quest:
         """
         need("Quest.estimate", ("levels", "outcomes"), state)
         design, chance, *history = _facts(self, state)
-        wrong = [level for level in history[0] if level not in self.levels]
-        wrong += [more for more in history[1] if more not in (0, 1)]
+        wrong = [v for v in history[0] if v not in self.levels] + [
+            more for more in history[1] if more not in (0, 1)
+        ]
         if wrong or len(history[0]) != len(history[1]):
             raise BadValue(
                 f"Quest.estimate: {counted(len(history[0]), 'level')} and"

@@ -173,9 +173,8 @@ def _label(text: str) -> str:
 def _simulated(columns: Columns) -> list[str]:
     """Return a sentence if answers are simulated."""
     given = [bool(v) for v in columns.get("simulated", ())]
-    which = "All" if all(given) else "Some"
-    said = f"{which} answers are simulated: an observer model gave them, and no participant."
-    return [said] if any(given) else []
+    said = "answers are simulated: an observer model gave them, and no participant."
+    return [f"{'All' if all(given) else 'Some'} {said}"] if any(given) else []
 
 
 def _result(fits: Mapping[tuple[Any, ...], Fit], by: Sequence[str], unit: str) -> Iterator[str]:
@@ -219,11 +218,10 @@ def _result(fits: Mapping[tuple[Any, ...], Fit], by: Sequence[str], unit: str) -
 
 def _counts(columns: Columns) -> dict[str, str]:
     people = list(dict.fromkeys(columns["participant"]))
-    conditions = list(dict.fromkeys(columns["condition"]))
     trials = [len(rows["level"]) for rows in grouped(columns, ("participant",)).values()]
     return {
         "participants": f"{len(people)}: {', '.join(map(str, people))}",
-        "conditions": ", ".join(map(str, conditions)),
+        "conditions": ", ".join(map(str, dict.fromkeys(columns["condition"]))),
         "trials": (
             f"{sum(trials)}; of a participant {min(trials, default=0)} to {max(trials, default=0)}"
         ),

@@ -92,8 +92,7 @@ def fitted(
     6
     """
     need("fitted", ("level", "outcome"), columns)
-    groups = grouped(columns, by)
-    return psychometrics(groups, **how)
+    return psychometrics(grouped(columns, by), **how)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -181,14 +180,12 @@ def difference_thresholds(
     equal: dict[Any, Any] = {}
     at: dict[Any, Any] = {}
     for key, rows in groups.items():
-        given: set[Any] = set()
-        if isinstance(standard, Mapping):
-            conditions = rows.get("condition", ["without a column condition"])
-            need("difference_thresholds", conditions, standard, "condition")
-            given = {standard[name] for name in conditions}
-        value = given.pop() if given else standard
+        names = rows.get("condition", ["without a column condition"])
+        each = standard if isinstance(standard, Mapping) else dict.fromkeys(names, standard)
+        need("difference_thresholds", names, each, "condition")
+        value, *others = {each[name] for name in names}
         at[key] = value.item() if isinstance(value, np.generic) else value
-        if given or not positive(at[key]):
+        if others or not positive(at[key]):
             raise BadValue(
                 f"difference_thresholds: standard = {at[key]!r:.80} must be a number above 0, and"
                 " one for each group; give more columns as by, such as the condition"
@@ -246,14 +243,10 @@ def plain(
 def _fields(row: Any) -> dict[str, Any]:
     if not dataclasses.is_dataclass(row):
         raise BadValue(f"plain: {row!r:.80} is no result; give results of fits, or statistics")
-    own = {f.name: getattr(row, f.name) for f in dataclasses.fields(row)}
+    names = [f.name for f in dataclasses.fields(row)]
     if isinstance(row, Fit):
-        del own["data"], own["method"]
-    return (
-        own | {"jnd": row.jnd, "slope": row.slope, "intercept": row.intercept}
-        if isinstance(row, Fit)
-        else own
-    )
+        names = [*(n for n in names if n not in ("data", "method")), "jnd", "slope", "intercept"]
+    return {name: getattr(row, name) for name in names}
 
 
 @public

@@ -134,14 +134,11 @@ class TwoInterval:
             params={**self.comparison.params, self.varies: level},
             name="comparison",
         )
+        noise = [seed_of(seed, w, self.condition, n) for w in ("noise", "noise of the comparison")]
         pair = [
-            dc.replace(
-                self.standard, name="standard", seed=seed_of(seed, "noise", self.condition, n)
-            )
+            dc.replace(self.standard, name="standard", seed=noise[0]),
+            dc.replace(comparison, seed=noise[1]),
         ]
-        pair.append(
-            dc.replace(comparison, seed=seed_of(seed, "noise of the comparison", self.condition, n))
-        )
         # whether the comparison comes second
         second = bool(stream(seed, "order", self.condition, n).integers(2))
         says_comparison = self.choices[second]

@@ -281,13 +281,9 @@ generator.
 
 def correct(trial: Trial, answer: Answer) -> bool | None:
     """Return whether all right answers were given; None if a trial has none."""
-    right = trial.right.items()
-    return all(_listed(answer.values.get(k)) == _listed(v) for k, v in right) if right else None
-
-
-def _listed(value: Any) -> Any:
-    """Return a tuple as the list that it becomes in a log."""
-    return list(value) if isinstance(value, tuple) else value
+    said, right = answer.values, trial.right.items()
+    # an order is a tuple, or the list that it becomes in a log
+    return all(k in said and np.array_equal(said[k], v) for k, v in right) if right else None
 
 
 @public

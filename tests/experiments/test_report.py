@@ -116,8 +116,8 @@ def test_pictures_show_proportions_their_curve_and_the_tracks(monkeypatch, tmp_p
     assert (len(at), at[0], at[-1]) == (10, 2.5, 31)
     assert [sums[0], sums[-1]] == pytest.approx([first, last])
     assert [*low.get_ydata(), *high.get_ydata()] == [-1.96, -1.96, 1.96, 1.96]
-    rows |= {"session": [1] * 16 + [2] * 16, "number": [*range(1, 17)] * 2}
-    write_report(tmp_path / "a.html", "", "", rows, fits=fits)
+    two = {"session": [1] * 16 + [2] * 16, "number": [*range(1, 17)] * 2}
+    write_report(tmp_path / "a.html", "", "", rows | two, fits=fits)
     assert axes_of(drawn[4]).lines[0].get_ydata().tolist() == sums.tolist()
     assert [line.get_xdata()[0] for line in axes_of(drawn[5]).lines] == [1, 1]
 

@@ -409,10 +409,9 @@ SLEEP = (
 
 def test_times_have_the_t_of_student_and_intervals_of_medians():
     """Ranks of intervals: Conover (1999), the binomial table: 2 and 9 of 10."""
-    none = [None, np.nan, pandas.NA]
     table = {
         "drug": ["1"] * 9 + [1] + ["2"] * 10 + ["1"] * 3,
-        "extra": [*SLEEP[0], *SLEEP[1], *none],
+        "extra": [*SLEEP[0], *SLEEP[1], None, np.nan, pandas.NA],
     }
     times = elapsed_times(table, "drug", "extra")
     assert {k: v.tolist() for k, v in times.items()} == dict(zip("12", SLEEP, strict=True))

@@ -328,9 +328,11 @@ def text(found: WeberFractions) -> str:
             f"F({one:g}, {other:g}) = {found.effect.F:.3f}, p = {found.effect.p:.4f}  thesis: F(4,"
             " 16), p = 0.3981"
         )
-    for (a, b), p in found.pairs.items():
-        lines.append(f"{a:g} and {b:g}: p = {p:.3f} (paired t, Bonferroni)  thesis: p > .5")
-    return "\n".join(lines)
+    pairs = (
+        f"{a:g} and {b:g}: p = {p:.3f} (paired t, Bonferroni)  thesis: p > .5"
+        for (a, b), p in found.pairs.items()
+    )
+    return "\n".join([*lines, *pairs])
 
 
 @public

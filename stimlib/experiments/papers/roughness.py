@@ -424,18 +424,16 @@ def _compared(a: np.ndarray, b: np.ndarray) -> Statistic:
 
 def _means(answers: Columns, question: str) -> np.ndarray:
     """Return mean ratings, shape (participants, waveform, bumps, duty, amplitude)."""
-    found = grouped(answers, ("participant", "condition", question))
-    sums: dict[tuple[str, str], list[float]] = {}
-    for (who, name, value), same in found.items():
-        sums.setdefault((who, name), []).extend([value] * len(same["condition"]))
-    people = list(dict.fromkeys(who for who, _ in sums))
-    if missing := [(who, name) for who in people for name in STIMULI if (who, name) not in sums]:
+    need("roughness", [question], answers)
+    found = grouped(answers, ("participant", "condition"))
+    people = list(dict.fromkeys(who for who, _ in found))
+    if missing := [(who, name) for who in people for name in STIMULI if (who, name) not in found]:
         raise BadValue(
             f"roughness: {missing[0][0]} has not rated {missing[0][1]}: all 81 stimuli are needed"
         )
-    return np.array([[np.mean(sums[who, name]) for name in STIMULI] for who in people]).reshape(
-        -1, 3, 3, 3, 3
-    )
+    return np.array(
+        [[np.mean(found[who, name][question]) for name in STIMULI] for who in people]
+    ).reshape(-1, 3, 3, 3, 3)
 
 
 def text(found: Ratings, scale: str = "roughness") -> str:
@@ -457,14 +455,16 @@ def text(found: Ratings, scale: str = "roughness") -> str:
         row = "  ".join(f"{found.by_bumps[w, a, n]:.2f}" for n in BUMPS)
         lines.append(f"{a:<4g}  {w:<8}  {row}")
     lines.append("factor level: least, quartiles and largest of people's means")
-    for (factor, level), box in found.boxes.items():
-        lines.append(f"{factor} {level}: {'  '.join(f'{v:.2f}' for v in box)}")
+    lines += [
+        f"{factor} {level}: {'  '.join(f'{v:.2f}' for v in box)}"
+        for (factor, level), box in found.boxes.items()
+    ]
     lines += [f"thesis, {scale} and {factor}: {said}" for factor, said in SAID[scale].items()]
-    for e in found.effects[:4]:
-        lines.append(
-            f"{e.name}: F({e.df[0]:g}, {e.df[1]:g}) = {e.F:.1f}, p = {e.p_corrected:.2g}"
-            " (Greenhouse-Geisser)"
-        )
+    lines += [
+        f"{e.name}: F({e.df[0]:g}, {e.df[1]:g}) = {e.F:.1f}, p = {e.p_corrected:.2g}"
+        " (Greenhouse-Geisser)"
+        for e in found.effects[:4]
+    ]
     lines += [
         f"{factor} {a} and {b}: p = {p:.2g} (paired t, Bonferroni)"
         for (factor, a, b), p in found.pairs.items()
