@@ -13,6 +13,7 @@ from ..errors import BadValue, need
 from .likelihood import Sets, numbers
 
 SAME = 1e-12  # levels that differ by less, relative to their size, differ by rounding
+SINGLE = 1e-7  # the same of a known middle, of numbers in single precision too
 
 
 # trials at a level, beyond which likelihoods are too coarse for intervals; size of a
@@ -100,7 +101,7 @@ def set_of(where: str, given: Sequence[ArrayLike], log: bool, middle: float | No
             " that sums of squares exist"
         )
     if middle is not None:
-        near = SAME * max(float(log), abs(middle), np.abs(unique).max())
+        near = SINGLE * max(float(log), abs(middle), np.abs(unique).max())
         unique, merged = np.unique(
             np.where(np.abs(unique - middle) <= near, middle, unique), return_inverse=True
         )

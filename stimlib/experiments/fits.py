@@ -484,7 +484,7 @@ def psychometric(
     threshold 2.144 mm [1.465, 3], JND 0.4454 mm, fit p = 0.87
     """
     given: Any = (
-        levels if yes is None else (levels, yes) if trials is None else (levels, yes, trials)
+        (levels, yes, trials) if trials is not None else levels if yes is None else (levels, yes)
     )
     return psychometrics(
         {"": given},

@@ -182,6 +182,7 @@ def test_a_known_middle_starts_a_curve_of_differences_at_chance():
         (0.0, "flat", [8.0] * 30, [1, 0] * 15),
         # a level that differs from the middle by rounding is the middle
         (0.3, "separated", [0.2, 0.1 + 0.2, 0.4], [0, 5, 9], [9] * 3),
+        (0.3, "separated", np.float32([0.2, 0.3, 0.4]), [0, 5, 9], [9] * 3),
         (0.0, "separated", [-0.1, 0.1 * 3 - 0.3, 0.1], [0, 5, 9], [9] * 3),
         (11.0, "separated", [8.8, 11.0, 13.2], [0, 5, 9], [9] * 3),
     ):
@@ -803,6 +804,7 @@ def test_levels_of_their_own_for_each_answer_give_the_fit_of_their_groups(monkey
         (dict(levels=[1, 2], yes=[0, 1], seed=-1), "seed = -1"),
         (dict(levels=[1, 2], yes=[0, 1], link="cloglog"), "probit, logit"),
         (dict(levels=[1, 2], yes=[0, 1], lapse=0.5), "lapse"),
+        (dict(levels=dict(level=[1], outcome=[1]), trials=[5]), "levels must be rows of numbers"),
         (dict(levels=[1, 2], yes=[0, 1], lapse=-0.1), "lapse"),
         (dict(levels=[1, 2], yes=[0, 1], guess=-0.1), "guess"),
         (dict(levels=[1, 2], yes=[0, 1], guess=0.95, lapse="free"), "guess"),
