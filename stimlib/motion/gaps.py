@@ -33,7 +33,7 @@ def filled(table: TableFile, s: Reports, how: Missing, longest: float) -> tuple[
         bridged = float(length[touching].max(initial=0.0))
         if how == "gap":
             contact = contact & ~lost
-        for i in np.flatnonzero(touching & (length > longest * (1 + 1e-9)) & (how != "gap")):
+        for i in np.flatnonzero(touching & (length > longest) & (how != "gap")):
             problem = f"{name} is missing for {length[i]:.6g} s, longer than {longest:.6g} s"
             remedy = f'say missing="gap", or max_gap={bridged * 1.001:.4g} to bridge it'
             raise table.error(problem, remedy, s.rows[i])

@@ -425,9 +425,11 @@ def recording(
     found = series(table, columns, where or {}, times, contact, repeats, missing, sentinels)
     table, read = table.closed(), [*found.notes]
     period = float(np.median(np.diff(found.t)))
-    if max_gap is None or max_gap < period or period < FASTEST:
-        check_period(table, found, period, time)
     gap = max(GAP_PERIODS * period, GAP_SECONDS) if max_gap is None else float(max_gap)
+    # a step between two stamps is rounded by as much
+    gap += gap * 1e-9 + 2 * float(np.spacing(abs(found.start) + found.t[-1]))
+    if max_gap is None or gap < period or period < FASTEST:
+        check_period(table, found, period, time)
     if missing != "refuse":
         found, notes = filled(table, found, missing, gap)
         read += notes

@@ -266,7 +266,7 @@ READ = {  # a table, how it is read; times, the positions and contact at them, a
     ),
     "a longer gap is joined if it is said": (
         gap(0.15, x=np.arange(40.0)),
-        {"max_gap": 0.15 + 1e-9},
+        {"max_gap": 0.15},
         {0.19: (19, 1), 0.265: (19.5, 1), 0.34: (20, 1)},
         {"silences": 0, "gaps": []},
     ),
@@ -449,6 +449,7 @@ def test_times_that_are_refused(csv, text, how, says):
         (NAMED, {"time": "('Time (s)'*2)*1e-3"}, [0, 0.016, 0.032]),
         (every(1e-7), {"max_speed": None}, [0, 1e-7, 2e-7]),
         (every(0.49), {"max_gap": 0.5}, [0, 0.49, 0.98]),
+        (every(0.7), {"max_gap": 0.7}, [0, 0.7, 1.4]),
         *((every(0.1), {"repeats": repeats}, [0, 0.1, 0.2]) for repeats in REPEATS),
     ],
 )
