@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..core.units import ONE, Unit, in_base_units, pretty, unit as unit_of
 from ..errors import BadValue, UnitError, counted, public
-from ..motion.cells import Cells
+from ..motion.cells import columns_of
 from ..motion.reports import column_of
 from ..motion.table import read_table
 
@@ -163,9 +163,7 @@ def calibrate_motor(
     named = dict(zip(SI, (current, position, force), strict=True))
     linear = [column_of(table, f"calibrate_motor: {what}", text) for what, text in named.items()]
     names = [str(c.column) for c in linear]
-    cells = Cells(table)
-    parts = [cells.numbers(b, names, np.arange(len(b.rows))) for b in table.batches()]
-    rows, dims = np.concatenate([np.empty((3, 0)), *parts], axis=1), []
+    rows, dims = columns_of(table, names), []
     for k, (what, c) in enumerate(zip(SI, linear, strict=True)):
         factor, powers = in_base_units(units[what] or "1")
         dims.append(Unit(powers))

@@ -26,6 +26,13 @@ def in_both(numbers: Sequence[float]) -> Array:
     return np.append(numbers, singles[np.isclose(singles, numbers, 1e-6, 0.0)])
 
 
+def columns_of(table: TableFile, names: Sequence[str]) -> Array:
+    """Return columns of all rows as finite numbers, shape (columns, rows)."""
+    cells = Cells(table)
+    parts = [cells.numbers(b, names, np.arange(len(b.rows))) for b in table.batches()]
+    return np.concatenate([np.empty((len(names), 0)), *parts], axis=1)
+
+
 class Cells:
     """The cells of a table as numbers.
 

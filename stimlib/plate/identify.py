@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, RecordingError, computed, counted, public
+from ..motion.cells import columns_of
 from ..motion.reports import column_of
 from ..motion.table import read_table
 
@@ -82,9 +83,7 @@ def read_sweep(
     named = [("time", time), *(("drive", d) for d in drives), *(("response", r) for r in responses)]
     linear = [column_of(table, f"read_sweep: {what}", text) for what, text in named]
     names = [c.column for c in linear if c.column is not None]
-    rows = np.concatenate(
-        [np.reshape(b.numbers(names), (len(names), -1)) for b in table.batches()], axis=1
-    )
+    rows = columns_of(table, names)
     rows = np.array([[c.scale] for c in linear]) * rows + np.array([[c.offset] for c in linear])
     step = np.diff(rows[0])
     if step.size < 2 or not step.min() > 0 or np.ptp(step) > 0.01 * step.mean():

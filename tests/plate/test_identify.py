@@ -104,6 +104,8 @@ def test_a_file_is_read(tmp_path):
         ("t, mV, y", ms, {"response": "edge"}),
         (r'time="t\*1e-3"', ms, {}),
         ("equal steps", uneven(1.012), {"drive": "volt"}),
+        ("row 0, column mV: there is no number", ms | {"mV": ["", *u[1:]]}, {}),
+        ("row 2, column mV: nan is not finite", ms | {"mV": np.where(t == t[2], np.nan, u)}, {}),
     ):
         given = {"drive": "mV", "response": "y"} | columns
         refused(RecordingError, says, read_sweep, source, **given)
