@@ -368,7 +368,8 @@ def let_through(line: list[Point], asked: list[Point], full: float) -> np.ndarra
     far = lambda at, gap: np.abs(times - at).min(initial=1.0) > gap  # noqa: E731
     sides = [(at, np.interp(at, t, v)) for at in (*(times - SPIKE), *(times + SPIKE)) if at > 0]
     kept = [p for p in line if far(p[0], SPIKE)] + [p for p in sides if far(p[0], SPIKE / 2)]
-    return np.array(sorted([*kept, *((at, full) for at in times)])).T
+    points = [*kept, *((at, full) for at in times)]
+    return np.array(sorted(points, key=lambda p: p[0])).T  # a jump stays one down
 
 
 def event_of(

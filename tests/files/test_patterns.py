@@ -295,6 +295,16 @@ def test_saw_teeth_begin_at_their_middle_and_frequencies_have_limits(signal, sig
 
 
 # Write --------------------------------------------------------------------------------
+def test_a_step_down_stays_one_in_core_haptics(tmp_path):
+    points = [(0.0, 0.8), (1.0, 0.8), (1.0, 0.2), (2.0, 0.2)]
+    line = [{"time": t, "amplitude": a} for t, a in points]
+    made = read_pattern(changed("button1.haptic", put(*LINES, "amplitude", line), tmp_path))
+    write_pattern(tmp_path / "a.ahap", made)
+    (voice,) = read_pattern(tmp_path / "a.ahap").patterns[0].voices
+    found = np.interp([0.01, 0.5, 0.99, 1.01, 1.5, 1.99], *np.array(voice.amplitude).T)
+    assert found == pytest.approx([0.8, 0.8, 0.8, 0.2, 0.2, 0.2], abs=1e-4)
+
+
 SIMPLE = [p.name for p in sorted(FILES.glob("*.*")) if p.suffix in (".ahap", ".haptic", ".hjif")]
 
 
