@@ -832,7 +832,7 @@ class Sink:
             Not started; the device has failed.
         BadValue
             A name with control characters or more than 256 characters; a value that is
-            not finite; a sample below 0.
+            not finite; a sample that is no whole number from 0.
         """
         if self._next is not None:
             return self._next.mark(name, value, sample)
@@ -840,9 +840,10 @@ class Sink:
         if not self._started or self._closed:
             raise SinkError("mark: start the sink first")
         at = self.pump.index if sample is None else sample
-        if at < 0:
-            raise BadValue(f"mark: sample = {sample} must be 0 or above")
-        self._telling.add(at, checked_name("mark: name", name), _number(f"mark: {name}", value))
+        if isinstance(at, bool) or not isinstance(at, int | np.integer) or at < 0:
+            raise BadValue(f"mark: sample = {sample!r} must be a whole number, at least 0")
+        name = checked_name("mark: name", name)
+        self._telling.add(int(at), name, _number(f"mark: {name}", value))
 
     def time_of(self, sample: int) -> tuple[float, float]:
         """Return the time at which a sample leaves the device, and its uncertainty.
