@@ -73,6 +73,7 @@ class Following(Sink):
 
     def _aim(self) -> None:
         """Choose the sample at which the session begins, where the motion goes on."""
+        self._log_to = self._make_log()  # first: it takes the time of a disk
         # a motion in real time must not wait, or it would lag behind from then on
         timed = isinstance(self.motion, Recorded | Scripted)
         self.at = self.before.pump.index + timed * round(AHEAD * self.rate)
@@ -107,7 +108,11 @@ class Following(Sink):
         super().stop(reason)
 
     def _close(self) -> None:
+        from ..files.log_writer import LogWriter
+
         self.pump.write("STATE", words.CLOSED)
+        if not self._started and isinstance(self._log_to, LogWriter):
+            self._log_to.close()
 
     def _latency(self) -> float:
         return self.root._latency()

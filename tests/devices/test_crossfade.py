@@ -35,6 +35,7 @@ from stimlib.devices import (
     crossfade,
 )
 from stimlib.devices.process import open_sinks
+from stimlib.files import read_log
 from stimlib.run.safety import Safety
 
 SPRING = Scene({"y": Param("k", 3.0) * Input("x")})
@@ -141,16 +142,20 @@ def test_parameters_and_a_motion_of_time_go_on(monkeypatch):
     assert new.since == new.at and sink.report().produced == new.at + 160
 
 
-def test_a_recorded_motion_goes_on_to_its_end():
-    x = np.linspace(0.0, 0.5, 4000)
-    log = Seen()
+def test_a_recorded_motion_goes_on_to_its_end(monkeypatch):
+    """Whatever time the disk takes to begin a log."""
+    x = np.linspace(0.0, 0.5, 16_000)
+    log, make, slow = Seen(), Sink._make_log, iter([0.0, 1.0])
+    monkeypatch.setattr(crossfade, "AHEAD", 0.5)  # in time on a busy machine, too
+    monkeypatch.setattr(Sink, "_make_log", lambda s: (time.sleep(next(slow, 0.0)), make(s))[1])
     with begun(NullSink(SPRING, 5.0, motion={"x": x}, realtime=False), block=64) as sink:
         until(lambda: sink.pump.index > 400)
         new = sink.crossfade(SPRING, motion={"x": x}, log=log)
         new.wait(60)
+    assert sink.pump.read("FADE_AT") == new.at
     assert np.array_equal(np.concatenate(log.x, axis=1)[0], x[new.since :])
-    assert new.report().produced == 4000 - new.since
-    assert crossfade.later(Recorded(x[None]), 4400, FS).x.tolist() == [[0.5]]  # after its end
+    assert new.report().produced == 16_000 - new.since
+    assert crossfade.later(Recorded(x[None]), 17_000, FS).x.tolist() == [[0.5]]  # after its end
 
 
 def test_what_a_device_and_its_user_have_set_goes_on():
@@ -371,11 +376,12 @@ def test_what_cannot_start_leaves_the_session_before_as_it_was(tmp_path):
     sink = NullSink(Scene({"y": Input("x")}), 1.0, motion=rows_every(0.01), realtime=False)
     with begun(sink, None, block=64):
         until(lambda: sink.pump.index > 800)
-        for wrong in ({"log": tmp_path / "there"}, {"seconds": -1.0}):
+        for wrong in ({"log": tmp_path / "there"}, {"log": tmp_path / "new", "seconds": -1.0}):
             refused(StimlibError, None, sink.crossfade, sink.scene, **wrong)
         at, rows_then = sink.pump.index, sink.report().rows
         until(lambda: sink.pump.index > at + 800 and sink.report().rows > rows_then)
         assert sink.newest is sink and open_sinks == {sink}
+    assert read_log(tmp_path / "new").frames == 0
 
 
 def test_what_a_device_loop_says_reaches_the_newest():
