@@ -497,7 +497,6 @@ def margin(
             f"margin: at {low:g} and at {high:g} the trials"
             f" {'all' if settles(good) else 'do not all'} settle: choose ends that differ in this"
         )
-    while abs(good - bad) > rel * abs(good):
-        middle = (good + bad) / 2
+    while abs(good - bad) > rel * abs(good) and (middle := (good + bad) / 2) not in (good, bad):
         good, bad = (middle, bad) if settles(middle) else (good, middle)
     return good
