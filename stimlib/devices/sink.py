@@ -352,7 +352,8 @@ class Sink:
         ----------
         seconds : float, optional
             Length of the scene, without the fades; by default that of a recorded
-            motion, or until ``stop``.
+            motion, which is held at its end, or until ``stop``.  Arrays of a scripted
+            motion end it with their last sample.
         at : float, optional
             When sample 0 is to leave the device, in s of ``clock``; the fade-in comes
             before.  ``start`` returns at once, ``time_of(0)`` is the time as far as it
@@ -378,7 +379,8 @@ class Sink:
             )
         frames = length(self.motion)
         if seconds is not None:
-            frames = _samples("start: seconds", seconds, self.rate)
+            ends = frames if isinstance(self.motion, Scripted) else None
+            frames = min(_samples("start: seconds", seconds, self.rate), ends or 2**53)
         if frames == 0:
             raise BadValue(f"start: seconds = {seconds} must be at least one sample")
         if at is not None:

@@ -116,6 +116,14 @@ def test_a_scripted_hand_is_its_function_of_time(clocked):
     assert x.shape == expected.shape and not late[:64].any() and late.any() <= clocked
 
 
+@pytest.mark.parametrize("w", [np.cos, np.zeros(800)])
+def test_arrays_beside_a_function_end_the_session_and_alone_are_held(w):
+    scene = Scene({"y": Input("x") + 0.0 * Input("w")})
+    sink = NullSink(scene, 1.0, motion={"x": np.full(400, 0.5), "w": w}, clocked=False)
+    report = played(sink, 0.1, patience=20.0).report()
+    assert (report.produced, report.stale) == (400 if w is np.cos else 800, 0)
+
+
 def test_a_log_may_keep_what_it_is_given():
     """Also the motion of one input, whose row lies in the memory of the sink."""
     log, x = Seen(), np.arange(20_000) * 1e-5
