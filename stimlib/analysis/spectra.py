@@ -58,8 +58,8 @@ def bins(n: int, fs: float, f_low: float, f_high: float) -> np.ndarray:
     array([10, 13, 16, 19])
     """
     # a bin nearer to half the rate depends on its mirror image
-    top = min((n - 3) // 2, int(f_high * n / fs))
-    return np.arange(max(4, int(np.ceil(f_low * n / fs))), top + 1)[::3]
+    first, top = max(4, int(np.ceil(f_low * n / fs))), min((n - 3) // 2, int(f_high * n / fs))
+    return np.arange(first, top + 1, 3)
 
 
 def whitened(

@@ -305,8 +305,8 @@ def seen_by(
         first.later = later
         seconds = f"{edges[0] / e.fs:.6g} s of {frames / e.fs:.6g} s"
         first.skipped.append(
-            "pictures, the slope of force over position, and how small an error is seen: of the"
-            f" first {seconds}"
+            "pictures, the reach of a motion, the slope of force over position, and how small an"
+            f" error is seen: of the first {seconds}"
         )
     return first
 
@@ -693,9 +693,15 @@ class Asked:
             str(unit),
         )
 
-    def say(self, text: str) -> None:
-        """Add a line about the requested numbers to the report."""
-        self.e.numbers.append(f"{self.part.name}: {text}" if self.part.name else text)
+    def say(self, text: str, name: str = "") -> None:
+        """Add a line about the requested numbers to the report.
+
+        With a name, it replaces the line of that name of the stretch before.
+        """
+        lines, at = self.kept.get(("said", name), (self.e.numbers, len(self.e.numbers)))
+        lines[at : at + 1] = [f"{self.part.name}: {text}" if self.part.name else text]
+        if name:
+            self.kept["said", name] = lines, at
 
     def render(self, block: Block, n: int | None = None, name: str = "") -> np.ndarray:
         """Render a block that the law makes from the requested numbers.

@@ -17,7 +17,7 @@ from typing import Any, overload
 import numpy as np
 
 from ..analysis.passivity import damping_of
-from ..analysis.thresholds import CHANNELS, device_of, sensation_level
+from ..analysis.thresholds import CHANNELS, MASKER, Felt, device_of, sensation_level
 from ..blocks.integrals import power_of
 from ..core.graph import Block, Const, Input, named, pack, reach, signals, type_name
 from ..core.scene import Scene
@@ -452,14 +452,28 @@ def say_felt(e: Evidence) -> None:
 
     Of a file it also says by how much the stored samples differ, in the same unit.
     """
-    for name, y, shown_ in zip(e.scene.outputs, e.y, e.shown, strict=True):
-        device = device_of(e.scene, name)
-        if len(device) == 1 or e.fs <= 2 * CHANNELS["NP"].low or not np.isfinite(y).all():
-            continue
-        told = ", ".join(f"{k} {v:g}" for k, v in device.items() if k != "unit")
-        text = f"{name}: {sensation_level(y, e.fs, **device)} ({told})"
-        if (shown_ != y).any() and e.sidecar is not None:
-            lost = sensation_level(shown_ - y, e.fs, **device).level
+    devices = {name: device_of(e.scene, name) for name in e.scene.outputs}
+    fast = e.fs > 2 * CHANNELS["NP"].low
+    levels = {n: np.full(3, np.nan) for n, device in devices.items() if len(device) > 1 and fast}
+    ends = np.empty((2, len(devices), 0))  # of the stretch before
+    for s in e.stretches() if levels else ():
+        rows = np.concatenate([ends, [s.y, s.shown]], axis=2)
+        ends = rows[:, :, -math.ceil(e.fs) :]
+        for name, y, shown_ in zip(devices, *rows, strict=True):
+            if name in levels and not np.isfinite(y).all():
+                del levels[name]
+            elif name in levels:
+                felt = sensation_level(y, e.fs, **devices[name])
+                levels[name][:2] = np.fmax(levels[name][:2], felt[:2])
+                if (shown_ != y).any() and e.sidecar is not None:
+                    lost = sensation_level(shown_ - y, e.fs, **devices[name]).level
+                    levels[name][2] = np.fmax(levels[name][2], lost)
+    for name, (p, n, lost) in levels.items():
+        top = np.fmax(p, n)
+        p, n = (v if v == top or top <= MASKER else np.nan for v in (p, n))
+        told = ", ".join(f"{k} {v:g}" for k, v in devices[name].items() if k != "unit")
+        text = f"{name}: {Felt(p, n, np.nan)} ({told})"
+        if e.sidecar is not None and not np.isnan(lost):
             text += f"; {e.sidecar['subtype']} changes it by {lost:.1f} dB SL"
         e.numbers.append(text)
 

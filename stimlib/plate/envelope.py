@@ -156,6 +156,6 @@ def best_gain(
     if not drive >= 1:
         raise BadValue(f"best_gain: drive = {drive!r} must be 1 or above")
     most = math.nextafter(2 * q, 0)
-    if over(1.0) >= 0:  # by a rounding
-        return 1.0
-    return most if over(most) <= 0 else float(bisect(over, 1.0, most, maxiter=2000))
+    if over(most) <= 0:
+        return most
+    return 1.0 if over(1.0) >= 0 else float(bisect(over, 1.0, most, maxiter=2000))

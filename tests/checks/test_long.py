@@ -16,6 +16,7 @@ from trials import pair
 
 import stimlib
 from stimlib import Input, Scene, blocks
+from stimlib.analysis.thresholds import MASKER
 from stimlib.checks import evidence, local, scenes, verify_log
 from stimlib.files import read_log
 from stimlib.motion import sinusoid
@@ -107,6 +108,26 @@ def test_what_is_counted_is_counted_over_all_stretches(short, tmp_path, monkeypa
     assert texts["force1: noise as displayed"].endswith(f" {ran} samples") and e.taps[
         0
     ].stream.size == min(ran, STRETCH)
+
+
+def test_what_is_felt_and_limited_late_is_said(monkeypatch):
+    scene = SHIPPED["bumps"](limit=150.0)
+    x = 0.012 + np.r_[np.zeros(8000), 0.05 * np.sin(np.arange(4000) / 500)]
+    made, said = stimlib.render(scene, {"x": x}, FS), []
+    for size in (evidence.AT_ONCE, STRETCH):
+        monkeypatch.setattr(evidence, "AT_ONCE", size)
+        numbers = stimlib.verify(scene, {"x": x}, made).evidence.numbers
+        said.append([text for text in numbers if "SL" in text or "held there" in text])
+    held, felt = int(np.sum(np.abs(made.y) >= 150)), made.felt()
+    assert (
+        said[0]
+        == said[1]
+        == [
+            f"limited to 150 V, {held} samples held there",
+            f"voltage: {felt} (gain 1.2e-06, area 0.0001)",
+        ]
+    )
+    assert felt.level > MASKER and np.isnan(felt.non_pacinian)
 
 
 # What sees every sample ---------------------------------------------------------------

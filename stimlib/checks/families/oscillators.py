@@ -91,10 +91,8 @@ def _within(a: Asked, want: np.ndarray, highest: np.ndarray) -> np.ndarray:
     limit = a.given["limit"]
     if a.given["headroom"] == "scale":
         want = want * (limit / np.maximum(limit, highest))
-    a.say(
-        f"limited to {limit:g} V, {counted(int(np.sum(np.abs(want) >= limit)), 'sample')}"
-        " held there"
-    )
+    held = a.kept["held"] = a.kept.get("held", 0) + int(np.sum(np.abs(want[a.e.led :]) >= limit))
+    a.say(f"limited to {limit:g} V, {counted(held, 'sample')} held there", "limit")
     return np.clip(want, -limit, limit)
 
 
