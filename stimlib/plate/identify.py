@@ -514,7 +514,9 @@ class Drift(NamedTuple):
 def drift(found: Sequence[Resonance], temperature: ArrayLike) -> Drift:
     """Fit the change of a resonance with temperature.
 
-    A straight line is fitted to the sweeps, weighted by their uncertainties.
+    A straight line is fitted to the sweeps, weighted by their uncertainties.  Where the
+    sweeps scatter about it by more than these, the standard deviations of the line are
+    larger by as much (the Birge ratio).
 
     Parameters
     ----------
@@ -562,4 +564,6 @@ def drift(found: Sequence[Resonance], temperature: ArrayLike) -> Drift:
     at = float(w @ T / w.sum())
     spread = float(w @ (T - at) ** 2)
     slope = float(w @ ((T - at) * f)) / spread
-    return Drift(at, float(w @ f / w.sum()), slope, float(w.sum() ** -0.5), spread**-0.5)
+    freq = float(w @ f / w.sum())
+    wider = max(1.0, float(w @ (f - freq - slope * (T - at)) ** 2) / (f.size - 2)) ** 0.5
+    return Drift(at, freq, slope, wider * float(w.sum() ** -0.5), wider * spread**-0.5)

@@ -176,13 +176,16 @@ def test_arguments_that_make_no_sense_are_told(ask, match):
     refused(BadValue, match, ask)
 
 
-def test_a_drift_is_followed():
-    """As a straight line through the frequencies, each by its own deviation."""
-    f, sd, one = [160.0, 158.1, 157.0, 155.0], [0.1, 0.3, 0.1, 0.6], np.ones(1)
+@pytest.mark.parametrize(("size", "cov"), [(10.0, "unscaled"), (0.1, True)])
+def test_a_drift_is_followed(size, cov):
+    """As a straight line through the frequencies, each by its own deviation, and with
+    that of the line where they scatter by more.
+    """
+    f, sd, one = [160.0, 158.1, 157.0, 155.0], size * np.array([0.1, 0.3, 0.1, 0.6]), np.ones(1)
     sweeps = [Resonance(a, 10.0, s, 0.1, one, one, one, 99) for a, s in zip(f, sd, strict=True)]
     T = np.array([20.0, 21.0, 22.0, 24.0])
     line = drift(sweeps, T)
-    (slope, level), cov = np.polyfit(T - line.at, f, 1, w=1 / np.array(sd), cov="unscaled")
+    (slope, level), cov = np.polyfit(T - line.at, f, 1, w=1 / sd, cov=cov)
     wanted = [slope, level, *np.sqrt(np.diag(cov))]
     np.testing.assert_allclose([line.slope, line.freq, line.slope_sd, line.freq_sd], wanted)
     assert line(23.0) == pytest.approx(level + slope * (23.0 - line.at))
