@@ -588,6 +588,8 @@ def test_render_tells_once_of_millimetres_taken_for_metres(here):
         ("a.flac", "1001", "a full scale of about 10.1"),
         ("a.flac", "999", ""),
         ("a.wav", "1e7", ""),
+        ("a.flac --subtype PCM_16", "1e7", "steps of 3.1e+02: write it with"),
+        ("a.wav --subtype pcm_16", "1e7", "steps of 3.1e+02: write it with"),
     ],
 )
 def test_render_says_where_full_scale_is_far_too_large(here, name, full_scale, says):

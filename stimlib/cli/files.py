@@ -146,22 +146,24 @@ def render_(
     if not quiet:
         if not json_:
             print(report)
-        _note_peaks(report.peak, scale, out)
+        usual = "PCM_24" if out.suffix.lower() == ".flac" else "FLOAT"
+        _note_peaks(report.peak, scale, subtype or usual)
     if picture is not None:
         draw(render(made, motion, fs, min(length, 10.0), values, seed), picture)
 
 
-def _note_peaks(peaks: dict[str, float], scale: Any, out: Path) -> None:
+def _note_peaks(peaks: dict[str, float], scale: Any, subtype: str) -> None:
     """Report outputs that are silent, or small in a file of whole numbers."""
     silent = [name for name, peak in peaks.items() if peak == 0.0]
     if silent:
         note(f"every sample of {', '.join(silent)} is 0")
     top = max(peaks.values())
     one = float(scale) if isinstance(scale, str) else 0.0
-    if out.suffix.lower() == ".flac" and 0.0 < top < 0.01 * one:
+    kind, _, bits = subtype.upper().partition("_")
+    if kind == "PCM" and 0.0 < top < 0.01 * one:
         note(
             f"the peak uses {100 * top / one:.2g} % of full scale, and the file has steps of"
-            f" {one / 2**23:.2g}: write it with a full scale of about {1.01 * top:.3g}"
+            f" {2 * one / 2 ** int(bits):.2g}: write it with a full scale of about {1.01 * top:.3g}"
         )
 
 
