@@ -605,13 +605,14 @@ def test_recorded_hands_have_their_own_lengths():
     def touched(unit):
         return Scene({"y": Input("x", unit) / constant(1.0, unit), "on": Input("contact")})
 
-    x = np.where(abs(t - 0.2) < 0.055, np.nan, 1 + t)
-    how = {"missing": "gap", "max_gap": 0.02, "max_speed": None}
-    lifted = recording({"t_s": t, "x": x}, {"x": "x"}, **how)
+    lifted = {"t_s": t, "x": np.where(abs(t - 0.2) < 0.055, np.nan, 1 + t)}
+    lifted = recording(lifted, {"x": "x"}, missing="gap", max_gap=0.02, max_speed=None)
     words = {"motion": lifted, "measures": "rms(y)", "fs": 1000, "workers": 0}
-    each = [sweep(touched, {"unit": [u]}, **words)["rms_y"][0].as_py() for u in ("N", "m")]
-    both = sweep(touched, {"unit": ["N", "m"]}, **words)["rms_y"].to_pylist()
-    assert each[0] < each[1] and both == each, "lifted, a force is 0 and a place is held"
+    rms = [
+        sweep(touched, {"unit": u}, **words)["rms_y"].to_pylist()
+        for u in (["N"], ["m"], ["N", "m"])
+    ]
+    assert rms[0] < rms[1] and rms[2] == rms[0] + rms[1], "a force is 0 where a place is held"
 
 
 # From a terminal ----------------------------------------------------------------------
@@ -651,9 +652,9 @@ def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
         assert says in ran(f"{words} --live k {more}").stdout
     for name, ratio in (("both", 3.0), ("needs", 9.0)):  # set in one scene, or of one for each
         words = f"sweep own_study.py:{name} --measure peak --json {fixed} --axis"
-        one, other = (json.loads(ran(f"{words} k={ks}").stdout)["figures"] for ks in ("1,3", "3,1"))
-        assert one == other, "no row has a part in another"
-        assert one["peak_force"]["largest"] == pytest.approx(ratio * one["peak_force"]["least"])
+        one, other = (json.loads(ran(f"{words} k={k}").stdout)["figures"] for k in ("1,3", "3,1"))
+        peak = one["peak_force"]
+        assert one == other and peak["largest"] == pytest.approx(ratio * peak["least"])
 
 
 @pytest.mark.parametrize(

@@ -149,9 +149,8 @@ def sweep_(
     )
     if isinstance(made, Forecast):
         return print_json(made._asdict()) if json_ else print(made)
-    axes = {name: made[name].unique().to_pylist() for name in table.column_names}
-    facts = {"axes": {name: len(values) for name, values in axes.items()}}
-    facts = _facts(made) | facts | {"folder": out and str(out)}
+    axes = {name: len(made[name].unique()) for name in table.column_names}
+    facts = _facts(made) | {"axes": axes, "folder": out and str(out)}
     if report is not None:
         units = {name: f"{param.dim}" for name, param in first.params.items()}
         _page(report, f"{scene}: {_title(facts)}", made, facts, units)
@@ -189,9 +188,8 @@ def _report(facts: dict[str, Any], json_: bool, quiet: bool) -> None:
         return
     if not json_:
         print_wide(_shown(facts))
-        kept = f"rows and figures: {facts['folder']}"
         print(
-            kept
+            f"rows and figures: {facts['folder']}"
             if facts["folder"]
             else "nothing is kept: --out FOLDER keeps the figure of each row"
         )
@@ -243,8 +241,8 @@ def _where(address: str | None, workers: int | None, files: list[str]) -> dict[s
         raise SinkError(f"there is no Dask scheduler at {address}: {e}") from e
     for path in dict.fromkeys(f for f in files if f.endswith(".py")):
         client.upload_file(path)
-    workers = workers or max(FEWEST, sum(client.nthreads().values()))
-    return {"executor": client.get_executor(), "workers": workers}
+    most = max(FEWEST, sum(client.nthreads().values()))
+    return {"executor": client.get_executor(), "workers": workers or most}
 
 
 def _facts(table: Any) -> dict[str, Any]:

@@ -103,8 +103,6 @@ def kernel(scheme: str, alpha: float, j) -> np.ndarray:
     if scheme == STRAIGHT:
         return _straight(alpha, j)
     if scheme == "l1":
-        if alpha == 1:
-            return np.where(j == 0, 1.0, 0.0)
         k = np.maximum(j, 1)
         one = k ** (1 - alpha) * np.expm1((1 - alpha) * np.log1p(1 / k))
         return np.where(j == 0, 1.0, one) / math.gamma(2 - alpha)
@@ -234,8 +232,6 @@ def aliasing(alpha: float, delta: float) -> float:
 
     It is 2 |Gamma(alpha + 2 pi i/delta)|/Gamma(alpha).
     """
-    if alpha == 0:
-        return 0.0
     # |Gamma(a + iy)| from Stirling's series at a + 8 + iy
     z = complex(alpha, 2 * math.pi / delta)
     below = 0.0
@@ -407,8 +403,6 @@ def bound(r: Rates, alpha: float) -> float:
     True
     """
     e = 1.5 * aliasing(alpha, r.delta) + ROUNDING
-    if alpha == 0:
-        return e
     top = r.grid[-1] * math.exp(r.delta)
     return e + _beyond(alpha, top, r.delta) + _lump_error(alpha, r.delta, r.x) + _coarse(r, alpha)
 

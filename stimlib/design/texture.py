@@ -336,11 +336,10 @@ def scattered(lsf: np.ndarray) -> np.ndarray:
     array([ 0., 14.,  6., 20., 12.,  4., 18., 10.,  2., 16.,  8.])
     """
     found = lsf.copy()
-    for k in (0, 1):
-        n = lsf[..., k::2].shape[-1]
-        if n > 10:
+    for half in (found[..., ::2], found[..., 1::2]):
+        if (n := half.shape[-1]) > 10:
             step = next(s for s in range(round(0.618 * n), n) if math.gcd(s, n) == 1)
-            found[..., k::2] = lsf[..., k::2][..., np.arange(n) * step % n]
+            half[...] = half[..., np.arange(n) * step % n]
     return found
 
 
