@@ -307,7 +307,7 @@ ALL = f"{LISTED}, ready"
         (f"{SWEEP} --axis k=1:2:inf", "inf, is how many"),
         (f"{SWEEP} --axis seed=5..", "seed = 5.. in row 0"),
         (f"{SWEEP} --axis seed=1.5,2.5", "seed = 1.5 in row 0"),
-        (f"{SWEEP} --axis seed={2**64}", "seed = 18446744073709551616 in row 0"),
+        (f"{SWEEP} --axis seed={2**64 + 1}", "seed = 18446744073709551617 in row 0"),
         (f"{SWEEP} --axis k=10:100", "FROM:TO:HOW_MANY, such as k=10:100:5"),
         (f"{SWEEP} --axis q=1,2", "no column q"),
         (f"{SWEEP} --axis k=1,soft", "'1' must be a number"),

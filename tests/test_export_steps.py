@@ -79,8 +79,8 @@ class Names(Block):
         linux = bool_ = explicit = nullptr = DBL_MAX = 1.0
         for i in range(3):
             gamma_ = gamma_ + i_1 * i + n_1 + t_1 - st_i1
-        z = explicit + nullptr + DBL_MAX
-        return gamma - 3.0 * gamma_ + p.short * p.long + linux + bool_ + z, s
+        gamma_ = gamma_ + explicit + nullptr + DBL_MAX
+        return gamma - 3.0 * gamma_ + p.short * p.long + linux + bool_, s
 
 
 def halved(k, n):

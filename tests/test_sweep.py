@@ -33,7 +33,6 @@ from stimlib import (
 )
 from stimlib.analysis import cues
 from stimlib.blocks import fir, pink_noise, white_noise
-from stimlib.cli.sweeps import _axis
 from stimlib.motion import minimum_jerk, recording, sinusoid
 from stimlib.scenes import squeeze
 from stimlib.sweep import grid, measure, measured, rendering, sweep
@@ -639,7 +638,6 @@ def test_the_command_sweeps_a_grid_and_a_table(tmp_path, monkeypatch):
     rows = grid(k=[500.0, 1000.0, 1500.0], seed=[0, 1])
     wanted = max(swept(rows, squeeze(fingers=1))["peak_force1"].to_pylist())
     assert (told["rows"], told["failed"]) == (6, 0)
-    assert _axis("seed=9007199254740993, 1") == ("seed", [2**53 + 1, 1]), "every digit"
     assert told["figures"]["peak_force1"]["largest"] == wanted
     (tmp_path / "own_study.py").write_text(OWN_STUDY)
     (tmp_path / "rows.csv").write_text("gain,k\n1,2\n2,2\n")
