@@ -182,6 +182,7 @@ class StaticLimit(Block):
     """
 
     x: Block
+    begins_early = False
     limit: Above0
     tau: Above0
 
@@ -283,6 +284,7 @@ class SlewLimit(Block):
     NaN and infinity pass, so that the guard of the output detects them.
     """
 
+    begins_early = False
     x: Block
     rate: Above0
 

@@ -59,6 +59,7 @@ class KelvinChain(Block):
     j: np.ndarray
     tau: np.ndarray
     fluidity: From0
+    begins_early = False
 
     def check(self):
         check_lists(self, self.j, "j")

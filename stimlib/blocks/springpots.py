@@ -31,7 +31,7 @@ from ..design import fractional as soe, responses
 from ..design.padding import eights, padded
 from ..errors import Above0, BadValue, UnitError, one_of
 from ..system.limits import limits
-from .onset import ONSETS, check_onset
+from .onset import ONSETS, UNLESS_STEP, check_onset
 from .tables import Table, TableParams
 
 # The springpot f = chi D^alpha y: between a spring (alpha = 0) and a dashpot (alpha =
@@ -183,6 +183,7 @@ class Springpot(Block):
     tol: float
     horizon: Above0
     onset: str
+    begins_early = UNLESS_STEP
     resettable = True
 
     def check(self):
@@ -359,6 +360,7 @@ class SpringpotLive(Block):
     tol: float
     horizon: Above0
     onset: str
+    begins_early = UNLESS_STEP
     resettable = True
 
     check = check_fields
@@ -445,6 +447,7 @@ class PathLength(Block):
     y: Block
     contact: Block
     onset: str
+    begins_early = UNLESS_STEP
     resettable = True
 
     def check(self):
@@ -537,6 +540,7 @@ class Downsampled(Method):
 
     horizon: Above0
     onset: str
+    begins_early = UNLESS_STEP
 
     def design(self, fs):
         n = self.horizon * fs
@@ -593,6 +597,7 @@ class ShortMemory(Method):
 
     seconds: Above0
     onset: str
+    begins_early = UNLESS_STEP
     resettable = True
 
     def design(self, fs):

@@ -21,7 +21,7 @@ from ..core.units import unit
 from ..design.padding import padded
 from ..errors import BadValue, UnitError, public
 from .impedance import sampled, spring
-from .onset import ONSETS, check_onset
+from .onset import ONSETS, UNLESS_STEP, check_onset
 from .springpots import (
     origin,
 )
@@ -118,6 +118,7 @@ class MaxwellArms(Block):
     tau: np.ndarray
     onset: str
     resettable = True
+    begins_early = UNLESS_STEP
 
     def check(self):
         check_lists(self, self.k, "k")

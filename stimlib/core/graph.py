@@ -75,7 +75,7 @@ class Block(Refusals):
     source: ClassVar[str] = ""  # of a class that is not stimlib's: the text of its file
     resettable: ClassVar[bool] = False
     outputs: ClassVar[tuple[str, ...]] = ()  # names, where there are several
-    begins_early: ClassVar[bool] = True  # before sample 0, where its signals do
+    begins_early: ClassVar[Any] = True  # before sample 0, where its signals do
     rests: ClassVar[bool] = False  # it is exactly 0 for stretches at a time
     # a signal that is a frequency below fs/2: the function and the name, "ring: freq"
     rated: ClassVar[Any] = ""
@@ -138,7 +138,7 @@ class Block(Refusals):
         self.check()
         kids = self.children
         object.__setattr__(
-            self, "autonomous", type(self).begins_early and all(c.autonomous for c in kids)
+            self, "autonomous", self.begins_early and all(c.autonomous for c in kids)
         )
         dim = self.units(*(c.dim for c in kids))
         dims = dim if isinstance(dim, tuple) and self.outputs else (dim,)

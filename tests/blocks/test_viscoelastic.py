@@ -171,6 +171,27 @@ def test_onset_and_contact_are_those_that_were_given(onset, first):
     np.testing.assert_allclose(y, [0.0, first, 0.0, 0.0], atol=1e-12)
 
 
+STEPS = {
+    "maxwell": lambda y: maxwell(y, 5.0, tau=0.01, onset="step"),
+    "live": lambda y: springpot(y, 1.0, Param("alpha", 0.3), onset="step"),
+    **{
+        scheme: lambda y, scheme=scheme: springpot(y, 1.0, 0.3, scheme, onset="step", horizon=1.0)
+        for scheme in ("l1", "gl", "gl-downsampled", "gl-short-memory")
+    },
+    "certificate": lambda y: springpot(y, 1.0, 0.3, onset="step", certificate=True)[1],
+    "flow": lambda y: compliance_maxwell(y * constant(1.0, "N/m"), 5.0, 2.0),
+    "chain": lambda y: compliance_kelvin_voigt(y * constant(1.0, "N/m"), 5.0, 2.0),
+    "dashpot": lambda y: compliance(y * constant(1.0, "N/m"), 5.0, 1.0),
+}
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_a_step_is_at_sample_0_whatever_moves_it(name):
+    """A number, or what no input reaches, began 256 samples before."""
+    make, held = STEPS[name], np.full(90, 0.3)
+    np.testing.assert_array_equal(played(make(constant(0.3, "m")), 90), played(make(Y), held))
+
+
 @pytest.mark.parametrize("tau", [1e-12, 1e-6, 1e-3, 0.1, 10.0, 1e12])
 def test_transfer_is_the_arm_at_low_frequencies(tau):
     """Eqs. (2.5), (2.6): storage and loss to 1e-6 at a thousandth of the sample rate,
