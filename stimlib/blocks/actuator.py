@@ -10,10 +10,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..core.graph import NONE, ONE, Block, Const, Map, as_block, same_unit
+from ..core.graph import NONE, ONE, Block, Map, as_block, same_unit
 from ..core.maths import TINY, fma, where
 from ..errors import Above0, BadValue, Count, public
-from .impedance import signal_in, with_unit
+from .friction import amount, held, within
+from .impedance import signal_in
 from .tables import lut
 
 
@@ -33,13 +34,10 @@ a measurement."""
 def _quantity(who: str, name: str, v: Block | float, text: str) -> Block:
     """Return a quantity as a signal with the given unit.
 
-    A plain number, which must be above 0, gets the unit; a signal must have it already.
+    A plain number gets the unit; a signal must have it already. BadValue if a number or
+    a parameter is not above 0.
     """
-    b = as_block(v)
-    if isinstance(b, Const):
-        if not (math.isfinite(b.value) and b.value > 0):
-            raise BadValue(f"{who}: {name} = {b.value:g} must be a finite number above 0")
-    return signal_in(who, name, with_unit(b, text), text)
+    return signal_in(who, name, amount(who, name, v, text, zero=False), text)
 
 
 @public
@@ -70,7 +68,7 @@ def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
     UnitError
         A signal in another unit.
     BadValue
-        A number m or B not above 0.
+        A number or parameter m or B not above 0.
 
     References
     ----------
@@ -91,9 +89,10 @@ def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
 
 @dataclass(frozen=True, eq=False)
 class ForceLimit(Map):
-    """A force clipped to -peak .. peak.
+    """A force clipped to -peak .. peak, and 0 where peak is below 0.
 
-    NaN and infinity pass, so that the guard of the output detects them.
+    NaN and infinity pass, so that the guard of the output detects them; where peak is
+    NaN, so is the force.
     """
 
     x: Block
@@ -107,8 +106,7 @@ class ForceLimit(Map):
 
     @staticmethod
     def step(p, s, x, peak):
-        y = where(x > peak, peak, where(x < -peak, -peak, x))
-        return where(x - x == 0.0, y, x), s
+        return where(x - x == 0.0, within(x, held(peak)), x), s
 
 
 @public
@@ -120,7 +118,7 @@ def force_limit(force: Block, peak: Block | float = 100.0) -> Block:
     force : Block
         In N.
     peak : float or Block
-        In N; live when it is a ``Param``.
+        In N; live when it is a ``Param``.  A signal below 0 counts as 0.
 
     Returns
     -------
@@ -132,7 +130,7 @@ def force_limit(force: Block, peak: Block | float = 100.0) -> Block:
     UnitError
         A signal in another unit.
     BadValue
-        A number not above 0.
+        A number or parameter not above 0.
 
     Notes
     -----
@@ -182,9 +180,9 @@ class StaticLimit(Block):
     """
 
     x: Block
-    begins_early = False
     limit: Above0
     tau: Above0
+    begins_early = False
 
     def design(self, fs):
         a = -math.expm1(-1 / (self.tau * fs))
@@ -284,9 +282,9 @@ class SlewLimit(Block):
     NaN and infinity pass, so that the guard of the output detects them.
     """
 
-    begins_early = False
     x: Block
     rate: Above0
+    begins_early = False
 
     def design(self, fs):
         return SlewParams(self.rate / fs), SlewState(0.0)
@@ -633,8 +631,8 @@ def motor_current(
     UnitError
         A signal in another unit.
     BadValue
-        Gamma or a number motor_constant not above 0; positions that do not rise;
-        another kind.
+        Gamma, or a number or parameter motor_constant, not above 0; positions that do
+        not rise; another kind.
 
     References
     ----------

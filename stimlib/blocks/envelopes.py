@@ -159,7 +159,7 @@ def followed(p, s, gate):
     g = where(stage == 1.0, p.rise, where(stage == 2.0, p.fall, p.release))
     y = s.y + fma(g, target - s.y, TINY)
     full = where(stage == 1.0, where(y >= FULL, 1.0, 0.0), 0.0)
-    y = where(full > 0.0, 1.0, y)
+    y = where(full > 0.0, where(s.y > 1.0, s.y, 1.0), y)
     return flush(y), EnvelopeState(y, where(full > 0.0, 2.0, stage))
 
 

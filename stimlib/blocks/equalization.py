@@ -157,7 +157,7 @@ def equalize(
         with these two columns, which is read now.
     limit : float or Block, optional
         Largest absolute value of the result, in the unit of ``signal``: what the
-        amplifier can give.
+        amplifier can give.  A signal below 0 counts as 0.
     headroom : {"clip", "scale"}
         What happens where the limit is passed.  "clip": the samples beyond it are held
         there; count them in a recording, ``np.sum(np.abs(y) >= limit)``, a block cannot
@@ -235,31 +235,26 @@ def equalize(
             Const(float(v), "" if str(x.dim) == "1" else str(x.dim)) for v in knots[[0, -1]]
         )
         y = y * (middle >= low) * (middle <= high)
-    if limit is not None:
-        return within(
-            y,
-            limit,
-            headroom,
-            None if peak is None else with_unit(peak, str(y.dim)) * (float(d.max()) / lowest),
-        )
-    if headroom != "clip":
-        raise BadValue(
-            f"equalize: headroom = {headroom!r} needs a limit"
-            if headroom in HEADROOM
-            else f"equalize: headroom = {headroom!r}; choose one of {', '.join(HEADROOM)}"
-        )
-    return y
+    most = None if peak is None else with_unit(peak, str(y.dim)) * (float(d.max()) / lowest)
+    return within(y, limit, headroom, most)
 
 
-def within(y: Block, limit, headroom: str, peak=None) -> Block:
-    """Return y limited to -limit .. limit.
+def within(y: Block, limit, headroom: str = "clip", peak=None, name: str = "limit") -> Block:
+    """Return y limited to -limit .. limit, or y itself where there is no limit.
 
-    It is clipped, or first scaled by limit/peak where the peak is larger.
+    It is clipped, or first scaled by limit/peak where the peak is larger. A live limit
+    below 0 counts as 0.
     """
     one_of("headroom", headroom, HEADROOM)
+    if limit is None:
+        if headroom != "clip":
+            raise BadValue(f"headroom = {headroom!r} needs a limit")
+        return y
     top = with_unit(limit, str(y.dim))
-    if isinstance(top, Const) and not top.value > 0:
-        raise BadValue(f"limit = {top.value:g} must be above 0")
+    if not getattr(top, "value", 1.0) > 0:
+        raise BadValue(f"{name} = {limit!r} must be above 0")
+    if not isinstance(top, Const):
+        top = maximum(top, with_unit(0.0, str(y.dim)))
     if headroom == "scale":
         if peak is None:
             raise BadValue("headroom='scale' needs the largest absolute value of the signal, peak=")

@@ -19,6 +19,7 @@ from ..core.pointwise import clip
 from ..core.response import backward
 from ..design.filters import Quadratic, sections
 from ..errors import Above0, BadValue, one_of, public
+from .equalization import within
 from .filters import Cascade, CascadeParams, CascadeState, cascade
 from .impedance import with_unit
 from .movement import regular, sinpi
@@ -716,7 +717,8 @@ def pole_swap(
     gain : float
         From 1 to below 2 q.
     v_max : float or Block, optional
-        The result is held within -v_max .. v_max, in the unit of x.
+        The result is held within -v_max .. v_max, in the unit of x.  A signal below 0
+        counts as 0.
 
     Returns
     -------
@@ -753,13 +755,7 @@ def pole_swap(
     ... ]
     [[0.4, 1.0, 0.34], [0.95, 1.0, 0.76]]
     """
-    y: Block = PoleSwap(as_block(x), freq, q, gain)
-    if v_max is None:
-        return y
-    top = with_unit(v_max, str(y.dim))
-    if not getattr(top, "value", 1.0) > 0:
-        raise BadValue(f"pole_swap: v_max = {v_max!r} must be above 0")
-    return clip(y, -top, top)
+    return within(PoleSwap(as_block(x), freq, q, gain), v_max, name="v_max")
 
 
 @public

@@ -193,6 +193,7 @@ def test_what_stays_below_the_knee_passes_bit_for_bit(kind, size, fs, seed):
 def test_the_peak_limit():
     x = np.array([0.0, -0.0, 99.9, 100.0, 100.1, -1e300, 1e300, -100.0, 5e-324])
     assert_same(played(force_limit(FORCE, 100.0), x), np.clip(x, -100.0, 100.0))
+    assert not played(force_limit(FORCE, -NORMAL), {"force": x, "normal": 5.0 + 0 * x}).any()
 
 
 # Skin and motor -----------------------------------------------------------------------
@@ -469,6 +470,7 @@ REFUSED = {  # a place and a remedy: what is made
     "m = 0": lambda: skin_drive(DP, 0.0, 1.5),
     "B = -1.5": lambda: skin_drive(DP, 0.2, -1.5),
     "peak = 0": lambda: force_limit(FORCE, 0.0),
+    "force_limit: peak = -5": lambda: force_limit(FORCE, Param("peak", -5.0, "N")),
     "most = 0.0 must be a number above 0": lambda: ResponseLimit(X, np.ones(2), 0.0, None, 1),
     "slew = -1.0 must be a number above 0": lambda: ResponseLimit(X, np.ones(2), 1.0, -1.0, 1),
     "every = 0 must be a whole number above 0": lambda: ResponseLimit(X, np.ones(2), 1.0, None, 0),

@@ -1,5 +1,6 @@
 """Events and what they make, against what they are said to be."""
 
+import math
 import tracemalloc
 
 import numpy as np
@@ -89,6 +90,13 @@ HAND = {  # block, rows of its inputs or a number of samples, samples worked out
     "nothing comes as soon": (b.once_within(E, 1e-9), [np.ones(5)], np.ones(5)),
     "a burst at a time": (b.burst(0.01, 0.005), 20, np.repeat([0.0, 1.0, 0.0], [10, 5, 5])),
     "a gate that closes in a tile": (b.envelope(E, 0, 0, 1.0, 0), [GATE], GATE),
+    "a gate that opens again above 1": (
+        b.envelope(E, 0, 0, 2.0, 0.001 / math.log(4 / 3)),
+        [[1, 1, 0, 1, 1]],
+        [1, 2, 1.5, 1.5, 2],
+    ),
+    "a slew from 0 at sample 0": (b.slew_limit(b.constant(1.0), 250.0), 5, [0.25, 0.5, 0.75, 1, 1]),
+    "a limit below 0": (b.pole_swap(X, 100, 10, 2, v_max=E), [[0, 1, -1], [-1] * 3], [0, 0, 0]),
 }
 
 

@@ -307,6 +307,7 @@ REFUSED = [
         for profile, words, error, says in [
             (PROFILE, {"limit": 0.0}, BadValue, "limit"),
             (PROFILE, {"limit": -1.0}, BadValue, "limit"),
+            (PROFILE, {"limit": Param("limit", -1.0)}, BadValue, "limit"),
             (PROFILE, {"limit": 1.0, "headroom": "compress"}, BadValue, "clip, scale"),
             (PROFILE, {"outside": "extrapolate"}, BadValue, "hold, zero, error"),
             (PROFILE, {"kind": "spline"}, BadValue, "kind"),

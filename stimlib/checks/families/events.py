@@ -120,9 +120,9 @@ def _envelope(b, fs, x, y):
             stage = "release"
         elif stage == "release":
             stage = "attack"
-        last = level[stage] + keep[stage] * (last - level[stage])
+        before, last = last, level[stage] + keep[stage] * (last - level[stage])
         if stage == "attack" and last >= 1 - 1e-9:
-            last, stage = 1.0, "decay"
+            last, stage = max(1.0, before), "decay"
         want[n] = last
     return want, tol
 

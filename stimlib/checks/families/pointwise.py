@@ -37,7 +37,7 @@ _maps(
         "Where": lambda c, a, b: np.where(c > 0, a, b),
         "NotBelowZero": lambda x: np.where(x < 0, np.nan, x),
         "ForceLimit": lambda x, peak: np.where(
-            np.isfinite(x), np.minimum(np.maximum(x, -peak), peak), x
+            np.isfinite(x), np.clip(x, -np.maximum(peak, 0), np.maximum(peak, 0)), x
         ),
         "Tally": lambda x, before, after: x,
         "Active": lambda x: x,
