@@ -20,6 +20,7 @@ from ..core.response import backward
 from ..core.units import unit
 from ..design.padding import padded
 from ..errors import BadValue, UnitError, public
+from .friction import amount
 from .impedance import sampled, spring
 from .onset import ONSETS, UNLESS_STEP, check_onset
 from .springpots import (
@@ -117,8 +118,8 @@ class MaxwellArms(Block):
     k: np.ndarray
     tau: np.ndarray
     onset: str
-    resettable = True
     begins_early = UNLESS_STEP
+    resettable = True
 
     def check(self):
         check_lists(self, self.k, "k")
@@ -307,18 +308,18 @@ def generalized_maxwell(
     parts: list[tuple[Any, Any, Any]] = (
         [(constant(1.0, "N/m"), [k for k, _ in fixed], [t for _, t in fixed])] if fixed else []
     )
-    parts += [(as_block(k), [1.0], [tau]) for k, tau in live]
+    parts += [
+        (amount("generalized_maxwell", "k", k, "N/m", zero=False), [1.0], [tau]) for k, tau in live
+    ]
     force = reduce(add, (gain * MaxwellArms(y, touch, k, tau, onset) for gain, k, tau in parts))
     if force.dim != unit("N"):
         raise UnitError(
             f"maxwell: a stiffness times {y!r} [{y.dim}] is [{force.dim}], not a force; give y in m"
             " and k in N/m"
         )
-    if isinstance(k0, (int, float)) and k0 < 0:
-        raise BadValue(f"generalized_maxwell: k0 = {k0:g} must not be below 0")
     if number(k0) == 0:
         return force
-    rest = spring(y, k0)
+    rest = spring(y, amount("generalized_maxwell", "k0", k0, "N/m"))
     return (rest if contact is None else Where(touch, rest, as_block(0.0))) + force
 
 

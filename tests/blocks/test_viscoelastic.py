@@ -346,6 +346,7 @@ def test_a_run_beyond_the_horizon_is_a_warning(tmp_path):
 
 
 # What is refused ----------------------------------------------------------------------
+BELOW = -1.0, np.float32(-1), np.int64(-1), constant(-1.0, "N/m"), Param("k", -1.0, "N/m")
 NO_PAIRS = [50.0, None, np.ones(3), [50.0, 0.1], [(1.0, 2.0, 3.0)]]
 REFUSED = [
     *(
@@ -365,7 +366,8 @@ REFUSED = [
             lambda: maxwell(Y, 5.0, 1.0, onset="now"),
             lambda: generalized_maxwell(Y, 1.0, []),
             lambda: generalized_maxwell(Y, 1.0, [(1.0, 2.0, 3.0)]),
-            lambda: generalized_maxwell(Y, -1.0, [(1.0, 2.0)]),
+            *(lambda k=k: generalized_maxwell(Y, k, [(1.0, 2.0)]) for k in BELOW),
+            lambda: generalized_maxwell(Y, 1.0, [(BELOW[-1], 2.0)]),
             lambda: generalized_maxwell(Y, 1.0, [(1.0, 0.0)]),
             lambda: generalized_maxwell(Y, 1.0, [(-1.0, 1.0)]),
             lambda: generalized_maxwell(Y, 1.0, [(1.0, np.inf)]),
