@@ -244,7 +244,7 @@ class Svf(Block):
         if H[0] is None or cutoff is None or q is None or not (0 < cutoff < fs / 2 and q > 0):
             return None
         g = tan(pi * cutoff / fs)
-        return Cascade.transfer(section(g, g / q, self.mode), z) * H[0]
+        return Cascade.transfer(section(g, g / max(q, LEAST), self.mode), z) * H[0]
 
     @staticmethod
     def step(p, s, x, cutoff, q):
@@ -282,7 +282,7 @@ def svf(
     cutoff : float or Block
         Hz; a signal is held in 0 .. fs/2.
     q : float or Block
-        Quality; 0.707 is Butterworth's filter.  A signal is held at 0.001 and above.
+        Quality; 0.707 is Butterworth's filter.  It is held at 0.001 and above.
         It promises no width: see the notes.
     mode : {"lowpass", "bandpass", "highpass", "notch"}
         What passes; the gain at the cutoff is q, 1, q and 0.

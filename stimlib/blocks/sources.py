@@ -115,7 +115,7 @@ def chirp(f0: float, f1: float, seconds: float, kind: str = "linear") -> Block:
     -----
     Its phase is computed from the sample's index, nothing adds up: a linear sweep is
     exact to 1e-15 turns for days (with JAX, and an exponential one anywhere, to 1e-15
-    of its turns).
+    of its turns, divided by abs(log(f1/f0)) where that is below 1).
 
     Examples
     --------
@@ -526,15 +526,17 @@ class Ring(Block):
         return RingParams(1 / fs, float(self.onset == "sine")), RingState(0.0, 0.0)
 
     def laws(self, fs):
-        if isinstance(self.freq, Const) and isinstance(self.decay, Const):
-            return (responses.ring(self.freq.value, self.decay.value, self.onset),)
+        f, decay = self.freq, self.decay
+        if isinstance(f, Const) and isinstance(decay, Const) and decay.value * fs >= 1:
+            return (responses.ring(f.value, decay.value, self.onset),)
         return ()
 
     def through(self, p, fs, z, H, value):
         if value[1] is None or value[2] is None or H[0] is None:
             return None
+        leak = 1 / max(value[2] * fs, 1.0)
         # p - 1, and its conjugate
-        turned = [np.expm1(-1 / (value[2] * fs) + s * 2j * np.pi * value[1] / fs) for s in (1, -1)]
+        turned = [np.expm1(s * 2j * np.pi * value[1] / fs - leak) for s in (1, -1)]
         one, other = (1 / (backward(z) - q / z) for q in turned)
         return H[0] * ((one - other) / 2j if self.onset == "sine" else (one + other) / 2)
 
@@ -577,8 +579,7 @@ def ring(
     freq : float or Block
         In Hz; a signal is held in 0 .. fs/2.
     decay : float or Block
-        Time constant in s: after it 1/e is left.  A signal is held at one sample and
-        above.
+        Time constant in s: after it 1/e is left.  It is held at one sample and above.
     onset : {"sine", "cosine"}
         From 0, or with the event's full height at once, which at low sample rates has
         18 dB more aliases.

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from laws import lawful
+from laws import impulse_response, lawful
 
 import stimlib
 from stimlib import Input, Scene, blocks as b
@@ -41,3 +41,11 @@ def test_the_response_of_an_svf_has_what_comes_before_it():
         for k in (1.0, 2.0)
     )
     assert two == pytest.approx(2 * one, rel=1e-12) and one != 0
+
+
+@pytest.mark.parametrize("block", [b.ring(X, 100.0, 1e-4), b.svf(X, 300.0, 1e-5)])
+def test_a_number_that_is_held_has_the_response_of_that(block):
+    proc = stimlib.compile(Scene({"y": block}), 1000)
+    h = np.fft.rfft(impulse_response(proc, "y", "x", 1 << 16))
+    said = proc.response("y", "x", np.fft.rfftfreq(1 << 16, 1e-3))
+    np.testing.assert_allclose(h, said, rtol=0, atol=1e-11)
