@@ -148,7 +148,7 @@ def bumps(
     if displacement is not None:
         given["displacement"] = points(displacement)  # as the file is now
         V = equalize(x, displacement, limit, headroom, signal=V, peak=gain * abs(A), contact=on)
-    elif limit is not None:
+    else:
         V = within(V, limit, headroom, peak=gain * abs(A))
     return Scene({"voltage": V}, law="bumps", given=given)
 

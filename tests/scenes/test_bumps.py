@@ -144,6 +144,8 @@ def test_amplitude_zero_is_silent_and_comes_back_in_phase():
         ({"freq": -158.0}, "freq"),
         ({"limit": 0.0}, "limit"),
         ({"limit": 100.0, "headroom": "squash"}, "headroom"),
+        ({"headroom": "squash"}, "choose one of clip, scale"),
+        ({"headroom": "scale"}, "needs a limit"),
         ({"amplitude": float("nan")}, "finite"),
         ({"displacement": ([0, 0.1], [1, 0])}, "above 0"),
         ({"freq": 4100.0}, "below fs/2"),
