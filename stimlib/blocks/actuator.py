@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..core.graph import NONE, ONE, Block, Map, as_block, same_unit
 from ..core.maths import TINY, fma, where
 from ..errors import Above0, BadValue, Count, public
-from .friction import amount, held, within
+from .friction import held, quantity, within
 from .impedance import signal_in
 from .tables import lut
 
@@ -29,15 +29,6 @@ PLACEHOLDER_GAMMA = Geometry((0.0, 0.01, 0.02, 0.03, 0.04), (0.85, 0.96, 1.0, 0.
 """NOT measured: the paper prints no numbers for Gamma(x).  A symmetric guess over the
 0.04 m of travel, so that scenes run before a device has been calibrated; replace it by
 a measurement."""
-
-
-def _quantity(who: str, name: str, v: Block | float, text: str) -> Block:
-    """Return a quantity as a signal with the given unit.
-
-    A plain number gets the unit; a signal must have it already. BadValue if a number or
-    a parameter is not above 0.
-    """
-    return signal_in(who, name, amount(who, name, v, text, zero=False), text)
 
 
 @public
@@ -83,7 +74,8 @@ def skin_drive(dp: Block, m: Block | float, B: Block | float) -> Block:
     >>> str(skin_drive(differentiator(p, passband=1000.0), m=0.2, B=1.5).dim)
     'N'
     """
-    ratio = _quantity("skin_drive", "m", m, "kg") / _quantity("skin_drive", "B", B, "N*s/m")
+    mass = quantity("skin_drive", "m", m, "kg", False)
+    ratio = mass / quantity("skin_drive", "B", B, "N*s/m", False)
     return -ratio * signal_in("skin_drive", "dp", dp, "N/s")
 
 
@@ -152,7 +144,8 @@ def force_limit(force: Block, peak: Block | float = 100.0) -> Block:
     array([[  90.,  100., -100.]])
     """
     return ForceLimit(
-        signal_in("force_limit", "force", force, "N"), _quantity("force_limit", "peak", peak, "N")
+        signal_in("force_limit", "force", force, "N"),
+        quantity("force_limit", "peak", peak, "N", False),
     )
 
 
@@ -660,6 +653,6 @@ def motor_current(
         raise BadValue(
             f"motor_current: Gamma[{at}] = {gamma.flat[at]:g} must be above 0, as all of Gamma"
         )
-    constant_ = _quantity("motor_current", "motor_constant", motor_constant, "N/A")
+    constant_ = quantity("motor_current", "motor_constant", motor_constant, "N/A", False)
     factor = lut(signal_in("motor_current", "x", x, "m"), geometry[0], gamma, kind=kind)
     return signal_in("motor_current", "force", force, "N") / (constant_ * factor)

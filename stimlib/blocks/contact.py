@@ -12,8 +12,8 @@ from ..core.graph import Block, as_block, constant
 from ..core.maths import floor, where
 from ..core.units import unit
 from ..errors import Above0, BadValue, UnitError, public
-from .friction import amount, averaging, held
-from .impedance import signal_in, with_unit
+from .friction import amount, averaging, held, quantity
+from .impedance import with_unit
 from .movement import Over, PlaceState, gap, sinpi
 
 # Walls, detents and buttons from positions alone: each sample is the mean force over
@@ -100,7 +100,7 @@ def squeeze_film(
     array([[0.5  , 0.373, 0.25 , 0.   ]])
     """
     press, a = (
-        signal_in("squeeze_film", name, amount("squeeze_film", name, v, text), text)
+        quantity("squeeze_film", name, v, text)
         for name, v, text in (("normal", normal, "N"), ("amplitude", amplitude, "m"))
     )
     part = a / constant(gap, "m")

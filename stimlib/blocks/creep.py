@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.graph import Block, Const, as_block, constant, design_value, in_unit, scratch
+from ..core.graph import Block, as_block, constant, design_value, in_unit, scratch
 from ..core.maths import copy, fma, memory
 from ..core.response import backward
 from ..core.units import unit
@@ -24,6 +24,7 @@ from ..design import fractional as soe
 from ..design.padding import padded
 from ..errors import BadValue, From0, UnitError, one_of, public
 from .fractional import Alpha, coefficient
+from .friction import amount
 from .impedance import sampled, with_unit
 from .integrals import Integrate
 from .onset import begun
@@ -386,10 +387,7 @@ def compliance(
     in_unit("compliance: f", f, f.dim, "N")
     one_of("compliance: scheme", scheme, soe.SCHEMES)
     alpha = design_value("compliance: alpha", Alpha, alpha)
-    chi = as_block(chi)
-    if isinstance(chi, Const) and chi.value <= 0:
-        raise BadValue(f"compliance: chi = {chi.value:g} must be above 0")
-    gain = coefficient(chi, "compliance")
+    gain = coefficient(amount("compliance", "chi", chi, "", zero=False), "compliance")
     number = f / constant(1.0, "N")
     metre = constant(1.0, "m")
     if alpha == 0:

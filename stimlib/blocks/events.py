@@ -26,7 +26,8 @@ from ..core.loops import loop
 from ..core.maths import floor, where
 from ..core.parameter import Param
 from ..errors import Above0, BadValue, From0, public
-from .impedance import Gate, signal_in, with_unit
+from .friction import quantity
+from .impedance import Gate, with_unit
 
 U = np.uint64
 
@@ -466,7 +467,7 @@ def deadband(x: Block | float, weber: Block | float, floor: Block | float = 0.0)
     Raises
     ------
     BadValue
-        A number below 0.
+        A number or parameter below 0.
     UnitError
         A Weber fraction with a unit, or a floor in another unit than x.
 
@@ -488,11 +489,8 @@ def deadband(x: Block | float, weber: Block | float, floor: Block | float = 0.0)
     array([[1.  , 1.  , 1.  , 1.11, 1.11, 1.25]])
     """
     signal = as_block(x)
-    part = signal_in("deadband", "weber", weber, "")
-    least = signal_in("deadband", "floor", with_unit(floor, str(signal.dim)), str(signal.dim))
-    for name, given in (("weber", part), ("floor", least)):
-        if isinstance(given, Const) and given.value < 0:
-            raise BadValue(f"deadband: {name} = {given.value:g} must be 0 or above")
+    part = quantity("deadband", "weber", weber, "")
+    least = quantity("deadband", "floor", floor, str(signal.dim))
 
     def held(last: Block) -> Block:
         # in this order a sample that is no number passes, for the guard of the output

@@ -12,7 +12,7 @@ from ..core.maths import each, exp, floor, log, where
 from ..core.parameter import Param
 from ..core.response import backward
 from ..errors import Above0, BadValue, From0, UnitError, public
-from .impedance import with_unit
+from .impedance import signal_in, with_unit
 from .movement import Over, PlaceState
 
 # Dry friction from positions alone: each sample is the mean force over the straight way
@@ -42,6 +42,11 @@ def amount(who: str, name: str, v, text: str, zero: bool = True, why: str = "") 
             f"{who}: {name} = {b.value:g} must be {'0 or above' if zero else 'above 0'}{why}"
         )
     return b
+
+
+def quantity(who: str, name: str, v, text: str, zero: bool = True) -> Block:
+    """Return an ``amount``; raise UnitError if it is a signal in another unit."""
+    return signal_in(who, name, amount(who, name, v, text, zero), text)
 
 
 # What all laws begin with -------------------------------------------------------------

@@ -515,6 +515,7 @@ class Method(Block, abstract=True):
     y: Block
     contact: Block
     order: float
+    begins_early = UNLESS_STEP
 
     check = check_fields
 
@@ -540,7 +541,6 @@ class Downsampled(Method):
 
     horizon: Above0
     onset: str
-    begins_early = UNLESS_STEP
 
     def design(self, fs):
         n = self.horizon * fs
@@ -597,7 +597,6 @@ class ShortMemory(Method):
 
     seconds: Above0
     onset: str
-    begins_early = UNLESS_STEP
     resettable = True
 
     def design(self, fs):

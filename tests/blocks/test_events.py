@@ -1,6 +1,5 @@
 """Events and what they make, against what they are said to be."""
 
-import math
 import tracemalloc
 
 import numpy as np
@@ -91,7 +90,7 @@ HAND = {  # block, rows of its inputs or a number of samples, samples worked out
     "a burst at a time": (b.burst(0.01, 0.005), 20, np.repeat([0.0, 1.0, 0.0], [10, 5, 5])),
     "a gate that closes in a tile": (b.envelope(E, 0, 0, 1.0, 0), [GATE], GATE),
     "a gate that opens again above 1": (
-        b.envelope(E, 0, 0, 2.0, 0.001 / math.log(4 / 3)),
+        b.envelope(E, 0, 0, 2.0, 0.001 / np.log(4 / 3)),
         [[1, 1, 0, 1, 1]],
         [1, 2, 1.5, 1.5, 2],
     ),
@@ -164,7 +163,7 @@ def test_a_deadband_sends_each_sample_that_differs_and_no_other(weber, floor):
     assert np.flatnonzero(np.diff(y, prepend=0.0)).tolist() == sent and (y[sent] == x[sent]).all()
     assert (np.abs(x - y) <= np.maximum(weber * np.abs(y), floor)).all()
     assert (len(sent) == 3000) == (weber == floor == 0)
-    for wrong in ({"weber": -0.1}, {"weber": 0.1, "floor": -1.0}):
+    for wrong in ({"weber": -0.1}, {"weber": 0.1, "floor": -1.0}, {"weber": Param("w", -0.1)}):
         refused(BadValue, "deadband: .* must be 0 or above", b.deadband, X, **wrong)
 
 

@@ -407,6 +407,7 @@ REFUSED = [
             ({"alpha": Param("a", 0.5)}, "alpha is a design number"),
             ({"chi": 0.0}, "chi = 0 must be above 0"),
             ({"chi": -5.0}, "chi = -5 must be above 0"),
+            ({"chi": Param("chi", -5.0)}, "chi = -5 must be above 0"),
             ({"chi": constant(3.0, "N/m")}, "chi Const(3.0, 'N/m') is in N/m; give a plain number"),
             ({"tol": 1e-20}, "tol = 1e-20"),
             ({"scheme": "gl-downsampled"}, "scheme = 'gl-downsampled'; choose one of gl, l1"),
