@@ -25,6 +25,8 @@ from stimlib import (
     constant,
 )
 from stimlib.core.program import lead
+from stimlib.targets.llvm import entry_points
+from stimlib.targets.python import Engine as Interpreter
 
 x, z = Input("x"), Input("z")
 both = pytest.mark.parametrize("target", ["llvm", "python"])
@@ -196,6 +198,25 @@ def test_seeds_are_keys_of_all_noise(target):
         if seed in (9, None):
             assert other.seed == 9
             assert_same(other.process(u), wanted)
+
+
+@both
+def test_an_interrupted_reset_changes_nothing(monkeypatch, target):
+    scene, nothing = {"y": blocks.white_noise(1) * Param("a", 1.0)}, np.empty((0, 70))
+    proc, other = (make(scene, target=target) for _ in range(2))
+    for one in (proc, other):
+        one.process(nothing)
+        one.set("a", 2.0)
+
+    def interrupted(*given, **named):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(entry_points, "ENTRY", lambda address: interrupted)
+        patched.setattr(Interpreter, "sample", interrupted)
+        refused(KeyboardInterrupt, None, proc.reset, 9)
+    assert (proc.seed, proc.index, proc.params, proc.log) == (0, 70, {"a": 2.0}, other.log)
+    assert_same(proc.process(nothing), other.process(nothing))
 
 
 # set ----------------------------------------------------------------------------------

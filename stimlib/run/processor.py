@@ -356,16 +356,22 @@ class Processor:
             0 .. 2**64 - 1; None keeps the last one.
         """
         with self._lock:
-            self.seed = self.seed if seed is None else key(seed)
-            if self.seed not in self._fresh:
-                self._engine.packed = self._first(self.seed)
-                for clocks in self._early:
-                    for at in range(0, lead(self.fs), EARLY):
-                        self._engine.warm(clocks, min(EARLY, lead(self.fs) - at))
+            seed = self.seed if seed is None else key(seed)
+            if seed not in self._fresh:
+                before = self._engine.packed
+                try:
+                    self._engine.packed = self._first(seed)
+                    for clocks in self._early:
+                        for at in range(0, lead(self.fs), EARLY):
+                            self._engine.warm(clocks, min(EARLY, lead(self.fs) - at))
+                    made = self._engine.packed
+                except BaseException:  # an interrupt: nothing is reset
+                    self._engine.packed = before
+                    raise
                 if len(self._fresh) >= self._remembered:
                     self._fresh.pop(next(iter(self._fresh)))
-                self._fresh[self.seed] = self._engine.packed
-            self._engine.packed = self._fresh[self.seed]
+                self._fresh[seed] = made
+            self.seed, self._engine.packed = seed, self._fresh[seed]
             self._engine.count = 0
             blocks = {n: self.program.instances[i].block for n, i in self.program.params.items()}
             self.params = {n: b.value for n, b in blocks.items()}  # type: ignore[attr-defined]

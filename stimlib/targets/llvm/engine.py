@@ -454,9 +454,11 @@ class Engine:
         None of these clocks may be a child of another.
         """
         early = np.array(clocks, np.int64)
-        self.ctx[rows.WARM], self.ctx[rows.WARM_CLOCKS] = early.size, early.ctypes.data
-        entry_points.ENTRY(self.address[0])(self.address[1], None, None, count)  # without signals
-        self.ctx[rows.WARM] = -1  # all rows again
+        try:
+            self.ctx[rows.WARM], self.ctx[rows.WARM_CLOCKS] = early.size, early.ctypes.data
+            entry_points.ENTRY(self.address[0])(self.address[1], None, None, count)  # no signals
+        finally:  # an interrupt comes here: ``early`` ends with this function
+            self.ctx[rows.WARM] = -1  # all rows again
 
     def set(self, index: int, target: float, left: float) -> None:
         """Ramp a parameter to a target over ``left`` samples, from the next call on."""
