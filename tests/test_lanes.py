@@ -14,10 +14,11 @@ from refusals import refused
 
 import stimlib
 from stimlib import Input, Param, Scene, SceneError
-from stimlib.blocks import enabled, lowpass, white_noise
+from stimlib.blocks import enabled, loop, lowpass, white_noise
 from stimlib.core import steps
 from stimlib.core.graph import Block, Map, signals
 from stimlib.core.maths import as_float, flush, fma, settle, where
+from stimlib.core.pointwise import Where
 from stimlib.targets.llvm import lanes
 from stimlib.targets.llvm.rows import OPERATIONS, SEGMENT
 
@@ -183,9 +184,14 @@ def again(x):
 
 def test_a_constant_and_a_helper_that_change_are_compiled_again(monkeypatch):
     block = Helped(Input("a"))
+    looped = Scene({"y": loop(lambda last: Helped(Where(last, Input("a"), Input("a"))))})
     for name, v in (("GAIN", 5.0), ("GAIN", -0.0), ("GAIN", 7), ("by_default", again)):
         monkeypatch.setitem(globals(), name, v)
-        assert_same(sampled(block, "llvm", 64), sampled(block, "python", 500), f"{name} = {v}")
+        wanted = sampled(block, "python", 500)
+        assert_same(sampled(block, "llvm", 64), wanted, f"{name} = {v}")
+        for target in ("llvm", "python"):
+            y = stimlib.compile(looped, 1000, target).process(motion()[:1])
+            assert_same(y, wanted, f"{name} = {v} in a loop, {target}")
 
 
 def of_a_name(x, k=GAIN):

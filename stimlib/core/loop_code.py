@@ -226,7 +226,8 @@ class Cycle(Block, abstract=True):
                 steps.rehearse(member, *designs[-1])
         rows = map(self._member, count(), self.members, self.wiring, designs)
         made = compose(tuple(rows), self.ends, len(self.constants), self.inputs, self.results)
-        if self.made not in (None, made):
+        both = [(fields(one.P), fields(one.S)) for one in (self.made, made) if one]
+        if both[0] != both[-1]:
             raise SceneError(
                 f"{self!r}: at fs = {fs:g} Hz the design of one of its blocks has other fields than"
                 " at another sample rate"
@@ -268,8 +269,17 @@ class Cycle(Block, abstract=True):
         tile = kind.step is None
         scratch = tile and kind.work is not None
         types, outputs = (type(numbers), type(state)), len(block.outputs)
+        meaning = () if steps.ours(code) else steps.meaning(code)
         return Member(
-            number, tuple(args), code, code.__code__, tile, scratch, *types, outputs, contact
+            number,
+            tuple(args),
+            code,
+            (code.__code__, meaning),
+            tile,
+            scratch,
+            *types,
+            outputs,
+            contact,
         )
 
     def start(self, numbers, state, seed):
@@ -319,7 +329,7 @@ class Member(NamedTuple):
     number: int
     args: tuple[str, ...]  # last0 | x3 | c0 | v2 | v2_1
     f: Any  # step or tile
-    code: Any  # a notebook may change a function in place
+    code: Any  # a notebook may change a function in place, and numbers that it uses
     tile: bool
     scratch: bool
     p: type
