@@ -137,8 +137,16 @@ def test_more_than_memory_is_refused_with_the_name_of_the_limit(monkeypatch, tmp
     kept = np.lib.format.open_memmap(tmp_path / "y.npy", "w+", float, (2, 6))
     made = render(scene, {"x": RAMP}, 1000, out=kept)
     assert made.y is kept and (np.load(tmp_path / "y.npy") == [RAMP, 2 * RAMP]).all()
-    for out, says in ((np.empty((2, 7)), r"out must be .*\(2, 6\)"), ([], "must be an array")):
-        refused(BadValue, says, lambda out=out: render(scene, {"x": RAMP}, 1000, out=out))
+    table = np.zeros((3, 6))
+    table[0] = RAMP
+    render(scene, {"x": table[0]}, 1000, out=table[1:])
+    for out, says in (
+        (np.empty((2, 7)), r"out must be .*\(2, 6\)"),
+        ([], "must be an array"),
+        (table[:2], "out shares memory with the motion of x"),
+    ):
+        refused(BadValue, says, lambda out=out: render(scene, {"x": table[0]}, 1000, out=out))
+    assert (table == [RAMP, RAMP, 2 * RAMP]).all()
 
 
 @pytest.mark.parametrize("scene", [{"force": x}, x, None, [], "squeeze", SCENE.outputs])

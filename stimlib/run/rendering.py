@@ -491,8 +491,9 @@ def render(
     ------
     BadValue, UnknownName
         As ``compile``, ``stream`` and ``Processor.set``; an ``out`` of another shape or
-        type; more samples than ``stimlib.limits.render_bytes`` (``stream``, files and
-        ``out`` have no such limit).
+        type, or in the memory of the motion; more samples than
+        ``stimlib.limits.render_bytes`` (``stream``, files and ``out`` have no such
+        limit).
     FaultError
         An output was not finite, and ``on_fault`` is "raise".
 
@@ -514,6 +515,12 @@ def render(
         limits.check("render_bytes", size, f"render: bytes of {frames / proc.fs:g} s")
     else:
         explain("out", out, proc.outputs, (len(proc.outputs), frames))
+        for name, source in sources.items():
+            if not callable(source) and np.may_share_memory(out, source):
+                raise BadValue(
+                    f"out shares memory with the motion of {name}, which it would write over: use"
+                    " another array"
+                )
     warn_beyond(proc.program, proc.fs, frames)
     warn_fast(sources, scene, frames / proc.fs, proc.fs)
     y = samples(proc, rows_of(sources, proc.fs), frames, out=out)
