@@ -1,6 +1,8 @@
 """The processor: messages, `out`, parameters, latency, response, plan."""
 
+import copy
 import ctypes
+import pickle
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -198,6 +200,22 @@ def test_seeds_are_keys_of_all_noise(target):
         if seed in (9, None):
             assert other.seed == 9
             assert_same(other.process(u), wanted)
+
+
+@both
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_a_copy_goes_on_by_itself(target, copied):
+    """A scene that was compiled, with the classes of its loop, is pickled with it."""
+    walk = blocks.loop(lambda last: last + Param("a", 1.0) * blocks.white_noise(1))
+    proc = make({"y": walk}, target=target, seed=9)
+    proc.set("a", 2.0, 0.3)
+    proc.process(np.empty((0, 70)))
+    other = copied(proc)
+    other = pickle.loads(other) if isinstance(other, bytes) else other
+    assert (other.seed, other.index, other.params) == (9, 70, {"a": 2.0})
+    assert_same(other.process(np.empty((0, 70))), proc.process(np.empty((0, 70))))
+    other.reset(1)
+    assert (proc.seed, proc.index) == (9, 140)
 
 
 @both

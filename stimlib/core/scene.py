@@ -274,6 +274,9 @@ class Scene:
     def __hash__(self) -> int:
         return hash(self.hash)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_lowered": None}  # its loops have classes that no module has
+
     def __repr__(self):
         names = [f"{n} [{b.dim}]" for n, b in (self.inputs | self.params).items()]
         return (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import logging
 import math
@@ -169,6 +168,8 @@ class Processor:
     ``reset`` or ``state``: that breaks nothing but the samples.  Sinks change
     parameters of a running processor by ``sink.set``.
 
+    A copy, by ``copy`` or ``pickle``, goes on from the same state with an empty log.
+
     A processor that gets another of the same scene and fs as ``begun`` takes its start
     over, instead of running what comes before sample 0 again.
     """
@@ -233,6 +234,9 @@ class Processor:
             f"Processor({', '.join(self.inputs) or 'no input'} -> {', '.join(self.outputs)},"
             f" fs={self.fs:g}, {self.target})"
         )
+
+    def __reduce__(self):
+        return _resumed, (self.scene, self.fs, self.target, self.seed, self.state)
 
     # Running --------------------------------------------------------------------------
     def process(self, x: np.ndarray | int, out: np.ndarray | None = None) -> np.ndarray:
@@ -471,7 +475,8 @@ class Processor:
         return Copies(self, seeds, threads)
 
     def _copy(self, seed: int, remembered: int) -> Processor:
-        other = copy.copy(self)
+        other = object.__new__(type(self))
+        vars(other).update(vars(self))
         other._engine = self._engine.copy()
         other._run = other._engine.process
         other._remembered = remembered
@@ -555,6 +560,13 @@ class Processor:
         return response(
             self.program, self.design, self.fs, self.params, output, input, np.asarray(f, float)
         )
+
+
+def _resumed(scene: Scene, fs: float, target: str, seed: int, state: np.ndarray) -> Processor:
+    """Return a copy of a processor, for ``copy`` and ``pickle``; its log is empty."""
+    proc = Processor(scene, fs, target, seed)
+    proc.state = state
+    return proc
 
 
 def _early(program: Program) -> list[list[int]]:
