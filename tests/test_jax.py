@@ -333,7 +333,9 @@ def test_seeds_of_noise_are_the_same():
     )
     for seed in (0, 2**64 - 1):
         proc.reset(seed)
-        assert np.allclose(f(key=seed, n=50)["y"], proc.process(50)[0], rtol=1e-13)
+        wanted = proc.process(50)[0]
+        for given in ({"n": 50}, {"motion": np.empty((0, 50))}):
+            assert np.allclose(f(key=seed, **given)["y"], wanted, rtol=1e-13)
 
 
 def test_decisions_can_be_given():
@@ -537,6 +539,7 @@ def test_other_numbers_compile_nothing_anew(monkeypatch):
         (dict(motion={"x": 1.0}), BadValue, "give n"),
         (dict(motion={"x": 1.0}, n=-1), BadValue, "n = -1"),
         (dict(motion={"x": 1.0}, n=True), BadValue, "n = True"),
+        (dict(motion={"x": 1.0}, n=2**62), BadValue, "limits.render_bytes"),
         (dict(n=5), BadValue, "got x: 3, n: 5"),
         (dict(gates={"g": np.ones(3)}), UnknownName, "no gate 'g'"),
         (dict(gates=[1]), BadValue, "gates must be a dict"),

@@ -5,7 +5,7 @@ import pytest
 from refusals import refused
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene
+from stimlib import BadValue, Input, Param, Scene, blocks
 from stimlib.analysis import cues, sensation_level, vibration, weighted_rms
 from stimlib.experiments import integrated, jnd_from_dprime, line, psychometric
 from stimlib.fitting import fit_springpot, fit_texture
@@ -18,6 +18,8 @@ SPRING = Scene({"f": Param("k", 1.0, "N/m") * Input("x", "m")})
 GAP = np.ma.masked_where((np.arange(400) > 200) & (np.arange(400) < 220), WAVE)
 CALLS = {
     "render": lambda y: stimlib.render(Scene({"y": Input("x") * 2.0}), {"x": y}, 1000.0),
+    "design": lambda y: blocks.fir(Input("x"), y),
+    "jax": lambda y: stimlib.compile(SPRING, 1e3, target="jax")({"k": y}, {"x": 1.0}),
     "cues": lambda y: cues(y, WAVE, 1000.0),
     "sensation_level": lambda y: sensation_level(y, 1000.0, "m"),
     "weighted_rms": lambda y: weighted_rms(y, 1000.0),

@@ -54,6 +54,7 @@ FIXED.flags.writeable = False
         ([[1.0], [2.0]], None, ["x ", "array", "list"]),
         (3.0, None, ["x ", "float"]),
         (np.zeros((2, 3), ">f8"), None, ["x ", ">f8"]),
+        (np.ma.masked_less(np.zeros((2, 3)), 1.0), None, ["x ", "MaskedArray"]),
         (np.zeros((2, 5)), np.zeros((2, 5)), ["out ", "(1, 5)", "(2, 5)"]),
         (np.zeros((2, 5)), np.zeros((1, 5), np.float32), ["out ", "float32"]),
         (np.zeros((2, 5)), np.zeros((1, 10))[:, ::2], ["out ", "C-contiguous"]),

@@ -9,10 +9,10 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
+from ..core.graph import unmasked
 from ..errors import BadValue, computed, public
 from ..files.audio import write_frames
 from ..files.sidecar import FileReport
-from ..motion.source import unmasked
 from ..run.rendering import Rendering
 
 CUTOFF = 40.0  # Hz: what is slower is no vibration

@@ -12,8 +12,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.graph import unmasked
 from ..errors import Above0, BadValue, Upto1, counted, public
-from ..motion.source import unmasked
 
 SHORTEST = 8  # samples
 PERIODS = 2  # of the dominant component

@@ -12,10 +12,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.graph import unmasked
 from ..core.scene import Scene
 from ..core.units import unit as unit_of
 from ..errors import Above0, BadValue, UnitError, computed, public
-from ..motion.source import unmasked
 from ..run.rendering import Rendering
 from ..scenes import ROWS
 from .listening import vibration

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.graph import unmasked
 from ..errors import Above0, BadValue, UnknownName, computed, public
-from ..motion.source import unmasked
 
 
 class Weighting(NamedTuple):

@@ -17,6 +17,7 @@ from functools import cache, partial
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import RANGES, BadValue, Range, SceneError, StimlibError, UnitError, line_of, public
 from . import units as un
@@ -429,10 +430,22 @@ def _kinds(annotation: Any) -> tuple[list[str], tuple[type, ...], list[Range]]:
     return words, sum((types for types, _ in known), ()), ranges
 
 
+def unmasked(values: ArrayLike) -> np.ndarray:
+    """Return numbers as float64; what a mask hides is nan, not what lies below."""
+    if "numpy.ma" not in sys.modules:  # before it is loaded, nothing is masked
+        return np.asarray(values, np.float64)
+    return np.ma.filled(np.ma.asarray(values, np.float64), np.nan)
+
+
+def bare(v: Any) -> Any:
+    """Return a masked array ``unmasked``, and anything else as it is."""
+    return unmasked(v) if "numpy.ma" in sys.modules and np.ma.isMaskedArray(v) else v
+
+
 def _design_array(where_: str, v: Any) -> np.ndarray:
     """Return finite numbers as a read-only float64 array."""
     try:
-        a = np.array(v)
+        a = np.array(bare(v))
     except (TypeError, ValueError):  # rows of several lengths, or a block among them
         a = np.array("")
     if a.dtype.kind not in "iuf":

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.graph import unmasked
 from ..errors import BadValue
-from ..motion.source import unmasked
 
 Array = np.ndarray
 LINKS = ("probit", "logit", "gumbel", "weibull")

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..blocks.fractional import Alpha
+from ..core.graph import unmasked
 from ..errors import Above0, BadValue, Below1, Count, From0, Upto1, computed, counted, public
-from ..motion.source import unmasked
 
 Onset = Literal["steady", "step"]
 PAIRS = 10_000_000  # of samples and straight pieces that a fit of a springpot holds in memory

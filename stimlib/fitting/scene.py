@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..core.graph import unmasked
 from ..core.scene import Scene
 from ..errors import Above0, BadValue, Count, computed, counted, need, public
-from ..motion.source import frames_of, positions, sources_of, unmasked
+from ..motion.source import frames_of, positions, sources_of
 from ..run.processor import compile
 from ..system.packages import package
 from ..system.progress import progress as bar

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..core.graph import unmasked
 from ..design.texture import ORDER, TextureModel, frequencies
 from ..errors import BadValue, Count, public
-from ..motion.source import unmasked
 
 LARGEST = 1e9  # number in a recording, whatever its unit
 SHORTEST = 4  # samples for each coefficient in a stretch that is used

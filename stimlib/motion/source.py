@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import sys
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -12,8 +11,9 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from ..core.graph import bare
 from ..core.program import number
 from ..errors import BadValue, UnknownName, counted, line_of, outside
 from .generators import GENERATORS
@@ -166,8 +166,7 @@ def sources_of(
             if hint := _hint(source):
                 raise BadValue(f"motion of {name} is a {type(source).__name__}{hint}")
             try:
-                masked = type(source) is not np.ndarray and np.ma.isMaskedArray(source)
-                source = unmasked(source) if masked else np.asarray(source)
+                source = np.asarray(bare(source))
             except (TypeError, ValueError):  # rows of several lengths
                 source = np.array("")
             if source.dtype.kind not in "iuf":
@@ -183,13 +182,6 @@ def sources_of(
                 )
         sources[name] = source
     return sources
-
-
-def unmasked(values: ArrayLike) -> Array:
-    """Return numbers as float64; what a mask hides is nan, not what lies below."""
-    if "numpy.ma" not in sys.modules:  # before it is loaded, nothing is masked
-        return np.asarray(values, np.float64)
-    return np.ma.filled(np.ma.asarray(values, np.float64), np.nan)
 
 
 def _hint(given: Any) -> str:

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..core.graph import unmasked
 from ..core.units import unit
 from ..errors import Above0, BadValue, UnitError, computed, public
-from ..motion.source import unmasked
 from ..run.rendering import Rendering
 
 

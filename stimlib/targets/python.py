@@ -115,7 +115,10 @@ class Engine:
             return 1
         if (
             any(
-                array.dtype != np.float64 or not array.flags.c_contiguous for array in (motion, out)
+                type(array) is not np.ndarray  # its numbers may be masked, or tables
+                or array.dtype != np.float64
+                or not array.flags.c_contiguous
+                for array in (motion, out)
             )
             or not out.flags.writeable
         ):

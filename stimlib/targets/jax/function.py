@@ -20,12 +20,13 @@ import numpy as np
 
 from ...blocks.impedance import Gate
 from ...core.clocks import PARAMS, ROOT, Instance
-from ...core.graph import Block, Compare, Const
+from ...core.graph import Block, Compare, Const, bare
 from ...core.loop_code import Cycle
 from ...core.parameter import Param
 from ...core.program import lead, prepare, rate, warn_beyond
 from ...core.subsystems import Segment
 from ...errors import BadValue, SceneError, UnknownName, need, one_of
+from ...system.limits import limits
 from .blockforms import LOWERINGS, Run, latest, running, spread, steady
 from .recurrence import run_step
 
@@ -177,7 +178,9 @@ class Function:
             raise BadValue(NARROW)
         with jax.enable_x64(True):
             if motion is not None and not isinstance(motion, Mapping):
-                motion = self._rows(motion)
+                given = self._rows(motion)
+                n = given.shape[1] if n is None else n
+                motion = dict(zip(self.inputs, given, strict=True))
             params = _named("params", "parameter", params, self.params)
             motion = _named("motion", "input", motion, self.inputs)
             gates = _named("gates", "gate", gates, self.gates)
@@ -192,6 +195,7 @@ class Function:
             }
             key = _key("key", self.seed if key is None else key)
             size = _length({**motion, **params, **gates}, n)
+            limits.check("render_bytes", 8 * size * len(wanted), f"bytes of {size} samples")
             warn_beyond(self.program, self.fs, size)
             if size:
                 signals = self._jitted(params, motion, key, gates, n=size, wanted=wanted)
@@ -204,7 +208,7 @@ class Function:
         # JAX's own would lose half their digits outside
         return {name: np.asarray(v) for name, v in signals.items()}
 
-    def _rows(self, motion: Any) -> dict[str, Any]:
+    def _rows(self, motion: Any) -> Any:
         if not isinstance(motion, jax.Array):
             motion = _array("motion", motion)
         if motion.ndim != 2 or motion.shape[0] != len(self.inputs):
@@ -212,7 +216,7 @@ class Function:
                 f"motion must be a dict by input name or an array ({len(self.inputs)}, n), got"
                 f" shape {motion.shape}"
             )
-        return dict(zip(self.inputs, motion, strict=True))
+        return motion
 
     def _signals(self, params, motion, key, gates, n, wanted):
         run = _Signals(self, params, motion, key, gates, n)
@@ -355,7 +359,7 @@ def _named(what: str, one: str, given: Any, known: Collection[str]) -> dict[str,
 
 def _array(what: str, v: Any) -> np.ndarray:
     try:
-        a = np.asarray(v)
+        a = np.asarray(bare(v))
     except ValueError:
         a = np.array(None)
     if a.dtype.kind not in "biuf":
