@@ -334,8 +334,8 @@ def test_seeds_of_noise_are_the_same():
     for seed in (0, 2**64 - 1):
         proc.reset(seed)
         wanted = proc.process(50)[0]
-        for given in ({"n": 50}, {"motion": np.empty((0, 50))}):
-            assert np.allclose(f(key=seed, **given)["y"], wanted, rtol=1e-13)
+        for words in ({"n": 50}, {"motion": np.empty((0, 50))}):
+            assert np.allclose(f(key=seed, **words)["y"], wanted, rtol=1e-13)
 
 
 def test_decisions_can_be_given():

@@ -192,6 +192,10 @@ def test_a_constant_and_a_helper_that_change_are_compiled_again(monkeypatch):
         for target in ("llvm", "python"):
             y = stimlib.compile(looped, 1000, target).process(motion()[:1])
             assert_same(y, wanted, f"{name} = {v} in a loop, {target}")
+        one = stimlib.compile(Scene({"y": block}), 1000, "python").process(np.ones((1, 1)))
+        for outputs in ({"y": block}, looped.outputs):
+            f = stimlib.compile(Scene(outputs), 1000, "jax")
+            assert f({}, {"a": np.ones(1)})["y"] == one[0]
 
 
 def of_a_name(x, k=GAIN):

@@ -492,7 +492,7 @@ def designed(block: Block, fs: float) -> tuple[Any, Any]:
 
 def ours(cls: Any) -> bool:
     """Return whether a class or a function belongs to the library."""
-    return cls.__module__.partition(".")[0] == "stimlib"
+    return str(cls.__module__).partition(".")[0] == "stimlib"
 
 
 @cache

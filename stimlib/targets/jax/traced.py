@@ -21,6 +21,7 @@ from jax import lax
 from jax.extend import core
 
 from ...core import maths
+from ...core.steps import meaning, ours
 from ...errors import SceneError
 
 # The twins ----------------------------------------------------------------------------
@@ -127,21 +128,23 @@ TYPES = {
 
 
 # A step and its helpers ---------------------------------------------------------------
-_bound: dict[types.FunctionType, Callable] = {}
+_bound: dict[Any, Callable] = {}
 
 
 def bind(function: Callable) -> Callable:
     """Return a function that uses JAX's mathematics in place of stimlib's."""
     assert isinstance(function, types.FunctionType)
-    if function in _bound:
-        return _bound[function]
+    # with its code and numbers: a cell of a notebook may change them
+    key = function, function.__code__, () if ours(function) else meaning(function)
+    if key in _bound:
+        return _bound[key]
     # the same code with other names around it: what a step means is written once
     scope: dict[str, Any] = {"__builtins__": builtins}
     twin = types.FunctionType(
         function.__code__, scope, function.__name__, function.__defaults__, function.__closure__
     )
-    # one twin for each function, so that JAX sees the same one at each trace
-    _bound[function] = twin  # before its helpers, should they refer to it
+    # one twin for each, so that JAX sees the same one at each trace
+    _bound[key] = twin  # before its helpers, should they refer to it
     # also names of functions inside, such as comprehensions
     for name in _names(function.__code__):
         if name in function.__globals__:
@@ -164,14 +167,14 @@ def _twin(function: Callable, name: str, value: Any) -> Any:
     if isinstance(value, type) and value in TYPES:
         return TYPES[value]
     # by identity, not by name alone: an author may call a helper exp
-    ours = getattr(value, "__name__", "")
-    if callable(value) and value is getattr(maths, ours, None):
-        if ours not in TWINS:
+    own = getattr(value, "__name__", "")
+    if callable(value) and value is getattr(maths, own, None):
+        if own not in TWINS:
             raise SceneError(
                 f"{function.__qualname__} uses {name}, which works on arrays: it needs a lowering"
                 " of its own for JAX"
             )
-        return TWINS[ours]
+        return TWINS[own]
     return bind(value) if isinstance(value, types.FunctionType) else value
 
 
