@@ -94,7 +94,7 @@ class Scene:
             check_name("output", name, SceneError)
         self.outputs: dict[str, Block] = {name: as_block(b) for name, b in outputs.items()}
         self.parts = parts_of(terms_of(law, self.outputs) if isinstance(law, Scene) else law, given)
-        self._lowered: tuple[list[tuple[str, int]], Program, list[Named]] | None = None
+        self._lowered: Any = None
         _ = self.program  # finds what is wrong with the graph now, where it was written
 
     def _known(self) -> tuple[list[tuple[str, int]], Program, list[Named]]:
@@ -102,8 +102,9 @@ class Scene:
         known = [(name, id(b)) for name, b in self.outputs.items()]
         if self._lowered is None or self._lowered[0] != known:
             ends = [b for b in reach(self.outputs.values()) if isinstance(b, Named)]
-            self._lowered = known, lower(self.outputs), ends
-        return self._lowered
+            # with the outputs, or a later one could have the id of one that is gone
+            self._lowered = known, lower(self.outputs), ends, [*self.outputs.values()]
+        return self._lowered[:3]
 
     @property
     def program(self) -> Program:
