@@ -236,7 +236,10 @@ class Processor:
         )
 
     def __reduce__(self):
-        return _resumed, (self.scene, self.fs, self.target, self.seed, self.state)
+        return Processor, (self.scene, self.fs, self.target, self.seed), self.state
+
+    def __setstate__(self, words: np.ndarray) -> None:
+        self.state = words
 
     # Running --------------------------------------------------------------------------
     def process(self, x: np.ndarray | int, out: np.ndarray | None = None) -> np.ndarray:
@@ -368,13 +371,12 @@ class Processor:
                     for clocks in self._early:
                         for at in range(0, lead(self.fs), EARLY):
                             self._engine.warm(clocks, min(EARLY, lead(self.fs) - at))
-                    made = self._engine.packed
                 except BaseException:  # an interrupt: nothing is reset
                     self._engine.packed = before
                     raise
                 if len(self._fresh) >= self._remembered:
                     self._fresh.pop(next(iter(self._fresh)))
-                self._fresh[seed] = made
+                self._fresh[seed] = self._engine.packed
             self.seed, self._engine.packed = seed, self._fresh[seed]
             self._engine.count = 0
             blocks = {n: self.program.instances[i].block for n, i in self.program.params.items()}
@@ -560,13 +562,6 @@ class Processor:
         return response(
             self.program, self.design, self.fs, self.params, output, input, np.asarray(f, float)
         )
-
-
-def _resumed(scene: Scene, fs: float, target: str, seed: int, state: np.ndarray) -> Processor:
-    """Return a copy of a processor, for ``copy`` and ``pickle``; its log is empty."""
-    proc = Processor(scene, fs, target, seed)
-    proc.state = state
-    return proc
 
 
 def _early(program: Program) -> list[list[int]]:

@@ -15,6 +15,7 @@ from ..core.graph import at_rest, pack, unpack
 from ..core.parameter import Param, ParamState
 from ..core.program import Program, start
 from ..core.steps import sample
+from .llvm.entry_points import fit
 
 
 class Engine:
@@ -108,24 +109,8 @@ class Engine:
     def process(self, motion: np.ndarray, out: np.ndarray) -> int:
         """Compute ``out`` from x, shape (n_inputs, n); return 1 if they do not fit."""
         inputs, outputs = list(self.program.inputs.values()), list(self.program.outputs.values())
-        if motion.shape != (len(inputs), motion.shape[1]) or out.shape != (
-            len(outputs),
-            motion.shape[1],
-        ):
+        if not fit((motion, out), (len(inputs), len(outputs))):
             return 1
-        if (
-            any(
-                type(array) is not np.ndarray  # its numbers may be masked, or tables
-                or array.dtype != np.float64
-                or not array.flags.c_contiguous
-                for array in (motion, out)
-            )
-            or not out.flags.writeable
-        ):
-            return 1
-        apart = out.ctypes.data - motion.ctypes.data
-        if motion.size and -out.nbytes < apart < motion.nbytes and apart % (8 * motion.shape[1]):
-            return 1  # as in runtime.process
         # compiled code divides by 0 without a word, and a warning may be an error in a
         # caller
         with np.errstate(all="ignore"):

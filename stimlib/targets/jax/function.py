@@ -178,9 +178,7 @@ class Function:
             raise BadValue(NARROW)
         with jax.enable_x64(True):
             if motion is not None and not isinstance(motion, Mapping):
-                given = self._rows(motion)
-                n = given.shape[1] if n is None else n
-                motion = dict(zip(self.inputs, given, strict=True))
+                motion, n = self._rows(motion, n)
             params = _named("params", "parameter", params, self.params)
             motion = _named("motion", "input", motion, self.inputs)
             gates = _named("gates", "gate", gates, self.gates)
@@ -208,7 +206,7 @@ class Function:
         # JAX's own would lose half their digits outside
         return {name: np.asarray(v) for name, v in signals.items()}
 
-    def _rows(self, motion: Any) -> Any:
+    def _rows(self, motion: Any, n: Any) -> tuple[dict[str, Any], Any]:
         if not isinstance(motion, jax.Array):
             motion = _array("motion", motion)
         if motion.ndim != 2 or motion.shape[0] != len(self.inputs):
@@ -216,7 +214,7 @@ class Function:
                 f"motion must be a dict by input name or an array ({len(self.inputs)}, n), got"
                 f" shape {motion.shape}"
             )
-        return motion
+        return dict(zip(self.inputs, motion, strict=True)), motion.shape[1] if n is None else n
 
     def _signals(self, params, motion, key, gates, n, wanted):
         run = _Signals(self, params, motion, key, gates, n)

@@ -59,32 +59,33 @@ def function(address: int, context: int) -> Callable[..., int]:
     return make(ctypes.byref(_method(address)), context, None)
 
 
+def fit(arrays: tuple[Any, ...], rows: tuple[int, int]) -> bool:
+    """Return whether (x, out) are what ``runtime.process`` takes, for so many rows."""
+    if len(arrays) != 2 or any(type(array) is not np.ndarray for array in arrays):
+        return False
+    motion, out = arrays
+    samples = out.shape[-1] if out.ndim == 2 else -1
+    shapes = motion.shape == (rows[0], samples) and out.shape == (rows[1], samples)
+    if not shapes or motion.dtype != float or out.dtype != float:
+        return False
+    # carray: contiguous, aligned and writeable
+    if not (motion.flags.c_contiguous and motion.flags.aligned and out.flags.carray):
+        return False
+    apart = out.ctypes.data - motion.ctypes.data
+    # rows that overlap by whole rows are read before they are written; of others, a
+    # sample would be written before it is read
+    return not (motion.size and -out.nbytes < apart < motion.nbytes and apart % (8 * samples))
+
+
 def checked(address: int, context: int, rows: tuple[int, int]) -> Callable[..., int]:
     """Return a Python version of ``function``: 0, or 1 if the arrays do not fit."""
     entry = ENTRY(address)
 
     def process(*arrays: Any) -> int:
-        # what runtime.process asks of its arguments
-        if len(arrays) != 2 or any(type(array) is not np.ndarray for array in arrays):
+        if not fit(arrays, rows):
             return 1
-        motion, output = arrays
-        samples = output.shape[-1] if output.ndim == 2 else -1
-        shapes = motion.shape == (rows[0], samples) and output.shape == (rows[1], samples)
-        if not shapes or motion.dtype != float or output.dtype != float:
-            return 1
-        # carray: contiguous, aligned and writeable
-        if not (motion.flags.c_contiguous and motion.flags.aligned and output.flags.carray):
-            return 1
-        read_at, write_at = (array.__array_interface__["data"][0] for array in arrays)
-        # rows that overlap by whole rows are read before they are written
-        apart, read, written = (
-            write_at - read_at,
-            8 * rows[0] * samples,
-            8 * rows[1] * samples,
-        )
-        if read > 0 and -written < apart < read and apart % (8 * samples) != 0:
-            return 1  # a sample would be written before it is read
-        entry(context, read_at, write_at, samples)
+        motion, out = arrays
+        entry(context, motion.ctypes.data, out.ctypes.data, out.shape[1])
         return 0
 
     return process
