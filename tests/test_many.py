@@ -217,6 +217,7 @@ def test_a_wrong_block_says_what_is_wanted(target):
     ("seeds", "threads", "words"),
     [
         (64, None, "range"),
+        ({1, 2}, None, "range"),
         ("abc", None, "seed = 'a'"),
         ([], None, "range"),
         ([0, -1], None, "seed = -1"),
@@ -257,6 +258,7 @@ def test_all_copies_are_changed_or_none(target):
         (BadValue, "5 copies, got 4", lambda: runs.set("a", [1.0] * 4)),
         (BadValue, "finite", lambda: runs.set("a", [1.0, 1.0, 1.0, 1.0, np.nan])),
         (BadValue, "must be a number", lambda: runs.set("a", "12345")),
+        (BadValue, "must be a number", lambda: runs.set("a", dict.fromkeys(range(5), 1.0))),
         (BadValue, "ramp", lambda: runs.set("a", 1.0, -1.0)),
         (UnknownName, "no parameter 'b'", lambda: runs.set("b", 1.0)),
         (BadValue, "5 copies, got 1", lambda: runs.reset([1])),

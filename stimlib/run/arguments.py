@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,8 @@ def key(seed: Any) -> int:
 
 def length(values: Any) -> int | None:
     """Return the length of a sequence, or None for anything else."""
-    try:
-        return len(values)
+    try:  # len of a table counts its names, and a set has no order
+        return None if isinstance(values, Mapping | set) else len(values)
     except TypeError:
         return None
 
