@@ -167,8 +167,11 @@ def test_what_each_command_and_scene_loads(tmp_path, monkeypatch):
     common = {"typer", "rich"}  # of the command line
     found = {name: " ".join(m for m in of.split() if m not in common) for name, of in found.items()}
     assert found.keys() == LOADS.keys(), run.stderr
-    there = " ".join(m for m in ("jack", "sounddevice") if m in found["devices"])
-    assert found == LOADS | {"devices": there}, run.stderr
+    there = {"devices": " ".join(m for m in ("jack", "sounddevice") if m in found["devices"])}
+    if "pandas" in found["texture"]:  # dask 2025.5 loads it, and what it needs
+        there["texture"] = "cloudpickle dask llvmlite pandas pint pyarrow scipy"
+        there["texture"] += " scipy.linalg scipy.special"
+    assert found == LOADS | there, run.stderr
 
 
 def test_public_names_are_there_and_hide_nothing_that_is_built_in():

@@ -84,8 +84,8 @@ def test_errors_are_those_that_were_recorded(problem):
     for p in measure(problem._replace(methods=lambda: methods), timed=False):
         was = known[p.family, p.knob]
         assert bool(p.failed) == bool(was.failed) and not (p.failed and "stimlib" in p.family), p
-        # 3.6 times on another processor; 9 % with another numpy
-        if "LSODA" in p.family or p.family == "scipy chirp, float32":
+        # 3.6 times on another processor; 42 % with another scipy
+        if any(part in p.family for part in ("LSODA", "scipy chirp, float32", "Savitzky-Golay")):
             assert 0.1 < p.error / was.error < 10, p
             continue
         digits = 1e-14 if "JAX" not in p.family else 1e-7  # below that sums in another order count
