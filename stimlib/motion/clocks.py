@@ -119,10 +119,11 @@ def _set_back(steps: Array, period: float, silence: float) -> Rows:
     There the times fall behind by half of the step back or more, from the median of 15
     rows to that of the next, and by more than six standard deviations of jitter.
     """
+    if not len(back := np.flatnonzero(steps < 0)):
+        return back
     late = np.append(0.0, np.cumsum(np.where(steps > silence, 0.0, steps - period)))
     ends = np.full(LEVEL, np.nan)
     near = np.lib.stride_tricks.sliding_window_view(np.concatenate([ends, late, ends]), LEVEL)
-    back = np.flatnonzero(steps < 0)
     parts = np.array_split(back + 1, 1 + len(back) // (1 << 16))  # to save memory
     falls = [np.nanmedian(near[i], 1) - np.nanmedian(near[i + LEVEL], 1) for i in parts]
     jitter = 3 * np.median(np.abs(steps - np.median(steps)))
