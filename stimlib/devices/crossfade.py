@@ -37,6 +37,7 @@ class Following(Sink):
     """
 
     leads = False
+    _begun_log: Any = None
 
     def __init__(self, before: Sink, scene: Scene, safety: Safety, **options: Any):
         self.before: Any = before
@@ -73,7 +74,7 @@ class Following(Sink):
 
     def _aim(self) -> None:
         """Choose the sample at which the session begins, where the motion goes on."""
-        self._log_to = self._make_log()  # first: it takes the time of a disk
+        self._begun_log = super()._make_log()  # first: it takes the time of a disk
         # a motion in real time must not wait, or it would lag behind from then on
         timed = isinstance(self.motion, Recorded | Scripted)
         self.at = self.before.pump.index + timed * round(AHEAD * self.rate)
@@ -107,12 +108,15 @@ class Following(Sink):
             self.pump.write("STATE", words.DONE)
         super().stop(reason)
 
+    def _make_log(self) -> Any:
+        return self._begun_log
+
     def _close(self) -> None:
         from ..files.log_writer import LogWriter
 
         self.pump.write("STATE", words.CLOSED)
-        if not self._started and isinstance(self._log_to, LogWriter):
-            self._log_to.close()
+        if not self._started and isinstance(self._begun_log, LogWriter):
+            self._begun_log.close()
 
     def _latency(self) -> float:
         return self.root._latency()

@@ -546,6 +546,8 @@ class Sink:
             self._stopped = True
             if self.pump.state == words.IDLE:
                 return  # it has not begun: nothing is to be faded
+            if self.error and reason == "close":  # before the fade was asked for
+                reason = "fault" if isinstance(self.error, FaultError) else "error"
             self.pump.stop(reason, self._earliest)
             end = time.monotonic() + self.pump.fade / self.rate + 0.8
             seen, since = -1, time.monotonic()
