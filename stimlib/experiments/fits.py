@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeVar
+from uuid import uuid4
 
 import numpy as np
 import scipy
@@ -93,8 +94,8 @@ class Fit:
     data : tuple of (float, int, int)
         Each level, how many said yes, how many were asked.
     method : tuple
-        How it was fitted, for `level_interval`; and the log-likelihood of all sets that
-        share a rate, by which `likelihood_ratio` tells one call from another.
+        How it was fitted, for `level_interval`, and a name of the call that fitted it,
+        for `likelihood_ratio`: two people may have the same answers.
     """
 
     pse: float
@@ -119,7 +120,7 @@ class Fit:
     comparison: bool = True
     unit: str = ""
     data: tuple[tuple[float, int, int], ...] = ()
-    method: tuple[Model, float, Options, float] | None = field(
+    method: tuple[Model, float, Options, str] | None = field(
         default=None, repr=False, compare=False
     )
 
@@ -577,21 +578,21 @@ def psychometrics(
         keys = [key for key in data if chances[key] == chance]
         model = Model(link, chance, lapse, middle)
         parts += [(keys[at : at + TOGETHER], model) for at in range(0, len(keys), TOGETHER)]
-    common = _shared([([sets[key] for key in keys], model) for keys, model in parts])
+    rates, call = (
+        _shared([([sets[key] for key in keys], model) for keys, model in parts]),
+        uuid4().hex,
+    )
     for keys, model in parts:
-        found = _fitted([sets[key] for key in keys], model, *common, how)
+        found = _fitted([sets[key] for key in keys], model, rates, call, how)
         fits |= zip(keys, found, strict=True)
     return {key: fits[key] for key in data}
 
 
-def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> tuple[dict[str, float], float]:
-    """Return the rates that all sets share, whatever else their models are.
-
-    And the log-likelihood of all sets with them.
-    """
+def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> dict[str, float]:
+    """Return the rates that all sets share, whatever else their models are."""
     names = [name for name in ("guess", "lapse") if parts and getattr(parts[0][1], name) == SHARED]
     if not names:
-        return {}, 0.0
+        return {}
     padded = [(stacked(part), model) for part, model in parts]
 
     def loss(rates: Array) -> float:
@@ -612,7 +613,7 @@ def _shared(parts: Sequence[tuple[Sequence[Sets], Model]]) -> tuple[dict[str, fl
         bounds=[(0.0, v) for v in highest],
         options={"xatol": 1e-6, "fatol": 1e-9, "initial_simplex": [start, *(start + step)]},
     )
-    return dict(zip(names, found.x.tolist(), strict=True)), -float(found.fun)
+    return dict(zip(names, found.x.tolist(), strict=True))
 
 
 def _with(model: Model, rates: Mapping[str, float]) -> Model:
@@ -621,7 +622,7 @@ def _with(model: Model, rates: Mapping[str, float]) -> Model:
 
 
 def _fitted(
-    part: Sequence[Sets], model: Model, rates: Mapping[str, float], together: float, how: Options
+    part: Sequence[Sets], model: Model, rates: Mapping[str, float], call: str, how: Options
 ) -> list[Fit]:
     """Return the fits of some sets, in one call of each step."""
     most = {
@@ -676,7 +677,7 @@ def _fitted(
             dispersion=float(scatter[i]),
             parameters=fitted,
             shared=len(rates),
-            method=(model, float(falls[i]), how, together),
+            method=(model, float(falls[i]), how, call),
         )
         for i, one in enumerate(part)
     ]

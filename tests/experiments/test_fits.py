@@ -536,6 +536,11 @@ def test_a_shared_lapse_rate_is_at_the_highest_of_several_peaks():
     assert found.df == 1
     each = [psychometrics({k: v}, lapse="shared", **HALF)[k] for k, v in sets.items()]
     assert likelihood_ratio(none, each).df == likelihood_ratio(shared, each).df + 1 == 2
+    alike = [  # two people with the same answers
+        [psychometric(*sets["a"], lapse=lapse, **HALF) for _ in range(2)]
+        for lapse in (0.0, "shared")
+    ]
+    assert likelihood_ratio(*alike).df == 2
     assert found.statistic == pytest.approx(2 * (loglik("shared") - loglik(0.0)))
 
 
