@@ -139,7 +139,7 @@ def searches(root: Path, browser: Browser, base: str) -> Iterator[str]:
     for word in SEARCHED:
         page.go(f"{base}/search.html?q={word.replace(' ', '+')}")
         try:
-            page.until("document.querySelectorAll('#search-results li').length", 10)
+            page.until("document.querySelectorAll('#search-results li').length")
         except TimeoutError:
             yield f"search: nothing is found for {word}"
     page.close()
@@ -151,7 +151,7 @@ def copies(root: Path, browser: Browser, base: str) -> Iterator[str]:
     browser.call("Browser.grantPermissions", permissions=["clipboardReadWrite"])
     page.until("!!document.querySelector('.highlight-console .copybtn')")
     page.js("document.querySelector('.highlight-console .copybtn').click()")
-    page.until("!!document.querySelector('.copybtn.success')", 5)
+    page.until("!!document.querySelector('.copybtn.success')")
     if (copied := page.js("navigator.clipboard.readText()").strip()) != "stimlib --version":
         yield f"the copied text is {copied!r}"
     page.close()

@@ -59,9 +59,7 @@ def build(builder, folder, gallery=False):
         builder,
         *([] if gallery else ["-D", "plot_gallery=0", "-D", "smartquotes=0"]),
     ]
-    done = subprocess.run(
-        [*command, "docs", "made"], cwd=folder, capture_output=True, text=True, timeout=900
-    )
+    done = subprocess.run([*command, "docs", "made"], cwd=folder, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     return folder / "made"
 

@@ -80,7 +80,7 @@ def test_what_stops_the_parent_stops_its_workers(tmp_path, to, signals, code):
         for s in signals:
             (os.kill if to == "parent" else os.killpg)(job.pid, s)
             time.sleep(0.05)
-        out, err = job.communicate(timeout=60)
+        out, err = job.communicate()
     assert job.returncode == code and "Traceback" not in err, err
     assert code != 130 or "1 of 5 were made" in out
     until(lambda: not any(map(alive, workers)))
@@ -248,7 +248,7 @@ def test_no_worker_outlives_its_driver_whatever_it_does(tmp_path, end):
     (folder := tmp_path / "out").mkdir()
     words = [sys.executable, tmp_path / "driver.py", folder, ENDS[end]]
     with open(tmp_path / "said", "w") as said:  # not a pipe, which a child of it would hold
-        subprocess.run(words, stderr=said, timeout=180)
+        subprocess.run(words, stderr=said)
     assert "AssertionError" not in (tmp_path / "said").read_text()
     workers = {int(name.split()[1]): name for name in os.listdir(folder)}
     try:

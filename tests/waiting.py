@@ -7,7 +7,7 @@ import time
 ENDS_TOO = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
 
 
-def until(there, what="", seconds=60.0, every=0.005):
+def until(there, what="", seconds=300.0, every=0.005):
     """Return the first true value of ``there()``, which is asked every 5 ms.  The limit
     only ends a hang; ``what`` may tell what there is instead.
     """

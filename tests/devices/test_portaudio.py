@@ -191,7 +191,7 @@ def ended(environment, kind, name, end, says):
     try:
         assert child.stdout.readline() == "playing\n", child.stderr.read()
         end()
-        out, err = child.communicate("go\n", timeout=100)
+        out, err = child.communicate("go\n")
     finally:
         child.kill()
         child.communicate()

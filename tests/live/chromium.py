@@ -200,7 +200,7 @@ class Page:
             )
         return r["result"].get("value")
 
-    def until(self, text: str, seconds: float = 120.0) -> Any:
+    def until(self, text: str, seconds: float = 300.0) -> Any:
         """Waits until an expression is true; gives its value."""
         return until(lambda: self.js(text), f"not within {seconds} s: {text}", seconds, 0.03)
 

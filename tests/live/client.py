@@ -35,7 +35,7 @@ class Client:
             self.answer(text, self.until(phase="ask")["number"])
 
     def next(self):
-        m = self.ws.recv(timeout=120)
+        m = self.ws.recv()
         if isinstance(m, bytes):
             self.data.append(m)
             return {"is": "samples"}

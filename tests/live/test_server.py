@@ -373,7 +373,7 @@ def knock(server, headers, messages):
             for message in messages:
                 client.ws.send(message)
             while True:
-                client.ws.recv(timeout=120)
+                client.ws.recv()
     except InvalidStatus as e:
         return e.response.status_code
     except ConnectionClosed as e:
