@@ -423,7 +423,10 @@ class Some(Block):
     size: int
 
     def design(self, fs):
-        return Gain(0.5), Rows(np.full(self.size, 0.25))
+def louder(p, x, z):
+    return p.k * x + z
+
+        return Gain(0.5 + self.size), Rows(np.full(self.size, 0.25))
 
     @staticmethod
     def abreast(p):
@@ -436,9 +439,11 @@ class Some(Block):
 """
 
 
-def test_tiles_of_an_author_abreast_have_the_same_bits(written):
+@pytest.mark.parametrize("p", ["p", "Gain(3.0)"])
+def test_tiles_of_an_author_abreast_have_the_same_bits(written, p):
     """Only those with as many stages, which their states alone may say."""
-    some = written(ABREAST.format("series(stage, p, s, a, y)")).Some
+    tile = f"series(stage, p, s, a, y)\n        each(louder, {p}, (y, a), y)"
+    some = written(ABREAST.format(tile)).Some
     scene = Scene({f"y{i}": some(Input("ab"[i % 2]), i % 3 + 1) for i in range(6)})
     twins(scene, 1000, motion(100), 13)
 

@@ -353,7 +353,8 @@ def each(w, f, p, x, y):
     """Compute maths.each."""
     if isinstance(y, Members):
         for lane, own in enumerate(y):
-            each.f(w, f, p, tuple(signal[lane] for signal in x), own)
+            numbers = p[lane] if isinstance(p, Members) else p
+            each.f(w, f, numbers, tuple(signal[lane] for signal in x), own)
         return
     tuples = all(isinstance(t, tuple) and not isinstance(t, Array | Value) for t in (p, x))
     if not tuples or "?" in (kinds := _kinds(p)) or not _floats(*x, y):
