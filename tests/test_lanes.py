@@ -33,6 +33,7 @@ from stimlib.core.maths import as_float, bits, copy, each, floor, flush, fma, se
 from stimlib.core.maths import series, sqrt, unbits, where, words
 
 ONE, TWO, THREE, SIGN = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64((1 << 63) + 5)
+ALL, SIX = np.uint64(64), np.uint64(57)
 HALF, GAIN, WHOLE = np.float64(0.5), 2.0, 3
 
 class Numbers(NamedTuple):
@@ -47,6 +48,9 @@ def by_default(x, k=2.0):
 
 def positive(x):
     return x > 0.0
+
+def turned(u, k):
+    return (u << k) | (u >> (ALL - k))
 
 def often(a, b):
     for i in range(600):
@@ -148,6 +152,8 @@ VECTORS = [
     "as_float(bits(a) + where(a > b, ONE, TWO)) * as_float(p.u)",
     "where((a > b) & (a != 0.0), 2 * a, -abs(HALF * b))",
     "summed(a, b)",
+    "as_float(turned(bits(a), ONE - ONE)) - as_float(turned(bits(b), ALL))",
+    "as_float(turned(bits(a), bits(b) & SIGN)) + as_float(THREE << (bits(a) >> SIX))",
     "-0.0",
     "2",
 ]
@@ -417,15 +423,15 @@ def stage(p, s, x):
     y = p.k * x + s.y
     return y, Rows(0.5 * y)
 
+def louder(p, x, z):
+    return p.k * x + z
+
 @dataclass(frozen=True, eq=False)
 class Some(Block):
     a: Block
     size: int
 
     def design(self, fs):
-def louder(p, x, z):
-    return p.k * x + z
-
         return Gain(0.5 + self.size), Rows(np.full(self.size, 0.25))
 
     @staticmethod

@@ -27,9 +27,10 @@ WHOLE = """i + j;i - j;i * j;i / n;i // n;i % n;-i;i & j;i | j;i ^ j;i >> 3;i <<
 ;u == v;u != v;np.float64(u);np.int64(u >> ONE) >> 12;u / v;np.int64(i) % np.int64(j & 1)
 ;np.int64(i) * 6364136223846793005 + 1442695040888963407;np.int64(i) * i << 40
 ;np.int64(i) * 3000000000;np.int64(i) // np.int64(j & 1);np.int64(i) >> np.int64(j & 127)
-;np.int64(i) << np.int64(j & 127)"""
+;np.int64(i) << np.int64(j & 127);np.int64(i) >> 64;(np.int64(i) << 70) + j"""
 WORDS = """u + v;u - v;u * v;u << ONE;u >> 7;u & v;u | v;u ^ v;-u;u + 1;u // (v | ONE)
 ;u % (v | ONE);u << (v & np.uint64(63));where(u > v, u, ONE);np.uint64(i * i)
+;u << np.uint64(64);(u >> np.uint64(70)) | v
 ;u << (v & np.uint64(127));u >> (v & np.uint64(127));u % (v & ONE);u // (v & ONE)"""
 TRUTHS = """x < y;x <= y;x > y;x >= y;x == y;x != y;i < j;i <= j;i > j;i >= j;i == j;i != j;i < x
 ;x < y <= 1.0;-1.0 < x != y > i;1.0 if x < y and i > j or not i else -1.0

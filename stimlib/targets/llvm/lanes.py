@@ -75,7 +75,15 @@ def _operator(of_floats: str, of_words: str, swapped: bool) -> Callable:
         name = of_floats if self.kind == DOUBLE else of_words
         if not name or (self.kind == TRUTH and name not in ("and_", "or_", "xor")):
             raise TypeError("a truth value is no number: write where(c, 1.0, 0.0)")
-        return Lanes(self.b, getattr(self.b, name)(*((right, left) if swapped else (left, right))))
+        amount = self if swapped else other
+        left, right = (right, left) if swapped else (left, right)
+        made = getattr(self.b, name)(left, right)
+        # numpy shifts by 64 bits and more to 0, LLVM to anything
+        if name in ("shl", "lshr") and (isinstance(amount, Lanes) or amount > 63):
+            most = splat(self.b, I64(63), left.type.count)
+            fits = self.b.icmp_unsigned("<=", right, most)
+            made = self.b.select(fits, made, ir.Constant(left.type, None))
+        return Lanes(self.b, made)
 
     return operate
 

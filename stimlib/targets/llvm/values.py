@@ -383,7 +383,7 @@ def _shifted(
         else builder.ashr
     )
     # known now: nothing to choose when it runs
-    if isinstance(amount, ir.Constant):
+    if isinstance(amount, ir.Constant) and 0 <= amount.constant < 64:
         return shift(value, amount)
     fits = builder.icmp_unsigned("<", amount, I64(64))
     # far to the right only the sign is left, and 0 of what has none
