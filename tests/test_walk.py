@@ -286,7 +286,8 @@ def test_a_number_that_stays_the_same_in_a_loop_compiles_however_often_it_is_use
 
 @on_targets
 def test_whole_numbers_of_64_bits_wrap_as_those_of_numpy(target, tmp_path):
-    texts = "i + j;i - j;i * j;3 * i;(i * j) * j + i >> 5;1.0 if i + j > i else 0.0;abs(i - j) & 9"
+    texts = "i + j;i - j;i * j;3 * i;(i * j) * j + i >> 5;abs(i - j) & 9"
+    texts += ";(i + j > i) + 2 * (i + 9 > i) + 4 * (i - 7 < 0)"
     f, rng = each_of("o", texts + ";-i + (i * 2 // 2 == i)"), np.random.default_rng(0)
     walked = made_for(target, f, tmp_path)
     edges = [1, -1, 3, 2**31, -(2**32), 2**62, TOP, -TOP, -TOP - 1]

@@ -64,6 +64,8 @@ def text(x: Any) -> str:
 class Printer:
     """What writes operations of numbers, as texts of C."""
 
+    wraps = False  # see values.Builder
+
     def converted(self, x: Value, kind: str) -> Value:
         """Return a number as one of another kind."""
         if isinstance(x.v, ir.Constant) and kind == "f8":
@@ -86,7 +88,8 @@ class Printer:
             return f"{CALLED[op, kind]}({a}, {b})"
         sign = OPERATORS[op]
         small = any(isinstance(v.v, ir.Constant) and abs(v.v.constant) < 2**31 for v in (x, y))
-        wraps = op in (ast.Mult, ast.LShift) or op in (ast.Add, ast.Sub) and not small
+        sums = self.wraps or not small
+        wraps = op in (ast.Mult, ast.LShift) or op in (ast.Add, ast.Sub) and sums
         if kind == "i8" and wraps:
             return f"((int64_t)((uint64_t){a} {sign} (uint64_t){b}))"  # so that it wraps
         return f"({a} {sign} {b})"

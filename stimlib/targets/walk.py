@@ -234,7 +234,19 @@ class Walk:
         raise Unknown(f"{ast.unparse(node)[:60]} has no form")
 
     def _BinOp(self, node: Any) -> Any:
-        return binary(self.b, type(node.op), self.value(node.left), self.value(node.right))
+        return self.computed(node, self.value(node.left), self.value(node.right))
+
+    @property
+    def authors(self) -> bool:
+        """Whether the function that is walked is an author's."""
+        f = self.frame.f
+        return f.__code__ not in self.syntax and not steps.ours(f)
+
+    def computed(self, node: Any, left: Any, right: Any) -> Any:
+        """Return the result of a node's operator."""
+        # our own indices stay far below 2**63, an author's np.int64(x) may not
+        self.b.wraps = self.authors
+        return binary(self.b, type(node.op), left, right)
 
     def _Compare(self, node: Any) -> Any:
         left, found = self.value(node.left), None
@@ -334,12 +346,8 @@ class Walk:
         # reads the line of the innermost statement, which is the first to get here
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as why:
             error = why if isinstance(why, Unknown) else Unknown(f"{ast.unparse(node)[:60]}: {why}")
-            function = self.frame.f
-            if (
-                not error.where
-                and function.__code__ not in self.syntax
-                and not steps.ours(function)
-            ):
+            if not error.where and self.authors:
+                function = self.frame.f
                 line = node.lineno + steps._source(function, function.__code__)[1]
                 error.where = f"{function.__code__.co_filename}:{line}: "
             raise error from None
@@ -360,15 +368,9 @@ class Walk:
         target = node.target
         if isinstance(target, ast.Subscript):
             element = self.address(self.value(target.value), self.value(target.slice))
-            self.put(
-                element,
-                binary(self.b, type(node.op), self.b.loaded(element), self.value(node.value)),
-            )
+            self.put(element, self.computed(node, self.b.loaded(element), self.value(node.value)))
         else:
-            self.set(
-                target.id,
-                binary(self.b, type(node.op), self.get(target.id), self.value(node.value)),
-            )
+            self.set(target.id, self.computed(node, self.get(target.id), self.value(node.value)))
 
     def assign(self, target: Any, x: Any) -> None:
         """Write an assignment to a name, an element, a slice or several of them."""
@@ -468,7 +470,7 @@ def _to(kind: str, of: Callable[[Any], Any]) -> Known:
 
 def _word(walk: Walk, given: Any) -> Any:
     """Return a uint64: of an author's float beyond, what numpy on x86 makes."""
-    if plain(given) or number(given).kind not in FLOATS or steps.ours(walk.frame.f):
+    if plain(given) or number(given).kind not in FLOATS or not walk.authors:
         return np.uint64(given) if plain(given) else cast(walk.b, given, "u8")
     return Value(walk.b.word(cast(walk.b, given, "f8")), "u8")
 

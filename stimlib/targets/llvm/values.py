@@ -246,6 +246,8 @@ def binary(builder: Any, operator_type: type, left: Any, right: Any) -> Any:
 class Builder(ir.IRBuilder):
     """What writes operations of numbers, as instructions."""
 
+    wraps = False  # whether sums of whole numbers may leave 64 bits
+
     def converted(self, given: Value, kind: str) -> Value:
         """Return a number as one of another kind."""
         value, source, target = given.v, given.kind, KINDS[kind]
@@ -299,12 +301,13 @@ class Builder(ir.IRBuilder):
                 else getattr(self, ON_FLOATS[operator_type])(left, right)
             )
         if operator_type in ON_WHOLE:
-            # they wrap; not so next to an index, or searches would take a tenth longer
+            # they wrap; not so our own indices, or searches would take a tenth longer
             small = any(
                 isinstance(side, ir.Constant) and abs(side.constant) < 2**31
                 for side in (left, right)
             )
-            flags = ("nsw",) if kind == "i8" and small and operator_type is not ast.Mult else ()
+            never = kind == "i8" and small and operator_type is not ast.Mult and not self.wraps
+            flags = ("nsw",) if never else ()
             return getattr(self, ON_WHOLE[operator_type])(left, right, flags=flags)
         if operator_type in ON_BITS:
             return getattr(self, ON_BITS[operator_type])(left, right)
