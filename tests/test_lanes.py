@@ -29,8 +29,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 import numpy as np
 from stimlib.core.graph import Block, Map, signals
-from stimlib.core.maths import as_float, bits, copy, each, floor, flush, fma, settle
-from stimlib.core.maths import series, sqrt, unbits, where, words
+from stimlib.core.maths import as_float, bits, chebyshev, copy, each, floor, flush, fma
+from stimlib.core.maths import series, settle, sqrt, unbits, where, words
 
 ONE, TWO, THREE, SIGN = np.uint64(1), np.uint64(2), np.uint64(3), np.uint64((1 << 63) + 5)
 ALL, SIX = np.uint64(64), np.uint64(57)
@@ -452,6 +452,13 @@ def test_tiles_of_an_author_abreast_have_the_same_bits(written, p):
     some = written(ABREAST.format(tile)).Some
     scene = Scene({f"y{i}": some(Input("ab"[i % 2]), i % 3 + 1) for i in range(6)})
     twins(scene, 1000, motion(100), 13)
+
+
+def test_a_tile_of_an_author_has_each_long_sum(written):
+    tile = "chebyshev(s.y, a, w[: 8 * a.size])\n        for i in range(y.size): y[i] = w[8 * i]"
+    text = ABREAST.format(tile).replace("s, a, y):", "s, a, y, w):")
+    some = written(text.replace("abreast", "work").replace("return 2", "return 512")).Some
+    twins(Scene({"y": some(Input("a"), 24)}), 1000, motion(100)[:1], 64)
 
 
 def test_a_tile_that_cannot_go_abreast_is_named(written):

@@ -496,9 +496,11 @@ def test_long_sums_take_no_other_numbers_than_multiples_of_8():
     for size, *given in (
         (12, maths.fir, a, b, b),
         (12, maths.modes, a, a, a, 0.0, b, b, b),
+        (0, maths.modes, a[:0], a, a, 0.0, b, b, b),
         (4, maths.memory, b, b, b, a[:4], b, b, b),
+        (1, maths.chebyshev, a, b, b),
     ):
-        refused(ValueError, f"{size} is no multiple of 8", *given)
+        refused(ValueError, f"multiple of 8, not {size}", *given)
 
 
 @pytest.mark.parametrize("size", range(8, 137, 8))

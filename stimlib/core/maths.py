@@ -210,10 +210,10 @@ def tree(s):
     return ((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))
 
 
-def _eights(a):
-    """Return the numbers of an array; ValueError where vectors read beyond its end."""
-    if a.size % 8:
-        raise ValueError(f"{a.size} is no multiple of 8: fill up with zeros")
+def _eights(a, least=0):
+    """Return the numbers of an array; ValueError where vectors pass its ends."""
+    if a.size % 8 or a.size < least:
+        raise ValueError(f"give a multiple of 8, not {a.size}: fill up with zeros")
     return a.tolist()
 
 
@@ -233,10 +233,10 @@ def fir(taps, w, y):
 def modes(p, r, q, d, x, y, w):
     """Compute a bank of modes, q = p q + (x + TINY) and y = d x + sum r q.
 
-    The sum is in eight partial sums and flushed. p.size must be a multiple of 8; w has
-    8 y.size elements.
+    The sum is in eight partial sums and flushed. p.size must be a multiple of 8, not 0;
+    w has 8 y.size elements.
     """
-    p, r, state = _eights(p), r.tolist(), q.tolist()
+    p, r, state = _eights(p, 8), r.tolist(), q.tolist()
     for i in range(y.size):
         s = [0.0] * 8
         v = float(x[i]) + TINY
@@ -278,6 +278,7 @@ def chebyshev(c, t, y):
     Clenshaw's method is used. m is y.size/t.size and must be a multiple of 8.
     """
     m, t = y.size // t.size, t.tolist()
+    _eights(y[:m], 8)
     for k in range(y.size):
         x, a, b = t[k // m], 0.0, 0.0
         for v in c[m + k % m :: m][::-1].tolist():

@@ -250,7 +250,8 @@ class _Table:
         index, instances = group[0], self.program.instances
         instance, cls = instances[index], instances[index].block.definition
         form = self.form(group)
-        if "memory" in written(form)[0]:
+        text, _ = written(form)
+        if "memory" in text or "chebyshev" in text:
             _part(SLOW_MODES, "memory", "moving_memory", "chebyshev")
         compiled = segment(form)
         resets = cls.resettable and not _always(instances[instance.args[-1]])
