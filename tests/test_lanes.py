@@ -320,6 +320,7 @@ class Memory(NamedTuple):
 class Gains(NamedTuple):
     k: float
     u: np.uint64
+    unused: float | np.ndarray
 
 
 def straight(p, s, a):
@@ -333,8 +334,11 @@ def decaying(p, s, a):
 
 
 @pytest.mark.parametrize("count, forms", [(2, 1), (3, 2), (4, 1), (8, 1), (23, 4)])
-@pytest.mark.parametrize("f", [straight, decaying], ids=lambda f: f.__name__)
-def test_blocks_abreast_have_the_same_bits(f, count, forms):
+@pytest.mark.parametrize(
+    ("f", "kind", "unused"),
+    [(straight, "f", 0.0), (straight, "F", np.ones(2)), (decaying, "f", 0.0)],
+)
+def test_blocks_abreast_have_the_same_bits(f, kind, unused, count, forms):
     """One in each lane, with numbers, inputs and states of its own; or two in one loop,
     where vectors lack what it needs.
     """
@@ -346,12 +350,13 @@ def test_blocks_abreast_have_the_same_bits(f, count, forms):
         step = staticmethod(f)
 
         def design(self, fs):
-            return Gains(self.k, np.uint64(8 * self.k)), Memory(0.0, self.k, 1.0)
+            return Gains(self.k, np.uint64(8 * self.k), unused), Memory(0.0, self.k, 1.0)
 
-    assert lanes.go_abreast(f, Gains, "fu", Memory, "fff", 1) == (f is straight)
+    abreast = lanes.go_abreast(f, Gains, f"fu{kind}", Memory, "fff", 1)
+    assert abreast == (f is straight and kind == "f")
     some = (Some(Input("ab"[i % 2]), 0.5 - i / 64) for i in range(count))
     ours, *_ = twins(Scene({f"y{i}": one for i, one in enumerate(some)}), 1000, motion(100), 13)
-    if f is decaying:
+    if not abreast:
         forms = 1 + count % 2
     assert len(set(filter(None, ours._engine.segments))) == forms + 1  # with the guard
 
@@ -367,7 +372,7 @@ def test_blocks_of_which_one_hears_another_are_not_abreast():
         step = staticmethod(straight)
 
         def design(self, fs):
-            return Gains(0.5, np.uint64(2)), Memory(0.0, 0.25, 1.0)
+            return Gains(0.5, np.uint64(2), 0.0), Memory(0.0, 0.25, 1.0)
 
     fed = [Some(white_noise(1)), Some(Input("a")), Some(Input("b"))]
     for i in range(8):

@@ -227,7 +227,7 @@ def fault(helper: Callable | None, p_type: Any, p_kinds: str, kinds: str) -> str
     """
     # Tried on a module that is thrown away: the operations themselves know what lanes
     # can do, and a list of what they can would be a second one.
-    if helper is None:
+    if helper is None or p_kinds != p_kinds.lower():  # a capital: an array
         return "it uses something that they do not support"
     vectors = [ir.VectorType(I64 if letter == "u" else DOUBLE, 8) for letter in p_kinds + kinds]
     trial = ir.Function(ir.Module(), ir.FunctionType(ir.VoidType(), vectors), "trial")

@@ -331,13 +331,8 @@ def _run(form: Form) -> list[str]:
     if form.cls.tile:
         given = ["p", "s", *form.signals, *(["w"] if form.cls.work else [])]
         return [f"s = {codegen.call('_sl_block', *given)}", *form.warm("s")]
-    # nothing from one sample to the next, and no table that each looks up
-    flat = (
-        inputs
-        and not form.cls.outputs
-        and not form.s_kinds
-        and form.p_kinds == form.p_kinds.lower()
-    )
+    # nothing from one sample to the next
+    flat = inputs and not form.cls.outputs and not form.s_kinds
     if flat and lanes.in_vectors(code, *numbers, inputs):
         x = "".join(codegen.each("%s, ", signals[:inputs]))
         return [f"_sl.steps(_sl_block, p, ({x}), {signals[inputs]}, n)"]
