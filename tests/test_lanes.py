@@ -16,7 +16,7 @@ import stimlib
 from stimlib import Input, Param, Scene, SceneError
 from stimlib.blocks import enabled, loop, lowpass, white_noise
 from stimlib.core import steps
-from stimlib.core.graph import Block, Map, signals
+from stimlib.core.graph import Block, Const, Map, signals
 from stimlib.core.maths import as_float, flush, fma, settle, where
 from stimlib.core.pointwise import Where
 from stimlib.targets.llvm import lanes
@@ -328,6 +328,11 @@ def straight(p, s, a):
     return flush(y - s.last), Memory(y, a, 0.0)
 
 
+def held(p, s, a):
+    y = where(s.cold > 0.0, a, 0.5 * s.y + a)
+    return y, Memory(y, a, s.cold)
+
+
 def decaying(p, s, a):
     y = where(s.cold > 0.0, a, settle(fma(p.k, a - s.y, s.y)))
     return y - s.last, Memory(y, a, 0.0)
@@ -359,6 +364,29 @@ def test_blocks_abreast_have_the_same_bits(f, kind, unused, count, forms):
     if not abreast:
         forms = 1 + count % 2
     assert len(set(filter(None, ours._engine.segments))) == forms + 1  # with the guard
+
+
+def test_blocks_of_one_step_of_which_some_are_reset_are_apart():
+    @dataclass(frozen=True, eq=False)
+    class Held(Block, abstract=True):
+        step = staticmethod(held)
+
+        def design(self, fs):
+            return (), Memory(0.5, 0.0, 1.0)
+
+    @dataclass(frozen=True, eq=False)
+    class Cold(Held):
+        a: Block
+
+    @dataclass(frozen=True, eq=False)
+    class Reset(Held):
+        a: Block
+        contact: Block
+        resettable = True
+
+    of = {f"cold_{name}": Cold(Input(name)) for name in "ab"}
+    of |= {f"reset_{name}": Reset(Input(name), Const(1.0)) for name in "ab"}
+    twins(Scene(of), 1000, motion(100), 13)
 
 
 def test_blocks_of_which_one_hears_another_are_not_abreast():

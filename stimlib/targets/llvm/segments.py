@@ -129,7 +129,8 @@ def written(form: Form) -> tuple[str, str]:
     for part in form.parts if noise_behind(form) else form.parts[:1]:
         _uses(part.cls.tile or part.cls.step, {}, lines)
         lines += [str(fields(kind)) for kind in (part.p_type, part.s_type)]
-    lines.append(body(form))
+    # in lanes, what makes a resettable block warm is not in the body
+    lines += [body(form), str(cls.resettable)]
     # all classes on top of the one that wrote the step share one segment
     owner = next(c for c in cls.__mro__ if "tile" in c.__dict__ or "step" in c.__dict__)
     return "\n".join(lines), owner.__name__
