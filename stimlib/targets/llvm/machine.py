@@ -13,9 +13,13 @@ import llvmlite.binding as llvm
 
 from ...errors import one_of
 
-WIDER = {512: (), 256: ("avx512",), 128: ("avx", "fma", "f16c", "vaes", "vpclmulqdq")}
+WIDER = {
+    512: (),
+    256: ("avx512",),
+    128: ("avx", "fma", "f16c", "vaes", "vpclmulqdq", "sha512", "sm3", "sm4", "xop"),
+}
 """Features, by the beginning of their names, that programs of at most so many bits a
-vector do without.
+vector do without: some of them bring AVX back.
 """
 
 CHOICES = {
