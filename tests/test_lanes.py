@@ -167,9 +167,10 @@ def test_whatever_a_map_says_has_the_same_bits(written, text):
     assert_same(sampled(block, "llvm", 13), sampled(block, "python", 500))
 
 
-def test_each_in_place(written):
+@pytest.mark.parametrize("helper", [TRIPLED, "return as_float(bits(x) * (SIGN * THREE))"])
+def test_each_in_place(written, helper):
     """The last vector overlaps the one before: no sample is computed twice."""
-    block = written(TILE.format(TRIPLED, IN_PLACE)).Some(1.0 * Input("a"))
+    block = written(TILE.format(helper, IN_PLACE)).Some(1.0 * Input("a"))
     for size in (1, 7, 8, 13, 64):
         assert_same(sampled(block, "llvm", size), sampled(block, "python", 500))
 

@@ -326,7 +326,8 @@ class Engine:
     """Tables and memory of one compiled program; ``packed`` is its whole state."""
 
     def __init__(self, program: Program, design: list[tuple[Any, Any]], fs: float):
-        table = _Table(program, design)
+        with np.errstate(all="ignore"):  # words known now wrap as those that are not
+            table = _Table(program, design)
         self.segments, self._constants = table.segments, table.constants
         self.table = np.array(table.rows, np.int64).reshape(-1, rows.ROW_WORDS)
         self.numbers = np.concatenate(table.numbers) if table.numbers else np.zeros(1, np.uint64)
