@@ -35,8 +35,7 @@ class Engine:
         # design gives as an int is a float
         self.numbers = [unpack(numbers, pack(numbers)) for numbers, _ in design]
         self.states = [unpack(state, pack(state)) for _, state in design]
-        blocks = [instance.block for instance in program.instances]
-        works = [block.definition.work for block in blocks]
+        works = [instance.block.definition.work for instance in program.instances]
         self.work = [
             np.zeros(work(numbers) if work else 0)
             for work, numbers in zip(works, self.numbers, strict=True)

@@ -215,8 +215,7 @@ class Walk:
     def cut(self, of: Any, node: Any) -> Any:
         """Return a slice of an array or a tuple, as Python cuts it."""
         if several(of):
-            ends = (node.lower, node.upper, node.step)
-            return of[slice(*(n and self.value(n) for n in ends))]
+            return of[slice(*(n and self.value(n) for n in (node.lower, node.upper, node.step)))]
         if not isinstance(of, Array) or node.step is not None:
             raise Unknown("a slice of a number, or with a step: write a loop over the samples")
         given = (n and number(self.value(n)) for n in (node.lower, node.upper))
@@ -297,14 +296,17 @@ class Walk:
         test = self.value(node.test)
         if plain(test):
             return self.value(node.body if test else node.orelse)
-        one, other = (lambda: self.value(node.body)), (lambda: self.value(node.orelse))
-        return self.either(self.truth(test), one, other)
+        return self.either(
+            self.truth(test), lambda: self.value(node.body), lambda: self.value(node.orelse)
+        )
 
     def _Call(self, node: Any) -> Any:
-        f = self.value(node.func)
-        given = self.several(node.args)
-        named = {k.arg: self.value(k.value) for k in node.keywords}
-        return self.call(f, given, named)
+        # in Python's order
+        return self.call(
+            self.value(node.func),
+            self.several(node.args),
+            {k.arg: self.value(k.value) for k in node.keywords},
+        )
 
     def call(self, f: Any, given: Sequence[Any], named: Any = None) -> Any:
         """Return the result of a call."""

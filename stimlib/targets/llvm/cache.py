@@ -77,10 +77,6 @@ def _sums(text: str) -> str:
     return _sum((text + _salt()).encode())
 
 
-def _name(text: str, stem: str) -> str:
-    return f"{stem}_{_sums(text)[:20]}"
-
-
 def load(text: str, stem: str, make: Callable[[], walk.Intermediate] | None = None) -> Code:
     """Return the code of a source, from the cache or newly compiled.
 
@@ -100,7 +96,7 @@ def load(text: str, stem: str, make: Callable[[], walk.Intermediate] | None = No
     SinkError
         Not even a temporary folder can be written.
     """
-    name = _name(text, stem)
+    name = f"{stem}_{_sums(text)[:20]}"
     # a fork takes this lock first, so a child never finds it taken: see cache_folder
     with lock:
         if name not in _loaded:

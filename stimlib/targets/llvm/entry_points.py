@@ -66,10 +66,9 @@ def fit(arrays: tuple[Any, ...], rows: tuple[int, int]) -> bool:
     motion, out = arrays
     samples = out.shape[-1] if out.ndim == 2 else -1
     shapes = motion.shape == (rows[0], samples) and out.shape == (rows[1], samples)
-    if not shapes or motion.dtype != float or out.dtype != float:
-        return False
     # carray: contiguous, aligned and writeable
-    if not (motion.flags.c_contiguous and motion.flags.aligned and out.flags.carray):
+    laid = motion.flags.c_contiguous and motion.flags.aligned and out.flags.carray
+    if not (shapes and laid and motion.dtype == out.dtype == float):
         return False
     apart = out.ctypes.data - motion.ctypes.data
     # rows that overlap by whole rows are read before they are written; of others, a

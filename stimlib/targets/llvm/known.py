@@ -313,14 +313,8 @@ def _floats(*arrays: Any) -> bool:
 @known
 def steps(w, step, numbers, inputs, output, count):
     """Run a step without state along slots."""
-    vectors.steps(
-        w.b,
-        lanes.twin(step),
-        _numbers(w, numbers),
-        [address.v for address in inputs],
-        output.v,
-        count.v,
-    )
+    addresses = [address.v for address in inputs]
+    vectors.steps(w.b, lanes.twin(step), _numbers(w, numbers), addresses, output.v, count.v)
 
 
 @known
@@ -430,9 +424,8 @@ TWINS: dict[Any, Any] = {
     maths.flush: Known(_flush),
     maths.settle: Known(_settle),
 }
-TWINS |= {
+TWINS |= {getattr(maths, name): f for name, f in maths.ELEMENTARY.items()} | {
     getattr(maths, name): globals()[name]
     for name in "words copy search quotient fir modes memory chebyshev each pairs series".split()
 }
-TWINS |= {getattr(maths, name): f for name, f in maths.ELEMENTARY.items()}
 """What stands for functions of ``maths``."""

@@ -90,12 +90,9 @@ def _operator(of_floats: str, of_words: str, swapped: bool) -> Callable:
 
 def _comparison(sign: str) -> Callable:
     def f(self, other):
-        x, y = self.v, self.like(other)
-        if self.kind == DOUBLE:
-            return Lanes(
-                self.b, (self.b.fcmp_unordered if sign == "!=" else self.b.fcmp_ordered)(sign, x, y)
-            )
-        return Lanes(self.b, self.b.icmp_unsigned(sign, x, y))
+        of_floats = self.b.fcmp_unordered if sign == "!=" else self.b.fcmp_ordered
+        compare = of_floats if self.kind == DOUBLE else self.b.icmp_unsigned
+        return Lanes(self.b, compare(sign, self.v, self.like(other)))
 
     return f
 
@@ -152,12 +149,13 @@ def _of(kind: ir.Type, code: Callable) -> Callable:
     return lambda x: Lanes(_one_of(x).b, code(x.b, x.are(kind), x))
 
 
-TWINS: dict[str, Callable] = {name: _known(name) for name in ("fma", "sqrt", "floor")}
-TWINS["where"] = _where
-TWINS["flush"] = _of(DOUBLE, lambda b, v, x: flush(b, v))
-TWINS["as_float"] = _of(I64, lambda b, v, x: b.uitofp(v, x.of(DOUBLE)))
-TWINS["bits"] = _of(DOUBLE, lambda b, v, x: b.bitcast(v, x.of(I64)))
-TWINS["unbits"] = _of(I64, lambda b, v, x: b.bitcast(v, x.of(DOUBLE)))
+TWINS: dict[str, Callable] = {name: _known(name) for name in ("fma", "sqrt", "floor")} | {
+    "where": _where,
+    "flush": _of(DOUBLE, lambda b, v, x: flush(b, v)),
+    "as_float": _of(I64, lambda b, v, x: b.uitofp(v, x.of(DOUBLE))),
+    "bits": _of(DOUBLE, lambda b, v, x: b.bitcast(v, x.of(I64))),
+    "unbits": _of(I64, lambda b, v, x: b.bitcast(v, x.of(DOUBLE))),
+}
 _scope = {"__builtins__": {"abs": abs}, **maths.CONSTANTS, **TWINS}
 for _name, _f in maths.ELEMENTARY.items():
     TWINS[_name] = _scope[_name] = python.FunctionType(_f.__code__, _scope, _name)
@@ -201,9 +199,8 @@ def bind(function: python.FunctionType) -> Callable | None:
         if NAMESPACE in scope.values()
         else []
     )
-    if not all(hasattr(NAMESPACE, name) for name in of_maths):
-        return None
-    if None in scope.values() or function.__closure__:
+    lacking = not all(hasattr(NAMESPACE, name) for name in of_maths)
+    if lacking or None in scope.values() or function.__closure__:
         return None
     return python.FunctionType(
         function.__code__,

@@ -167,5 +167,4 @@ def missing(calls: Iterable[str]) -> list[str]:
     LLVM would end the process over one of them.
     """
     _target()
-    known = llvm.address_of_symbol
-    return [name for name in calls if not known(name)]
+    return [name for name in calls if not llvm.address_of_symbol(name)]

@@ -156,11 +156,9 @@ def common(left: Value, right: Value) -> str:
     # as numpy 2 has it, but for a uint64 with a whole number that may be below 0: numpy
     # makes a float of these two, and here they are refused
     kinds = {left.kind, right.kind}
-    # a float wins over all whole numbers
-    if kinds & {"f8"}:
-        return "f8"
-    # a whole number beside a float32 makes a float64: it has more digits than a float32
-    if kinds & {"f4"}:
+    # a float wins over all whole numbers; one beside a float32 makes a float64, because
+    # it has more digits than a float32
+    if kinds & {*FLOATS}:
         return "f4" if kinds == {"f4"} else "f8"
     if "u8" in kinds and kinds != {"u8"}:
         # a whole number that is known, and not below 0, is one of uint64 as well

@@ -40,11 +40,13 @@ sample or two.
 """
 
 
-def _steps(b, step, numbers, inputs, output, count):
+def steps(b, step, numbers, inputs, output, count):
     """Emit output[i] = step(numbers, (), inputs[0][i], ..)[0] for count samples.
 
-    Samples that fill up the last vector are computed as well.
+    The slots are given by their addresses; samples that fill up the last vector are
+    computed as well.
     """
+    numbers = lanes_of(b, numbers)
 
     def write(sample):
         samples = [Lanes(b, load(b, address, sample)) for address in inputs]
@@ -61,11 +63,6 @@ def _steps(b, step, numbers, inputs, output, count):
 def lanes_of(b, t):
     """Return a NamedTuple of numbers as lanes, or ()."""
     return type(t)(*(Lanes(b, splat(b, v)) for v in t)) if t else ()
-
-
-def steps(b, step, numbers, inputs, output, count):
-    """Run a step without state along slots, of which addresses are given."""
-    _steps(b, step, lanes_of(b, numbers), inputs, output, count)
 
 
 def gathered(b, values):
@@ -294,7 +291,7 @@ def operation(b, number, buffers, operands, count):
             b.gep(buffers, [b.load(b.gep(operands, [I64(argument)]))])
             for argument in range(len(signals(cls)) + 1)
         )
-        _steps(b, bind(cls.step), (), inputs, output, count)
+        steps(b, bind(cls.step), (), inputs, output, count)
 
     cases(b, number, dict(enumerate(OPERATIONS)), body)
 

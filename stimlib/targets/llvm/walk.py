@@ -382,8 +382,7 @@ def of_source(
 def of_module(text: str, name: str, twins: dict[Any, Any]) -> Intermediate:
     """Return what a source file has ``exported`` as LLVM's text."""
     functions, syntax = _of_text(text, name, types.ModuleType(name).__dict__)
-    found = {n: f for n, f in functions.items() if hasattr(f, "exported")}
-    return written(found, twins, syntax)
+    return written({n: f for n, f in functions.items() if hasattr(f, "exported")}, twins, syntax)
 
 
 def _of_text(text: str, name: str, space: dict[str, Any]) -> tuple[dict[str, Any], dict[Any, Any]]:
