@@ -383,21 +383,25 @@ def test_a_run_beyond_the_horizon_is_told():
 
 def test_a_gate_may_borrow_the_derivative_of_a_smooth_one():
     v, w = Input("v", "m/s"), Param("w", 0.15, "m/s")
-    scene = Scene({"g": b.loading(v - w, on=0.02, off=0.01), "c": v > w})
+    gates = {"g": b.loading(v - w, on=0.02, off=0.01), "c": v > w}
+    gates |= {f"h{i}": b.hysteresis(v - w, on, on - 0.01) for i, on in enumerate((0.0, -0.02))}
+    scene = Scene(gates)
     x = np.linspace(0, 0.3, 300)
+    x[[10, 290]] = np.nan, np.inf  # which have no slope, and spoil no other's
     hard, soft = (
         stimlib.compile(scene, 1000, "jax"),
         stimlib.compile(scene, 1000, "jax", surrogate=0.5),
     )
-    for name in ("g", "c"):
+    for name in gates:
         assert np.array_equal(hard(None, {"v": x})[name], soft(None, {"v": x})[name])
 
-        def slope(f, name=name):
+        def slope(f, x=x, name=name):
             with jax.enable_x64(True):
                 return float(jax.grad(lambda p: f(p, {"v": x})[name].sum())(f.params)["w"])
 
         assert slope(hard) == 0.0
         assert slope(soft) < -50  # it opens later: fewer samples
+    assert slope(soft, np.full(300, 0.15), "c") == 0.0  # no distance tells how wide an edge is
 
 
 # Batches ------------------------------------------------------------------------------
@@ -536,6 +540,7 @@ def test_other_numbers_compile_nothing_anew(monkeypatch):
         (dict(params={"k": np.ones((2, 3))}), BadValue, r"parameter 'k'.*shape \(2, 3\).*jax.vmap"),
         (dict(params={"k": np.nan}), BadValue, "parameter 'k' is not finite"),
         (dict(params={"k": [1.0, np.inf, 1.0]}), BadValue, "'k' is not finite at sample 1"),
+        (dict(params={"k": jax.numpy.array([1, np.nan, 1])}), BadValue, "not finite at sample 1"),
         (dict(params={"k": "2"}), BadValue, "parameter 'k' must be"),
         (dict(params={"k": 2j}), BadValue, "parameter 'k' must be"),
         (dict(params=2.0), BadValue, "params must be a dict"),

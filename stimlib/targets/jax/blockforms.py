@@ -342,13 +342,18 @@ def white(block, numbers, state, signals, run):
 
 
 # Gates --------------------------------------------------------------------------------
-def smoothed(exact: Any, distance: Any, width: Any) -> Any:
+def smoothed(exact: Any, distance: Any, relative: float, level: float = 0.0) -> Any:
     """Return a gate's exact value, with the derivative of a smooth edge.
 
-    The derivative is that of 1/(1 + exp(-distance/width)).
+    The derivative is that of 1/(1 + exp(-distance/width)). The width is a fraction of
+    |level|, or of the rms distance where that is 0. Where a distance is not finite, or
+    all are 0, the derivative is 0.
     """
+    near = jnp.where(jnp.isfinite(distance), distance, 0.0)
+    squares = lax.stop_gradient(near) ** 2
+    width = relative * (abs(level) or jnp.sqrt(jnp.mean(squares)))
     # its own value is added and taken away again: what is left of it is the derivative
-    soft = jax.nn.sigmoid(distance / lax.stop_gradient(width))
+    soft = jax.nn.sigmoid(near / jnp.where(width > 0, width, jnp.inf))
     return lax.stop_gradient(exact) + (soft - lax.stop_gradient(soft))
 
 
@@ -362,11 +367,8 @@ def gate(block, numbers, state, signals, run):
     opened = jnp.where((last >= 0) & (signal[last] > numbers.on), 1.0, 0.0)
     if run.surrogate is None:
         return opened
-    return smoothed(
-        opened,
-        signal - jnp.where(later(opened, 1) > 0, numbers.off, numbers.on),
-        run.surrogate * numbers.on,
-    )
+    edge = jnp.where(later(opened, 1) > 0, numbers.off, numbers.on)
+    return smoothed(opened, signal - edge, run.surrogate, numbers.on)
 
 
 def comparison(block, numbers, state, signals, run):
@@ -374,10 +376,8 @@ def comparison(block, numbers, state, signals, run):
     exact = traced.bind(type(block).step)(numbers, (), *signals)[0]
     if run.surrogate is None or not (jnp.ndim(signals[0]) or jnp.ndim(signals[1])):
         return exact
-    # a comparison has no level of its own to take the width from; the root of 0 would
-    # have no slope
-    distance = spread(signals[0] - signals[1], run.n)
-    return smoothed(exact, distance, run.surrogate * jnp.sqrt(jnp.mean(distance**2) + 1e-300))
+    # a comparison has no level of its own to take the width from
+    return smoothed(exact, spread(signals[0] - signals[1], run.n), run.surrogate)
 
 
 def guard(block, numbers, state, signals, run):

@@ -396,7 +396,7 @@ def _finite(what: str, v: Any) -> Any:
     Only values that are known, not traced, are checked.
     """
     v = _real(what, v)
-    if isinstance(v, np.ndarray) and not np.isfinite(v).all():
+    if not _traced(v) and not np.isfinite(v).all():
         at = f" at sample {int(np.argmin(np.isfinite(v)))}" if v.ndim else ""
         raise BadValue(f"{what} is not finite{at}")
     return v
