@@ -13,6 +13,7 @@ import dataclasses as dc
 import html
 import io
 import os
+import re
 from base64 import b64encode
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -26,6 +27,7 @@ import numpy as np
 
 from ..core.graph import Input, reach
 from ..core.scene import Scene
+from ..core.units import pretty
 from ..errors import SinkError, public, shown
 from ..run.rendering import Rendering
 from ..system import safe_files
@@ -257,14 +259,13 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
 
 
 def title_of(rendering: Rendering) -> str:
-    """Return what a picture shows: the scene, its parameters, sample rate and seed."""
-    units = {name: f"{param.dim}" for name, param in rendering.scene.params.items()}
-    numbers = [
-        f"{k} = {v:.4g} {'Hz' if units[k] == '1/s' else units[k]}".removesuffix(" 1")
-        for k, v in rendering.params.items()
-    ]
-    names = [part.law for part in rendering.scene.parts]
-    return ", ".join([*names, *numbers, f"{rendering.fs:g} Hz"][:MOST])
+    """Return what a picture shows: the scene, its parameters and the sample rate."""
+    params = rendering.scene.params
+    # in the unit that was stated: Hz and rad/s are the same dimension
+    numbers = [f"{k} = {v:g} {pretty(params[k].unit)}" for k, v in rendering.params.items()]
+    said = [*(part.law for part in rendering.scene.parts), *map(str.strip, numbers)]
+    more = [f"and {len(said) - MOST} more"] * (len(said) > MOST)
+    return ", ".join([*said[:MOST], *more, f"{rendering.fs:g} Hz"])
 
 
 def cut_from(s: Signals, rows: list[Row]) -> list[str]:
@@ -347,7 +348,8 @@ def over_time(fig: Any, rows: list[Row], fs: float, start: int = 0) -> None:
     size = 1
     for ax, (curves, unit) in zip(axes, rows, strict=True):
         for (name, (y, color)), line in zip(curves.items(), cycle(LINES), strict=False):
-            curve(ax, (start + np.arange(y.size)) / fs, y, color=color, ls=line, label=name)
+            label = re.sub("^_", " _", name)  # matplotlib leaves out what begins with one
+            curve(ax, (start + np.arange(y.size)) / fs, y, color=color, ls=line, label=label)
             size = y.size
         _axes(ax, fill(", ".join(curves), 13, break_long_words=False), unit, most=10)
         if len(curves) > 1:
@@ -436,16 +438,23 @@ def _inner(y: np.ndarray, fs: float) -> slice:
 
 
 def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
-    """Draw a curve by the smallest and largest value in each of POINTS intervals.
+    """Draw a curve by the smallest and largest value in each of POINTS intervals."""
+    some = extremes(y, y.size // POINTS)
+    ax.plot(t[some], y[some], **({"lw": 0.7} | style))
 
-    No extreme value is lost this way.
+
+def extremes(y: np.ndarray, step: int, inside: Any = True) -> Any:
+    """Return where a signal is smallest and largest in each interval of some samples.
+
+    So no extreme value of what is inside is lost; of two samples or less all are
+    returned.
     """
-    if y.size > 2 * POINTS:
-        step = -(-y.size // POINTS)
-        starts = np.arange(0, y.size, step)
-        low, high = np.minimum.reduceat(y, starts), np.maximum.reduceat(y, starts)
-        y, t = np.ravel(np.column_stack([low, high])), np.repeat(t[starts], 2)
-    ax.plot(t, y, **({"lw": 0.7} | style))
+    if step < 3:
+        return slice(None)
+    rows = np.full((2, -(-y.size // step) * step), np.inf)
+    rows[:, : y.size] = np.where(inside, [y, -y], np.inf)
+    places = rows.reshape(2, -1, step).argmin(axis=2) + step * np.arange(rows.shape[1] // step)
+    return np.unique(places)
 
 
 def _axes(ax: Any, name: str, unit: str, most: int = 4, over: str = "1") -> None:
@@ -468,8 +477,10 @@ def _tick(axis: Any, unit: str, value: float, _: int) -> str:
     from matplotlib.ticker import EngFormatter
 
     top = np.abs(axis.get_view_interval()).max()
-    power = 3 * int(np.clip(np.floor(np.log10(top) / 3 + 1e-9), -8, 8)) if top > 0 else 0
-    number = f"{value / 10.0**power:.6g}".replace("-", "\N{MINUS SIGN}")
+    # a power holds for the prefix, too: 1 mm² is 1e-6 m², and 1 km⁻¹ is 0.001 m⁻¹
+    plain = re.match(r"(?!kg)[A-Za-z]+(?![^·/])", unit) and top > 0
+    power = 3 * int(np.clip(np.floor(np.log10(top) / 3 + 1e-9), -8, 8)) if plain else 0
+    number = f"{value / 10.0**power:.12g}".replace("-", "\N{MINUS SIGN}")
     return f"{number} {EngFormatter.ENG_PREFIXES[power]}{unit}" if value else "0"
 
 
@@ -498,8 +509,7 @@ def _over_position(
     back = round(0.01 * s.fs) + 1  # 10 ms: the codes of an encoder go to and fro
     inward = x > np.r_[np.full(min(back, x.size), x[0]), x[:-back]]
     inside = (x >= within[0]) & (x <= within[1])
-    # equally spaced: the way there and back are seen, not each sample
-    some = slice(None, None, -(-np.count_nonzero(inside) // 6000) or 1)
+    some = extremes(y, int(inside.sum()) // 3000, inside)
     for mask, label, style in (
         (~inward, "back, or held", {"lw": 3, "color": "0.75", "zorder": 3 if by_itself else 1}),
         (inward, "forwards", {"lw": 0.8, "color": OUTPUT}),

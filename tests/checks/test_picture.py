@@ -126,6 +126,10 @@ def test_an_input_that_comes_out_again_is_drawn_once_and_an_angle_is_a_position(
     titles = ["over position, angle", "spectrum of torque", "over press", "spectrum of force"]
     assert [ax.get_title() for ax in fig.axes[5:]] == titles
     assert fig.get_suptitle() == "2000 Hz"
+    w = stimlib.Param("w", 158.04, "rad/s") * stimlib.Param("A", 1.0)
+    fig = figure(stimlib.render(stimlib.Scene({"_y1": w, "_y2": 2 * w}), {}, FS, 0.1))
+    assert fig.get_suptitle() == "w = 158.04 rad/s, A = 1, 2000 Hz"
+    assert [t.get_text().strip() for t in fig.axes[0].get_legend().get_texts()] == ["_y1", "_y2"]
 
 
 def test_no_text_of_a_panel_meets_another_panel():
@@ -204,12 +208,33 @@ def test_over_position_a_filled_area_is_enlarged_or_left_out(drawn, titles):
     assert [ax.get_title() for ax in fig.axes if "over" in ax.get_title()] == titles
 
 
-def test_the_labels_of_an_axis_have_one_prefix():
-    r = stimlib.render(stimlib.Scene({"force": K * X}), {"x": 2e-3 * T}, FS, target="python")
-    fig = figure(r)
+def test_over_position_a_long_rendering_keeps_its_peaks():
+    x = 0.01 * np.sin(np.pi * np.arange(40 * FS) / FS)
+    y, fig = 1000 * x + 0.3 * np.sin(50 * np.pi * np.arange(40 * FS) / FS), Figure()
+    y[4321] = 99.0
+    close_by(fig, Signals(stimlib.Scene({"force": K * X}), FS, {"x": x}, {"force": y}), {})
+    drawn = np.concatenate([line.get_ydata() for line in fig.axes[-2].lines])
+    assert np.nanmax(drawn) == 99.0 and np.nanmin(drawn) == y.min() and drawn.size < 15000
+
+
+@pytest.mark.parametrize(
+    ("y", "x", "unit"),
+    [
+        (K * X, 2e-3 * T, "N"),
+        (K * X, 2e-6 * T, "mN"),
+        (X * X, 0.05 * T, "m²"),  # 1 mm² is not 0.001 m²
+        (1 / (X + stimlib.constant(1e-4, "m")), T, "m⁻¹"),
+        (K * X, 1e-3 + 1e-9 * T, "N"),  # with as many digits as tell them apart
+    ],
+)
+def test_the_labels_of_an_axis_are_its_values_and_have_one_prefix(y, x, unit):
+    fig = figure(stimlib.render(stimlib.Scene({"y": y}), {"x": x}, FS, target="python"))
     fig.draw_without_rendering()
-    ticks = [t.get_text() for t in fig.axes[1].get_yticklabels()]
-    assert {tick.partition(" ")[2] for tick in ticks if tick != "0"} == {"N"}
+    axis = fig.axes[1].yaxis
+    ticks = [t.get_text().replace("\N{MINUS SIGN}", "-") for t in axis.get_ticklabels()]
+    assert {tick.partition(" ")[2] for tick in ticks if tick != "0"} == {unit}
+    values = [float(tick.partition(" ")[0]) * (1e-3 if unit == "mN" else 1) for tick in ticks]
+    np.testing.assert_allclose(values, axis.get_ticklocs(), rtol=1e-11, atol=1e-300)
 
 
 @pytest.mark.parametrize(("width", "band"), [(1e-6, []), (0.5, ["correct"])])
