@@ -12,8 +12,18 @@ import pytest
 from refusals import refused
 
 from stimlib import BadValue, Input, Param, Scene, SinkError, compile, constant, draw, enabled
-from stimlib.analysis.layout import SPACE, Layout
-from stimlib.blocks import delay, loading, loop, lut, pink_noise, velocity, where, white_noise
+from stimlib.analysis.layout import SMALL, SPACE, Layout, width_of
+from stimlib.blocks import (
+    delay,
+    loading,
+    loop,
+    lut,
+    pink_noise,
+    segment,
+    velocity,
+    where,
+    white_noise,
+)
 from stimlib.core.program import lower
 from stimlib.scenes import squeeze
 
@@ -118,13 +128,28 @@ def test_same_bytes_every_time(tmp_path, suffix, magic, name):
     assert data.startswith(magic) and data == (tmp_path / f"b{suffix}").read_bytes()
 
 
-def test_words_stand_in_the_picture_from_the_left():
-    svg = draw(Scene({"y": abs(Input("x"))})).svg
+@pytest.mark.parametrize(
+    ("y", "words", "last"),
+    [
+        (abs(Input("x")), ["x", "| |", "y"], "every sample"),
+        (
+            sum(enabled(white_noise(k), by=Input("x") > k) for k in range(7)),
+            ["x", "White", "y"],
+            "enabled 7: only while its gate is open",
+        ),
+        (segment(abs(Input("x")), 0.1), ["x", "| |", "y"], "segment 1: only in segment(0.1, None)"),
+    ],
+)
+def test_words_stand_in_the_picture_from_the_left(y, words, last):
+    svg = draw(Scene({"y": y})).svg
     _, _, width, height = map(float, re.search('viewBox="([^"]+)"', svg)[1].split())
     found = re.findall(r"<!-- (.+) -->\s*<g [^>]*translate\(([\d.-]+) ([\d.-]+)\)", svg)
     across = {word: float(x) for word, x, _ in found}
-    assert 0 < across["x"] < across["| |"] < across["y"] < width
-    assert all(0 < float(y) < height for _, _, y in found) and len(found) == 4
+    assert sorted(words, key=across.get) == words and last in across
+    assert all(
+        0 < float(x) < width - 72 * width_of(word, SMALL) and 0 < float(y) < height
+        for word, x, y in found
+    )
 
 
 def test_processor_and_scene_give_the_same_picture(tmp_path):
