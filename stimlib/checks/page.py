@@ -331,7 +331,8 @@ def _displayed(e: Evidence) -> dict[str, str]:
         "outputs": ", ".join(f"{n} [{b.dim}]" for n, b in e.scene.outputs.items()),
         "length": f"{counted(e.frames, 'sample')} at {e.fs:g} Hz, {e.frames / e.fs:g} s",
         "parameters": "; ".join(
-            f"{n} = {v:g}: {said['meanings'].get(n, '')}".rstrip(": ") for n, v in e.params.items()
+            f"{n} = {v:.10g}: {said['meanings'].get(n, '')}".rstrip(": ")
+            for n, v in e.params.items()
         )
         or "none",
         "fixed values": "; ".join("{name} = {value}: {meaning}".format(**r) for r in said["fixed"])

@@ -525,8 +525,7 @@ def render(
     warn_fast(sources, scene, frames / proc.fs, proc.fs)
     y = samples(proc, rows_of(sources, proc.fs), frames, out=out)
     _tell(proc.fault, proc.fs, on_fault)
-    made = Rendering(
-        scene, proc.fs, seed, dict(proc.params), y, proc.outputs, proc.fault, dict(motion or {})
-    )
+    params, motion = dict(proc.params), dict(motion or {})
+    made = Rendering(scene, proc.fs, proc.seed, params, y, proc.outputs, proc.fault, motion)
     _leave(proc)
     return made

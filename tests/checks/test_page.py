@@ -19,7 +19,7 @@ import stimlib
 from stimlib import Input, Param, Scene, blocks as b, constant
 from stimlib.blocks import white_noise
 from stimlib.checks import Shows, figures
-from stimlib.checks.evidence import Check, gather
+from stimlib.checks.evidence import Check
 from stimlib.checks.page import GROUPS, alike, headline, page
 from stimlib.core.definitions import definitions
 from stimlib.core.parts import Part
@@ -159,8 +159,10 @@ def test_the_program_of_the_page_makes_the_samples_with_their_seed_and_parameter
     text_of, tmp_path
 ):
     scene = Scene({"y": Param("a", 1.0) * white_noise(1) + Input("x", "m") / constant(1.0, "m")})
-    motion, params = {"x": constant_speed(0.1, 0.1)}, {"a": 0.5}
-    e = gather(scene, motion, stimlib.render(scene, motion, 1000, 0.05, params, seed=5))
+    motion, params = {"x": constant_speed(0.1, 0.1)}, {"a": 0.50000001}
+    r = stimlib.render(scene, motion, 1000, 0.05, params, seed=np.int64(5))
+    e = stimlib.verify(scene, motion, r).evidence
+    assert "<th>parameters</th><td>a = 0.50000001</td>" in text_of(e)
     _, made, stated = reproduced(text_of(e), tmp_path)
     assert made == stated == hashlib.sha256(e.y.T.astype("<f8").tobytes()).hexdigest()
     assert f"under Python {sys.version_info[0]}.{sys.version_info[1]};" in text_of(e)
