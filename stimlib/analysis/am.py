@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..errors import Above0, Upto1, computed, public
+from ..errors import Above0, BadValue, From0, Upto1, computed, public
 from ..system.limits import limits
 
 Waveform = Literal["square", "sine", "sawtooth", "half_sine"]
@@ -79,7 +79,7 @@ def carrier_series(rectify: Rectified, m: np.ndarray, sampled: float = 0.0) -> n
     m : ndarray of whole numbers, any shape
     sampled : float
         freq/fs of the area-sampled carrier: line m is higher by sinc(m
-        freq/fs)/sinc(freq/fs); 0 for the ideal one.
+        freq/fs)/sinc(freq/fs), up to 1/2; 0 for the ideal one.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def carrier_series(rectify: Rectified, m: np.ndarray, sampled: float = 0.0) -> n
     Raises
     ------
     BadValue
-        Unknown rectification.
+        Unknown rectification, or a sampled carrier above half the sample rate.
 
     Examples
     --------
@@ -97,6 +97,8 @@ def carrier_series(rectify: Rectified, m: np.ndarray, sampled: float = 0.0) -> n
     >>> carrier_series("half", np.array([0, 1, 2])).round(4)
     array([ 0.3183+0.j  ,  0.    -0.25j, -0.1061+0.j  ])
     """
+    if not 0 <= sampled <= 0.5:
+        raise BadValue(f"freq/fs = {sampled:g} must be from 0 to 1/2; lower freq, or raise fs")
     m = np.asarray(m, float)
     even = np.where(m % 2 == 0, 1 / (np.pi * np.where(abs(m) == 1, 1.0, 1 - m * m)), 0.0)
     own = np.where(abs(m) == 1, -0.25j * m, 0)
@@ -147,7 +149,7 @@ def rms(
 ) -> float:
     """Return the RMS of a stimulus over one bump, averaged over the carrier's phase.
 
-    It is A sqrt(<e^2> <c^2>).
+    It is |A| sqrt(<e^2> <c^2>).
 
     Parameters
     ----------
@@ -171,7 +173,7 @@ def rms(
     >>> rms("square", 0.5, 4.0), rms("sine", 0.5, 4.0)  # table 6.1: 1.41 V, 1 V
     (1.4142135623730951, 1.0)
     """
-    return amplitude * math.sqrt(
+    return abs(amplitude) * math.sqrt(
         envelope_mean_square(waveform, duty) * (0.25 if rectify == "half" else 0.5)
     )
 
@@ -183,8 +185,8 @@ def sampled_rms(
     duty: Upto1,
     amplitude: float,
     rate: Above0,
-    freq: float,
-    fs: float,
+    freq: From0,
+    fs: Above0,
     rectify: Rectified = "half",
 ) -> float:
     """Return the RMS over one bump of a stimulus rendered at a sample rate.
@@ -198,7 +200,7 @@ def sampled_rms(
     rate : float
         Bumps per second, above 0.
     freq, fs : float
-        Carrier frequency and sample rate in Hz.
+        Carrier frequency, 0 to fs/2, and sample rate in Hz.
 
     Returns
     -------
@@ -214,13 +216,13 @@ def sampled_rms(
     ... )
     0.99813
     """
-    limits.check("render_bytes", 60e3 * abs(fs) / rate, f"sampled_rms: bytes at rate = {rate:g}")
+    limits.check("render_bytes", 60e3 * fs / rate, f"sampled_rms: bytes at rate = {rate:g}")
     n = np.arange(1, math.ceil(60 * fs / rate) + 200)
     e = abs(envelope_series(waveform, duty, n)) ** 2 * np.sinc(n * rate / fs) ** 2
     square = envelope_series(waveform, duty, np.zeros(1)).real[0] ** 2 + 2 * e.sum()
     m = np.arange(1, 4000)
     c = abs(carrier_series(rectify, m, freq / fs)) ** 2
-    return amplitude * math.sqrt(
+    return abs(amplitude) * math.sqrt(
         square * (abs(carrier_series(rectify, np.zeros(1), freq / fs)[0]) ** 2 + 2 * c.sum())
     )
 
@@ -281,7 +283,7 @@ def line_spectrum(
     freq: Above0,
     top: Above0,
     rectify: Rectified = "half",
-    fs: float | None = None,
+    fs: Above0 | None = None,
     u0: float = 0.0,
     phase: float = 0.0,
 ) -> Lines:
@@ -312,7 +314,7 @@ def line_spectrum(
     Raises
     ------
     BadValue
-        A rate, frequency or top not above 0.
+        A rate, frequency, sample rate or top not above 0; a frequency above fs/2.
 
     Examples
     --------

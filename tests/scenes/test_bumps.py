@@ -283,14 +283,14 @@ def test_carriers(rectify, f):
 @pytest.mark.parametrize("waveform", WAVES)
 @pytest.mark.parametrize("duty", [0.2, 0.8])
 def test_rms_is_the_sum_of_all_lines(waveform, duty):
-    lines = line_spectrum(waveform, duty, 2.0, rate=7.7, freq=158.0, top=30_000.0)
+    lines = line_spectrum(waveform, duty, -2.0, rate=7.7, freq=158.0, top=30_000.0)
     power = abs(lines.amplitude) ** 2 / np.where(lines.f > 0, 2, 1)
-    assert np.sqrt(power.sum()) == pytest.approx(rms(waveform, duty, 2.0), rel=3e-4)
+    assert np.sqrt(power.sum()) == pytest.approx(rms(waveform, duty, -2.0), rel=3e-4)
 
 
 def test_sampled_is_plain_at_high_rates_and_square_edges_cost_a_sixth_of_a_sample():
     for waveform in WAVES:
-        assert sampled_rms(waveform, 0.3, 2.0, 5.0, 158.0, 1e5) == pytest.approx(
+        assert sampled_rms(waveform, 0.3, -2.0, 5.0, 158.0, 1e5) == pytest.approx(
             rms(waveform, 0.3, 2.0), rel=1e-4
         )
     step = 18.0 / FS
@@ -351,6 +351,9 @@ def test_lines_of_a_rendered_scene(waveform, rectify):
         ("freq", lambda: line_spectrum("sine", 0.5, 1.0, 1.0, 0.0, 500.0)),
         ("top", lambda: line_spectrum("sine", 0.5, 1.0, 1.0, 100.0, 0.0)),
         ("rate", lambda: sampled_rms("sine", 0.5, 1.0, 0.0, 158.0, 8000.0)),
+        ("freq/fs = 1 must", lambda: sampled_rms("sine", 0.5, 1.0, 9.0, 8000.0, 8000.0)),
+        ("fs", lambda: sampled_rms("sine", 0.5, 1.0, 9.0, 158.0, -8000.0)),
+        ("fs", lambda: line_spectrum("sine", 0.5, 1.0, 9.0, 158.0, 500.0, fs=-8000.0)),
     ],
 )
 def test_closed_forms_of_nonsense_are_refused(says, call):
