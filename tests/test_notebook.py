@@ -47,12 +47,18 @@ def test_each_shows_itself(r):
     assert stimlib.draw(SCENE)._repr_svg_() == stimlib.draw(SCENE).svg
 
 
-def test_a_graph_that_is_too_large_is_told_in_words():
+def test_what_cannot_be_drawn_is_told_in_words(r, monkeypatch):
     y = x
     for _ in range(250):
         y = abs(y) + x
-    page = Scene({"y": y})._repr_html_()
-    assert "more than a picture can show" in page and "<img" not in page
+    large, empty = Scene({"y": y}), dc.replace(r, y=r.y[:, :0])
+    told = [(large, "more than a picture can show"), (empty, "no sample to draw")]
+    pages = [(one._repr_html_(), why) for one, why in told]
+    for module in ("matplotlib", "matplotlib.font_manager"):
+        monkeypatch.setitem(sys.modules, module, None)  # not installed
+    pages += [(one._repr_html_(), "needs the package matplotlib") for one in (SCENE, r)]
+    for page, why in pages:
+        assert page.startswith("<pre>") and why in page and "<img" not in page
 
 
 def test_a_fault_is_seen_and_not_saved(tmp_path):

@@ -18,7 +18,7 @@ from ..core.clocks import PARAMS, ROOT, Instance
 from ..core.graph import Input
 from ..core.guard import Guard
 from ..core.program import Program
-from ..errors import BadValue, public, shown
+from ..errors import BadValue, MissingPackage, public, shown
 from ..system import safe_files
 from ..system.packages import plain_style
 from .layout import (
@@ -156,7 +156,7 @@ def html_of(scene: Scene) -> str:
     text = f"<pre>{html.escape(shown(scene))}</pre>"
     try:
         svg = draw(scene).svg
-    except BadValue as e:  # too large
+    except (BadValue, MissingPackage) as e:  # too large, no matplotlib
         return f"{text}<p>{html.escape(str(e))}</p>"
     return (
         f'{text}<img alt="the graph"'

@@ -28,7 +28,7 @@ import numpy as np
 from ..core.graph import Input, reach
 from ..core.scene import Scene
 from ..core.units import pretty
-from ..errors import SinkError, public, shown
+from ..errors import BadValue, MissingPackage, SinkError, public, shown
 from ..run.rendering import Rendering
 from ..system import safe_files
 from ..system.packages import package, plain_style
@@ -98,7 +98,7 @@ class Signals(NamedTuple):
         found = {b.name for b in reach([self.scene.outputs[output]]) if isinstance(b, Input)}
         names = [n for n in self.scene.inputs if n in found]
         places = [n for n in names if self.unit(n) in PLACES]
-        places.sort(key=lambda n: not output.startswith(n))
+        places.sort(key=lambda n: -len(n) * output.startswith(n))  # x10 of x1 and x10
         return next(iter(places or (names if len(names) == 1 else ())), None)
 
     def detailed(self) -> list[str]:
@@ -227,6 +227,11 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
     -------
     matplotlib.figure.Figure
 
+    Raises
+    ------
+    BadValue
+        A rendering of no sample.
+
     Examples
     --------
     >>> import stimlib
@@ -239,6 +244,8 @@ def figure(rendering: Rendering, spectra: Mapping[str, Against] | None = None) -
     """
     Figure = package("matplotlib.figure", "a picture").Figure
     n = rendering.y.shape[1]
+    if not n:
+        raise BadValue("the rendering has no sample to draw")
     t = rendering.t
     inputs = {
         name: np.asarray(m(t) if callable(m) else m, np.float64)[:n]
@@ -280,7 +287,7 @@ def cut_from(s: Signals, rows: list[Row]) -> list[str]:
 def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
     """Return the HTML of a rendering for a notebook: its text and a picture.
 
-    The picture shows its first seconds.
+    The picture shows its first seconds, if it can be drawn.
 
     Parameters
     ----------
@@ -291,7 +298,7 @@ def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
     Returns
     -------
     str
-        HTML without scripts, the picture in it.
+        HTML without scripts, with the picture, or why there is none.
 
     Examples
     --------
@@ -304,11 +311,15 @@ def html_of(rendering: Rendering, seconds: float = 10.0) -> str:
     first = max(1, round(seconds * rendering.fs))
     cut = f" (the first {seconds:g} s)" if rendering.y.shape[1] > first else ""
     data = io.BytesIO()
-    with plain_style():
-        figure(dc.replace(rendering, y=rendering.y[:, :first])).savefig(data, dpi=80, format="png")
-    text = html.escape(shown(f"{rendering!r}{cut}"))
+    text = f"<pre>{html.escape(shown(f'{rendering!r}{cut}'))}</pre>"
+    try:
+        with plain_style():
+            drawn = figure(dc.replace(rendering, y=rendering.y[:, :first]))
+            drawn.savefig(data, dpi=80, format="png")
+    except (BadValue, MissingPackage) as e:  # no sample, no matplotlib
+        return f"{text}<p>{html.escape(str(e))}</p>"
     return (
-        f'<pre>{text}</pre><img alt="inputs, outputs, spectra"'
+        f'{text}<img alt="inputs, outputs, spectra"'
         f' src="data:image/png;base64,{b64encode(data.getvalue()).decode()}">'
     )
 

@@ -116,6 +116,11 @@ def test_vibration_has_a_panel_where_something_vibrates(y, panels):
     assert [ax.get_title() for ax in fig.axes] == titles[not panels :]
 
 
+def test_an_output_is_drawn_over_the_input_that_its_name_begins_with():
+    scene = stimlib.Scene({"x10_force": stimlib.Input("x1", "m") + stimlib.Input("x10", "m")})
+    assert Signals(scene, FS, {}, {}).over("x10_force") == "x10"
+
+
 def test_an_input_that_comes_out_again_is_drawn_once_and_an_angle_is_a_position():
     angle, press = stimlib.Input("angle", "rad"), stimlib.Input("press")
     scene = stimlib.Scene({"same": X + 0, "torque": angle * 2, "force": press * 3})
