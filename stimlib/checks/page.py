@@ -23,6 +23,7 @@ from ..files.sidecar import describe, sidecar_of
 from ..motion.text import parse_motion
 from ..scenes import ROWS
 from ..scenes.about import about
+from ..version import __version__
 from .evidence import ALARM, Check, Evidence
 from .figures import figures
 from .power import OF_IT, Shows
@@ -393,9 +394,9 @@ def _reproduced(e: Evidence, command: str | None) -> str:
     """
     from importlib.metadata import version
 
-    used = {
-        p: version(p) for p in ("stimlib", "numpy", "scipy", "llvmlite", "soundfile", "matplotlib")
-    }
+    others = "numpy", "scipy", "llvmlite", "soundfile", "matplotlib"
+    # not the version that was installed, which a checkout has left behind
+    used = {"stimlib": __version__} | {p: version(p) for p in others}
     again = f"<p>Repeat the verification with <code>{esc(command)}</code>.</p>" if command else ""
     signal = _sha256(s.y.T for s in e.stretches())
     rows = {

@@ -15,6 +15,7 @@ from ..checks.page import document, esc, facts, items, picture, table
 from ..core.units import pretty
 from ..errors import UnknownName, need, public, shown
 from ..system import safe_files
+from ..version import __version__
 from .fits import Fit, logarithmic
 from .likelihood import FLOOR, numbers
 from .tables import Columns, grouped, plain
@@ -160,7 +161,7 @@ def write_report(
     parts += [f"<h2>{esc(name)}</h2>{table(plain(rows))}" for name, rows in (tables or {}).items()]
     if result:
         parts.insert(0, f"<h2>Result</h2>{items(result)}")
-    made = ", ".join(f"{p} {version(p)}" for p in ("stimlib", "numpy", "scipy"))
+    made = f"stimlib {__version__}, numpy {np.__version__}, scipy {version('scipy')}"
     body = f'<h1>{esc(title)}</h1>{"".join(parts)}<p class="small">Made with {esc(made)}.</p>'
     safe_files.publish(path, document(title, body))
 

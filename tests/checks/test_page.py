@@ -127,7 +127,8 @@ def test_every_check_is_on_the_page_and_the_laws_of_blocks_are_the_model(bumped,
     assert "one correct rendering in 1000000;" in certainty
 
 
-def test_what_was_displayed_is_told_in_its_units(bumped, text_of):
+def test_what_was_displayed_is_told_in_its_units(bumped, text_of, monkeypatch):
+    monkeypatch.setattr("importlib.metadata.version", lambda package: "9.9")  # as installed
     y, shown = bumped.evidence.y, bumped.evidence.y.astype(np.float32).astype(float)
     stored = {
         "format": "WAV",
@@ -147,6 +148,8 @@ def test_what_was_displayed_is_told_in_its_units(bumped, text_of):
         "stored as": "WAV FLOAT, full scale: voltage 50 V",
         "file hash": "5a",
         "scene hash": e.scene.hash,
+        "versions": f"stimlib {stimlib.__version__}, numpy 9.9, scipy 9.9, llvmlite 9.9,"
+        " soundfile 9.9, matplotlib 9.9",
     }
     assert {name: rows[name] for name in wanted} == wanted
     motion = np.ascontiguousarray(e.x.T, "<f8").tobytes()
