@@ -235,7 +235,12 @@ SMALL[:100], SMALL[100:150] = 1e-188 * np.sin(np.arange(100) ** 2), 3e-191 * np.
             {},
         ),
         ({"w": white_noise(3), "p": pink_noise(1.0, 4)}, {}, {"seed": 5}),
-        ({"own": OwnHighPass(X, 0.01)}, {"x": np.linspace(-1, 1, 100)}, {}),
+        # and an output of its input's name
+        (
+            {"own": OwnHighPass(X, 0.01), "x": stimlib.constant(2.0, "N") * X},
+            {"x": np.linspace(-1, 1, 100)},
+            {},
+        ),
     ],
     ids=["gate in a gate", "smallest", "moving order", "seed", "a user's block"],
 )
@@ -248,6 +253,8 @@ def test_a_scene_has_the_same_bits(outputs, motion, more, tmp_path):
     if "own" in outputs:  # its step is quoted
         text = (tmp_path / "stimulus.c").read_text()
         assert "def step(p, s, x):" in text and "y = p.p * (s.y + x - s.x)" in text
+        header = (tmp_path / "stimulus.h").read_text()
+        assert "inputs: 0 x [1]\n" in header and "outputs: 0 own [1], 1 x [N]\n" in header
 
 
 DOUBLED, ONES = Scene({"y": X * 2.0}), {"x": np.ones(100)}

@@ -2,6 +2,7 @@
 
 import copy
 import ctypes
+import operator
 import pickle
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -300,6 +301,7 @@ def test_settings_that_make_no_sense(target, args, error, words):
     e = refused(error, None, proc.set, *args)
     assert all(w in str(e) for w in words) and isinstance(e, StimlibError)
     refused(KeyError, "there are none", make().set, *args)
+    refused(TypeError, "not support item assignment", operator.setitem, proc.params, "a", 5.0)
     assert proc.log == [] and proc.params == {"a": 0.0, "k": 1.0}
 
 

@@ -5,7 +5,7 @@ It follows from the passivity bound for sampled-data systems.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -104,7 +104,7 @@ def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], flo
     Only forces that depend on a position with a known stiffness are considered.
 
     Linear blocks count exactly. Walls, detents, buttons and friction count at their
-    largest stiffness, and parameters at their current values.
+    largest stiffness, and parameters at the values of ``params``.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def damping_in(
     program: Program,
     design: list[tuple[Any, Any]],
     fs: float,
-    params: dict[str, float],
+    params: Mapping[str, float],
     delay: float = 0.0,
 ) -> dict[tuple[str, str], float]:
     """Return `damping_of` for a scene and its design, without a processor."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -112,7 +113,7 @@ def response(
     program: Program,
     design: list[tuple[Any, Any]],
     fs: float,
-    params: dict[str, float],
+    params: Mapping[str, float],
     output: str,
     source: str,
     f: np.ndarray,
@@ -120,7 +121,7 @@ def response(
 ) -> np.ndarray:
     """Return the complex gain from a source to an output at f (Hz).
 
-    Parameters have their present values; see ``Processor.response``.
+    Parameters have the values of ``params``; see ``Processor.response``.
 
     With ``steepest``, nonlinear blocks are replaced by the stiffest linear block that
     bounds them, where this is known.
@@ -163,7 +164,7 @@ def response(
 
 
 def _value(
-    b: Block, design: tuple[Any, Any], params: dict[str, float], signals: list[float | None]
+    b: Block, design: tuple[Any, Any], params: Mapping[str, float], signals: list[float | None]
 ) -> float | None:
     """Return the output of a block whose signals are all constant, or None."""
     if isinstance(b, Const):

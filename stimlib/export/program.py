@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from hashlib import sha256
 from itertools import islice
 from pathlib import Path
@@ -263,7 +263,7 @@ class Writer:
 
         error: for the header, that of single precision.
         """
-        n, program = self.name, self.proc.program
+        n, program, scene = self.name, self.proc.program, self.proc.scene
         inputs, outputs, params = list(program.inputs), list(program.outputs), list(program.params)
         clocks = range(ROOT + 1, len(program.parents))
         index = [
@@ -281,9 +281,9 @@ class Writer:
         run_heads, runs = ("", "") if self.single else (RUN_HEADS.format(n=n), runs)
         header = f"""\
 /* {n}: a stimulus at {self.proc.fs:g} Hz, exported by stimlib.
-{listed("inputs", inputs, self.proc.units)}
-{listed("outputs", outputs, self.proc.units)}
-{listed("parameters", params, self.proc.units)}
+{listed("inputs", inputs, scene.inputs)}
+{listed("outputs", outputs, scene.outputs)}
+{listed("parameters", params, scene.params)}
 {self.limited}{error}\
    The state takes about {self.size} bytes; nothing is allocated, and nothing is global. */
 #ifndef STIMLIB_{n.upper()}
@@ -418,10 +418,10 @@ def lines(rows: Iterable[str]) -> str:
     return "\n".join(f"        {row}" for row in rows)
 
 
-def listed(what: str, names: list[str], units: dict[str, str]) -> str:
+def listed(what: str, names: list[str], blocks: Mapping[str, Block]) -> str:
     """Return a line of the header's comment."""
     return f"   {what}: " + (
-        ", ".join(f"{k} {name} [{units[name]}]" for k, name in enumerate(names)) or "none"
+        ", ".join(f"{k} {name} [{blocks[name].dim}]" for k, name in enumerate(names)) or "none"
     )
 
 

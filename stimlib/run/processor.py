@@ -7,7 +7,8 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, overload
 
 import numpy as np
@@ -156,8 +157,9 @@ class Processor:
     """A compiled scene: a pure function of (state, input block) that keeps the state.
 
     It is made by ``stimlib.compile``. ``inputs`` and ``outputs`` name the rows of x and
-    y; ``params`` are the parameters; ``units`` gives the unit of each of them; ``log``
-    lists every change by sample index.
+    y; ``units`` gives the unit of each of them and of each parameter; ``log`` lists
+    every change of a parameter by sample index. Of an output and an input or parameter
+    of one name, the output's unit is given; ``scene.inputs[..].dim`` is the other.
 
     Notes
     -----
@@ -211,7 +213,7 @@ class Processor:
         self._changes = not all(ours(type(b)) for b in every)
         self._rated = {b.frequency.name: b for b in every if isinstance(b.frequency, Param)}
         self.seed = 0
-        self.params: dict[str, float] = {}
+        self._params: dict[str, float] = {}
         self.log: list[Change] = []
         sizes = [pack(s).size for _, s in self.design]
         # of each instance's state among the words
@@ -299,6 +301,11 @@ class Processor:
         raise AssertionError("process refused arrays that look right")
 
     @property
+    def params(self) -> Mapping[str, float]:
+        """The parameters, read-only: ``set`` changes them. In a ramp, where it ends."""
+        return MappingProxyType(self._params)
+
+    @property
     def index(self) -> int:
         """The number of samples processed since the last reset."""
         return self._engine.count
@@ -348,7 +355,7 @@ class Processor:
             self.log.clear()
             target = words[2:].view(np.float64)
             # parameter.ParamState
-            self.params = {
+            self._params = {
                 name: float(target[self._place[i] + 1]) for name, i in self.program.params.items()
             }
 
@@ -380,7 +387,7 @@ class Processor:
             self.seed, self._engine.packed = seed, self._fresh[seed]
             self._engine.count = 0
             blocks = {n: self.program.instances[i].block for n, i in self.program.params.items()}
-            self.params = {n: b.value for n, b in blocks.items()}  # type: ignore[attr-defined]
+            self._params = {n: b.value for n, b in blocks.items()}  # type: ignore[attr-defined]
             self.log.clear()
 
     def set(self, name: str, value: float, ramp: float = 0.02) -> None:
@@ -415,7 +422,7 @@ class Processor:
         value, ramp = self.setting(name, value, ramp)
         with self._lock:
             self._engine.set(self.program.params[name], value, float(max(1, round(ramp * self.fs))))
-            self.params[name] = value
+            self._params[name] = value
             self.log.append(Change(self.index, name, value, ramp))
 
     def setting(self, name: Any, value: Any, ramp: Any) -> tuple[float, float]:
@@ -528,7 +535,7 @@ class Processor:
     def response(self, output: str, input: str, f: np.ndarray) -> np.ndarray:
         """Return the discrete frequency response from an input or noise to an output.
 
-        Parameters have their present values.
+        Parameters have the values of ``params``.
 
         Parameters
         ----------
@@ -560,7 +567,7 @@ class Processor:
         from ..core.response import response
 
         return response(
-            self.program, self.design, self.fs, self.params, output, input, np.asarray(f, float)
+            self.program, self.design, self.fs, self._params, output, input, np.asarray(f, float)
         )
 
 
