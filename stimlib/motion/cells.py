@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from .layout import THOUSANDS
 from .rows import Array, Batch, Rows
 from .table import TableFile, number
 
@@ -121,6 +122,11 @@ class Cells:
                 remedy = "correct or remove the row"
                 if STAMP.fullmatch(text) and not timed_here:
                     remedy = "give times of day as the time, without a factor, in all rows"
+                elif THOUSANDS.fullmatch(text):
+                    remedy = (
+                        "it may be a thousand or have three decimals: remove the sign of thousands,"
+                        " or separate the columns with commas and write decimals with a point"
+                    )
                 elif not re.search(r"\d", text):
                     remedy += (
                         f", or say sentinels=({shown},) and missing= if it is a missing number"

@@ -27,7 +27,7 @@ MARKS = {
     codecs.BOM_UTF16_BE: "utf-16-be",
 }
 CELL = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?|(.*[T ])?\d+:\d\d:\d\d.*", re.I)
-# with a decimal comma it may be a thousand, or a number with three decimals
+# it may be a thousand, or a number with three decimals
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}(\1\d{3})*")
 _NAME = (
     "[numkMcdµμ]?(m|s|N|V|A|g|Hz|Pa|W|J|K|B|T|rad|sec|bar)|°C?|deg(rees?)?|%|min|h|counts?"
@@ -356,15 +356,21 @@ def decimal_sign(data: bytes, start: int, separator: str) -> str:
     """Return the decimal sign of a table: a comma if a cell shows that it is one.
 
     A cell such as 1,234 shows it only between semicolons, and if no cell has a point.
+    Where all cells with a point are such as 1.234 between semicolons, nothing shows
+    whether it is a sign of thousands, and the decimal sign is "".
     """
-    if separator == "," or b"," not in data:
+    if separator == ",":
         return "."
     mark = re.escape(separator)
     cell = rf'(?:^|\r|{mark})[ "]*([+-]?\d*,\d+(?:e[+-]?\d+)?)[ "]*(?=[\r\n]|$|{mark})'
-    forms = (cell, cell.replace(",", r"\."))
-    commas, points = (re.compile(form.encode(), re.M | re.I) for form in forms)
-    found = commas.finditer(data, start)
-    if any(not THOUSANDS.fullmatch(c[1].decode()) for c in found):
-        return ","
-    shown = separator == ";" and commas.search(data, start) and not points.search(data, start)
-    return "," if shown else "."
+
+    def cells(sign: str) -> Iterator[str]:
+        form = re.compile(cell.replace(",", re.escape(sign)).encode(), re.M | re.I)
+        return (c[1].decode() for c in form.finditer(data, start) if sign.encode() in data)
+
+    for sign in ",." if separator == ";" else ",":
+        if not all(map(THOUSANDS.fullmatch, cells(sign))):
+            return sign
+    if separator == ";" and any(cells(".")):
+        return ""
+    return "," if separator == ";" and any(cells(",")) else "."

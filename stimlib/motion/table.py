@@ -63,7 +63,7 @@ class TableFile:
     batches : function
         Returns the rows from the first on; it can be called repeatedly.
     decimal : str
-        Decimal sign of numbers.
+        Decimal sign of numbers; "" where 1.234 may be a thousand.
     read : tuple of str
         What was skipped or assumed to find names and rows.
     skipped : dict of str to (int, int)
@@ -105,14 +105,14 @@ class TableFile:
 def number(text: str, decimal: str = ".") -> float | None:
     """Return a cell as a number, or None if it is not one.
 
-    Unlike float(), it rejects underscores and digits of other scripts. With a decimal
-    comma, 1.234 may be a thousand, and is rejected.
+    Unlike float(), it rejects underscores and digits of other scripts. Unless points
+    are known to be decimal, 1.234 may be a thousand, and is rejected.
     """
     if not text.isascii() or "_" in text:
         return None
+    if decimal != "." and "." in text and THOUSANDS.fullmatch(text.strip()):
+        return None
     if decimal == ",":
-        if "." in text and THOUSANDS.fullmatch(text.strip()):
-            return None
         text = text.replace(",", ".")
     try:
         return float(text)
@@ -374,7 +374,7 @@ def _plain(piece: bytes, row: int, form: _Form) -> "_Plain | None":
     if (
         b'"' in piece
         or len(form.names) < 2
-        or (form.decimal == "," and b"." in piece)
+        or (form.decimal != "." and b"." in piece)
         or (returns and returns != piece.count(b"\r\n"))
     ):
         return None

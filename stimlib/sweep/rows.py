@@ -198,7 +198,8 @@ def _read_csv(path: Path) -> Table:
     return csv.read_csv(
         BytesIO(data),
         parse_options=csv.ParseOptions(delimiter=mark),
-        convert_options=csv.ConvertOptions(decimal_point=decimal_sign(data, 0, mark)),
+        # where nothing shows it, 1.234 is a text, and is refused
+        convert_options=csv.ConvertOptions(decimal_point=decimal_sign(data, 0, mark) or ","),
     )
 
 

@@ -185,6 +185,11 @@ REFUSED = {
         PLAIN.replace("a\n", '"a\n', 1).replace("b\n", 'b"\n', 1),
         "opened in row 2",
     ),
+    "thousands or decimals": ("t_s;x\n0;1.234\n1;-2.345\n", "row 2, column x: '1.234'.*or have"),
+    "thousands beside decimal commas": (
+        "t_s;x\n0;1.234\n1;2,345\n",
+        "row 2, column x: '1.234'.*thousands",
+    ),
     "thousands between semicolons": (EUROPE.replace("1,0", "1.234"), "row 2, column x: '1.234'"),
     "thousands between semicolons, both": (EUROPE.replace("1,0", "1.234,5"), "row 2, column x"),
     "a row that is short": (TABS.replace("0.01\t-2.5\ta", "0.01\t-2.5"), "row 3, column kind: 2"),
