@@ -342,8 +342,8 @@ def recording(
     missing : {"refuse", "gap", "hold", "interpolate"}
         The meaning of NaN, an empty cell, n/a, NA, null and ``sentinels`` in a column
         in use. "refuse": an error. "gap": no contact. "hold" and "interpolate": the
-        input is held or interpolated, up to ``max_gap``. A row without a time is left
-        out, and one without contact is as the row before ("gap": no contact).
+        input is held or interpolated within a touch, up to ``max_gap``. A row without a
+        time is left out, one without contact is as the row before ("gap": no contact).
     sentinels : collection of float or str
         Numbers and texts that stand for a missing number, such as ``(-9999, ".")``.
     wrap : float, optional
