@@ -472,7 +472,8 @@ def button(
         drop at and at.
     contact : Block
         Where it is not above 0 force and pressed are 0 and x is not looked at; at
-        re-contact, as at the first sample, the button is pressed if x >= at.
+        re-contact, as at the first sample, the button is pressed if x >= at. That is
+        no snap: ``rising(button.pressed) * delay(contact > 0, 1)`` leaves it out.
 
     Returns
     -------

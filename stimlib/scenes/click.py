@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..blocks import button, ring, rising, wall as bottom
+from ..blocks import button, delay, ring, rising, wall as bottom
 from ..core.graph import Input
 from ..core.parameter import Param
 from ..core.scene import Scene
@@ -40,7 +40,8 @@ def click(
     The force depends on the button's travel.
 
     F = peak (x/at - drop q) + stiffness max(0, x - travel) + A exp(-t/decay) sin(2 pi
-    freq t), where q is 1 from x >= at until x < back, and t is the time since q rose.
+    freq t), where q is 1 from x >= at until x < back, and t is the time since q rose
+    in contact: a finger that comes down at x >= at makes no vibration.
 
     Parameters
     ----------
@@ -82,7 +83,10 @@ def click(
     """
     x, touching = Input("x", "m"), Input("contact") if contact else 1.0
     key = button(x, Param("peak", peak, "N"), drop, at, back, touching)
-    vibration = Param("A", A, "N") * ring(rising(key.pressed), freq, decay)
+    snap = rising(key.pressed)
+    if contact:  # a finger that comes down behind the snap has not passed it
+        snap = snap * delay(touching > 0, 1)
+    vibration = Param("A", A, "N") * ring(snap, freq, decay)
     return Scene(
         {"force": key.force + bottom(x, stiffness, at=travel, contact=touching) + vibration},
     )

@@ -298,7 +298,7 @@ def click_law(a: Asked) -> list[Check]:
     x, g = a.x["x"], a.given
     force, pressed = button(x, a.contact, a.live("peak"), g["drop"], g["at"], g["back"])
     bottom, numbers = _wall_of(a, x, g["stiffness"], 0.0, g["travel"])
-    events = np.diff(pressed.astype(float), prepend=pressed[0]) > 0
+    events = pressed & ~np.r_[True, pressed[:-1]] & np.r_[False, a.contact[:-1] > 0]
     words = (
         f"a snap at {1e3 * g['at']:g} mm, back at {1e3 * g['back']:g} mm, {int(events.sum())} of"
         f" them; {numbers}"
