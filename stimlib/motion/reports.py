@@ -516,7 +516,8 @@ def joined(
     """Return a mask of intervals in contact without jumps, and the jumps."""
     touching = s.contact[:-1] & s.contact[1:]
     given = max_speed if isinstance(max_speed, Mapping) else dict.fromkeys(s.inputs, max_speed)
-    most = [np.inf if (speed := given.get(name)) is None else float(speed) for name in s.inputs]
+    # the difference of two reports is rounded
+    most = [float(given.get(name) or np.inf) * (1 + 1e-9) for name in s.inputs]
     jump = np.zeros(len(touching), dtype=bool)
     for row, limit in zip(s.x, most, strict=True):
         if limit < np.inf:
@@ -552,9 +553,10 @@ def _refuse_jumps(
     name = s.inputs[k]
     problem = f"{name} moves at {speed:.4g} m/s, faster than a hand (max_speed is {most[k]:g} m/s)"
     problem += f", in this report and {counted(count - 1, 'other')}"
+    most_of_all = float(_speed(s.x[k], s.t)[s.contact[:-1] & s.contact[1:]].max())
     remedy = (
-        f"check the unit in the mapping of {name}; set max_speed if it is right, or max_speed=None"
-        " if it is not in metres"
+        f"check the unit in the mapping of {name}; set max_speed={most_of_all * 1.001:.4g} if it is"
+        " right, or max_speed=None if it is not in metres"
     )
     raise table.error(problem, remedy, s.rows[i + 1])
 

@@ -373,6 +373,7 @@ TWO = jumping(100) | {"p": np.arange(400) * 100}
         (TWO, {"x": "x"}, {"max_speed": None}, 0),
         (TWO, {"x": "x"}, {"max_speed": 6}, 0),
         (TWO, {"x": "x"}, {"max_speed": 1.0}, 1),
+        (TWO, {"p": "p"}, {"max_speed": 1e4}, 0),  # up to rounding
         (TWO, {"x": "x", "p": "p"}, {"max_speed": {"x": 1.0}}, 1),
         (TWO, {"x": "x", "p": "p"}, {"max_speed": {"x": 1.0, "p": None}}, 1),
         (jumping(9, 20, n=50), {"x": "x"}, {}, 2),
