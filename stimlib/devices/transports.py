@@ -71,10 +71,11 @@ def _socket(
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         use(made, (host, port))
-    except (OSError, OverflowError) as e:
+    except (OSError, OverflowError, TypeError, ValueError) as e:
         made.close()
-        why = getattr(e, "strerror", "a port is a number from 0 to 65535")
-        raise SinkError(f"{what}: {host}:{port} cannot be {done}: {why}") from e
+        why = getattr(e, "strerror", "a host is a name, and a port is a number from 0 to 65535")
+        shown = repr(f"{host}:{port}")[1:-1]
+        raise SinkError(f"{what}: {shown} cannot be {done}: {why}") from e
     return made
 
 

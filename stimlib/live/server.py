@@ -359,10 +359,10 @@ def _listen(host: str, port: int) -> socket.socket:
     try:
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         made = socket.create_server((host, port), family=family)
-    except (OSError, OverflowError) as e:
+    except (OSError, OverflowError, TypeError) as e:
         why = getattr(e, "strerror", None) or e
         raise SinkError(
-            f"cannot listen at {host}, port {port}: {why}; --port 0 takes a free one"
+            f"cannot listen at {repr(host)[1:-1]}, port {port}: {why}; --port 0 takes a free one"
         ) from None
     # or a block waits until the one before is acknowledged
     made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -444,6 +444,7 @@ def test_commands_send_markers():
         (lambda: udp_motion(0, comma=";"), BadValue, "one of separator"),
         (lambda: receiver("udp:0:comma=point"), BadValue, "one of separator, decimal"),
         (lambda: udp_markers("127.0.0.1", 99999), SinkError, "port is a number from 0"),
+        (lambda: osc_markers("lab\0pc", 1), SinkError, r"lab.x00pc:1 .* a host is a name"),
         (lambda: udp_markers("no.such.host.invalid", 1), SinkError, "no.such.host.invalid:1"),
         (lambda: osc_markers("no.such.host.invalid", 9000), SinkError, "cannot be sent to"),
         (lambda: udp_motion(99999), SinkError, "port is a number from 0"),
