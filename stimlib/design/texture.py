@@ -435,7 +435,8 @@ def made_up(
     Parameters
     ----------
     pairs : int
-        Of poles; there is a pair of zeros less.
+        Of poles, 1 to 16: a radius of more would be below 0. There is a pair of zeros
+        less.
     speeds, forces : sequence of float
         A grid of models, rising from 0, in m/s and N.
     rate : float
@@ -445,12 +446,10 @@ def made_up(
     --------
     See ``TextureModel``.
     """
-    if not 1 <= pairs <= ORDER // 2 or any(
-        np.ndim(v) != 1 or np.size(v) < 2 for v in (speeds, forces)
-    ):
+    if not 1 <= pairs <= 16 or any(np.ndim(v) != 1 or np.size(v) < 2 for v in (speeds, forces)):
         raise BadValue(
-            f"made_up: pairs = {pairs} must be from 1 to {ORDER // 2}, and speeds and forces lists"
-            " of two numbers or more"
+            f"made_up: pairs = {pairs} must be from 1 to 16, and speeds and forces lists of two"
+            " numbers or more"
         )
     speed, force = (v.ravel() for v in np.meshgrid(speeds, forces, indexing="ij"))
     x, y = speed / speed.max(), force / force.max()

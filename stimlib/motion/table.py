@@ -205,7 +205,8 @@ def _in_memory(source: Columns, sha256: str | None) -> TableFile:
     file, digest = f"{type(source).__name__} in memory", hashlib.sha256()
     columns: dict[str, np.ndarray] = {}
     for key in source.keys():
-        name = str(key)
+        # of a DataFrame whose columns have several levels, as of groups in a text
+        name = ".".join(filter(None, map(str, key))) if isinstance(key, tuple) else str(key)
         if name in columns:
             raise table_error(file, "two columns have this name", "rename one", None, name)
         values = columns[name] = _column(file, name, source[key])

@@ -295,6 +295,7 @@ REFUSED = [
     ),
     (lambda: TextureModel(*LINES), "at least 3 models"),
     (lambda: TextureModel(*(2 * rows for rows in LINES)), "at least 3 models"),
+    (lambda: made_up(17), "pairs = 17 must be from 1 to 16"),
     (lambda: load_texture(7), "path = 7"),
     (lambda: frequencies(np.array([1.0, -1.25])), "radius 1.25;"),
     (lambda: frequencies(np.array([1.0, -1.0])), "radius 1;"),

@@ -844,6 +844,8 @@ def test_a_table_in_memory_or_an_archive_is_what_its_file_is(csv, kind, where):
 
 
 def test_a_frame_of_pandas_with_two_columns_of_one_name_is_refused():
+    table = DataFrame({("t_s", ""): [0.0, 0.1], ("hand", "x"): [1.0, 2.0]})  # of two levels
+    assert recording(table, {"x": "'hand.x'*1e-3"}).motion["x"](0.1) == 0.002
     table = DataFrame(steady() | {"y": np.zeros(50)}).set_axis(["t_s", "x", "x"], axis=1)
     refused(RecordingError, "DataFrame in memory, column x", recording, table, {"x": "x"})
 
