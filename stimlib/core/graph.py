@@ -42,8 +42,6 @@ registry: dict[str, type[Block]] = {}
 """Every final block class by the name scene files use."""
 files: set[str] = set()
 """Files of a user that the command line runs: errors of a design name their lines."""
-places: dict[int, str] = {}
-"""File and line that made a block, by its id, while there are ``files``."""
 
 
 class Block(Refusals):
@@ -157,8 +155,9 @@ class Block(Refusals):
             frame: Any = sys._getframe()
             while frame and frame.f_code.co_filename not in files:
                 frame = frame.f_back
-            code = frame and frame.f_code
-            places[id(self)] = f"{code.co_filename}:{frame.f_lineno}: " if frame else ""
+            if frame:
+                line = f"{frame.f_code.co_filename}:{frame.f_lineno}: "
+                object.__setattr__(self, "made_at", line)
 
     @property
     def definition(self) -> Any:
@@ -169,6 +168,7 @@ class Block(Refusals):
 
     autonomous: ClassVar[bool]  # no Input reaches it, and no loop: it runs before sample 0
     dim: ClassVar[Unit]  # unit of the output
+    made_at: ClassVar[str] = ""  # the line of a file in ``files`` that made it
 
     # What a class may define ----------------------------------------------------------
     def check(self) -> None:

@@ -31,7 +31,7 @@ import numpy as np
 
 from ..errors import BadValue, SceneError, StimlibError, counted, line_of
 from . import maths
-from .graph import Block, Const, kind, pack, places, signals, unpack
+from .graph import Block, Const, kind, pack, signals, unpack
 from .parameter import Param
 
 _HERE = str(Path(__file__).parents[1])  # the library: a line in it is no author's
@@ -477,7 +477,7 @@ def designed(block: Block, fs: float) -> tuple[Any, Any]:
                 " number, or choose another fs"
             ) from e
         if isinstance(e, StimlibError) and e.args:
-            e.args = (places.get(id(block), "") + str(e.args[0]), *e.args[1:])
+            e.args = (block.made_at + str(e.args[0]), *e.args[1:])
         if isinstance(e, StimlibError) or ours(cls):
             raise
         raise SceneError(
