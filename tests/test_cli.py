@@ -512,7 +512,7 @@ def test_show_tells_a_scene_and_draws_and_saves_it(tmp_path):
     assert "law:   F = k x + A level (k tau v)(tau dp/dt) while" in done.output
     done = ran("show squeeze --plan")
     assert "enabled 1  White(0, 1" in done.output and "removed:" in done.output
-    assert "<svg" in (tmp_path / "g.svg").read_text()
+    assert "<svg" in (tmp_path / "g.svg").read_text("utf-8")
     assert stimlib.load(tmp_path / "s.json").hash == stimlib.scenes.squeeze().hash
 
 
@@ -705,7 +705,7 @@ def test_a_session_is_replayed_and_verified(tmp_path, monkeypatch, log):
     monkeypatch.setattr(sys, "argv", "stimlib verify --log a.stimlog".split())
     done = ran(f"verify squeeze(fingers=1) --log {log} --report {tmp_path}/a.html")
     assert "log: delivered = replay" in done.output
-    page = (tmp_path / "a.html").read_text()
+    page = (tmp_path / "a.html").read_text("utf-8")
     assert "passed" in page and "stimlib verify --log a.stimlog" in page
     wrong = shutil.copytree(log, tmp_path / "wrong.stimlog") / "motion.f64"
     data = bytearray(wrong.read_bytes())
@@ -991,11 +991,11 @@ def test_pages_of_a_sweep_and_of_mutations_say_their_result_first(tmp_path):
     wall = f"wall --motion sinusoid(0.002,5) --seconds 0.1 --report {tmp_path}"
     said = ran(f"sweep {wall}/sweep.html --axis k=500:3000:3 --axis b=0,10").stdout
     assert "6 rows over k (3), b (2), 0 failed" in said and "nothing is kept: --out" in said
-    page = (tmp_path / "sweep.html").read_text()
+    page = (tmp_path / "sweep.html").read_text("utf-8")
     assert "<h1>wall: 6 rows over k (3), b (2), 0 failed</h1>" in page and page.count("<svg") == 1
     for text in ("k / N/m", "b / N·s/m", "rms_force / N"):
         assert text in page
     ran(f"mutate {wall}/mutate.html")
-    page = (tmp_path / "mutate.html").read_text()
+    page = (tmp_path / "mutate.html").read_text("utf-8")
     assert "<h1>Passed: changed numbers of wall</h1><p>23 refused, 2 equal samples" in page
     assert "<td>argument k</td><td>1000</td><td>1.01 times, 1.25 times, 0, 1</td>" in page

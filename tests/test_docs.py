@@ -38,7 +38,7 @@ OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
 def text_of(*pages: str) -> str:
-    return "\n".join(p.read_text() for p in PAGES if not pages or p.name in pages)
+    return "\n".join(p.read_text("utf-8") for p in PAGES if not pages or p.name in pages)
 
 
 def build(builder, folder, gallery=False):
@@ -87,7 +87,7 @@ def test_pages_in_a_browser(tmp_path):
 def test_words_that_people_search_for_are_on_a_page():
     """The search of the pages finds what stands there; it looks for the parts of a
     hyphenated word."""
-    pages = [set(re.findall(r"\w+", p.read_text().lower())) for p in PAGES]
+    pages = [set(re.findall(r"\w+", p.read_text("utf-8").lower())) for p in PAGES]
     for word in docs_pages.SEARCHED:
         parts = set(re.findall(r"\w+", word.lower()))
         assert any(parts <= page for page in pages), f"say on a page what there is for {word}"
@@ -101,7 +101,9 @@ def test_reference_pages_show_their_pages_of_the_gallery():
             own = [n for n in own if n.split("_")[1] == page.stem]
         else:
             own = [n for n in own if n == f"plot_{page.stem}"]
-        shown = page.read_text().partition("\n.. shown::\n\n")[2].partition("\n\n")[0].split()
+        shown = (
+            page.read_text("utf-8").partition("\n.. shown::\n\n")[2].partition("\n\n")[0].split()
+        )
         assert sorted(shown) == [f"{page.parent.name}/{n}" for n in sorted(own)] != [], (
             f"{page}: list below `.. shown::` the programs examples/gallery/{page.parent.name}/"
             f"plot_{page.stem}*.py, and write one where there is none"
@@ -112,10 +114,12 @@ def test_pages_with_a_springpot_say_its_scheme_and_both_errors():
     played = re.compile(
         r"^(>>>|\.\.\.) .*\b(springpot|viscoelastic|compliance|firmness|bounciness)\(", re.M
     )
-    pages = [page for page in PAGES if played.search(page.read_text())]
+    pages = [page for page in PAGES if played.search(page.read_text("utf-8"))]
     assert len(pages) > 6
     for page in pages:
-        assert ".. include:: /reference/blocks/springpot_schemes.inc\n" in page.read_text(), page
+        assert ".. include:: /reference/blocks/springpot_schemes.inc\n" in page.read_text(
+            "utf-8"
+        ), page
 
 
 STUDIES = ("analysis", "bounciness", "nodules", "roughness")
@@ -139,7 +143,9 @@ def test_snippets_run(page, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "page", [p for p in PAGES if "code-block:: console" in p.read_text()], ids=lambda p: p.stem
+    "page",
+    [p for p in PAGES if "code-block:: console" in p.read_text("utf-8")],
+    ids=lambda p: p.stem,
 )
 def test_what_a_page_types_into_a_terminal_prints_what_it_says(page, tmp_path, monkeypatch):
     """Lines with $ are run by the shell's rules; the lines below are what must come,
@@ -149,7 +155,7 @@ def test_what_a_page_types_into_a_terminal_prints_what_it_says(page, tmp_path, m
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
-    text = re.sub(r" \\\n +", " ", page.read_text())  # which a shell continues
+    text = re.sub(r" \\\n +", " ", page.read_text("utf-8"))  # which a shell continues
     said = re.findall(r"^   \$ stimlib (.*)\n((?:   (?!\$).*\n)*)", text, re.MULTILINE)
     assert len(said) == text.count("   $ ")
     for command, wanted in said:
@@ -162,10 +168,12 @@ def test_what_a_page_types_into_a_terminal_prints_what_it_says(page, tmp_path, m
 def python_blocks() -> dict[str, str]:
     """All Python that is printed and no doctest: blocks of pages, and of the README."""
     found = {
-        "README.md": re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+        "README.md": re.findall(
+            r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), re.DOTALL
+        )
     }
     for page in PAGES:
-        blocks = re.findall(r"code-block:: python\n\n((?:   .*\n|\n)+)", page.read_text())
+        blocks = re.findall(r"code-block:: python\n\n((?:   .*\n|\n)+)", page.read_text("utf-8"))
         found[str(page.relative_to(DOCS))] = [textwrap.dedent(b) for b in blocks]
     return {f"{name} {i}": text for name, texts in found.items() for i, text in enumerate(texts)}
 
@@ -197,7 +205,7 @@ def test_python_runs_as_it_is_pasted(name, tmp_path, monkeypatch, capsys):
 def test_no_page_says_a_paragraph_twice():
     """A merge once left four sections of a page twice, one of them out of date."""
     for page in PAGES:
-        said = [" ".join(p.split()) for p in page.read_text().split("\n\n")]
+        said = [" ".join(p.split()) for p in page.read_text("utf-8").split("\n\n")]
         assert [p for p in set(said) if len(p) > 80 and said.count(p) > 1] == [], page
 
 
@@ -223,9 +231,9 @@ FAMILY = {  # of modules that are not named by it
 def test_every_block_function_has_its_place():
     """On the page of one family, which the index lists."""
     folder = DOCS / "reference" / "blocks"
-    index, told = (folder / "index.rst").read_text(), []
+    index, told = (folder / "index.rst").read_text("utf-8"), []
     for page in sorted(folder.glob("*.rst")):
-        names = re.findall(r"autofunction:: stimlib\.blocks\.(\w+)$", page.read_text(), re.M)
+        names = re.findall(r"autofunction:: stimlib\.blocks\.(\w+)$", page.read_text("utf-8"), re.M)
         heading = f".. rubric:: :doc:`{page.stem}`\n\n.. functions:: {page.stem}\n"
         assert not names or heading in index, (
             f"docs/reference/blocks/index.rst: add the heading and the functions of {page.stem}"
@@ -288,12 +296,12 @@ def test_guide_prints_what_the_examples_print():
 
 
 def table(name):
-    return list(csv.reader((DOCS / "explanation" / name).read_text().splitlines()))
+    return list(csv.reader((DOCS / "explanation" / name).read_text("utf-8").splitlines()))
 
 
 def exists(test):
     path, _, name = test.partition("::")
-    return re.search(rf"^ *def {name}\(", (ROOT / path).read_text(), re.M)
+    return re.search(rf"^ *def {name}\(", (ROOT / path).read_text("utf-8"), re.M)
 
 
 def test_every_test_in_the_table_of_findings_exists():
@@ -312,7 +320,7 @@ def test_a_page_chooses_tests_that_exist():
     """By words of their names, or by the name of what a reader adds."""
     chosen = []
     for page in [*PAGES, ROOT / "CONTRIBUTING.md"]:
-        text = re.sub(r"\s+\\?\s*", " ", page.read_text())
+        text = re.sub(r"\s+\\?\s*", " ", page.read_text("utf-8"))
         chosen += re.findall(r'pytest ((?:tests\S* )+)-k "?((?:\w+ or )*\w+)', text)
     assert len(chosen) > 4
     for paths, words in chosen:
@@ -321,7 +329,7 @@ def test_a_page_chooses_tests_that_exist():
             for p in paths.split()
             for f in ([ROOT / p] if ".py" in p else ROOT.glob(p + "/**/*.py"))
         ]
-        names = re.findall(r"def (test_\w+)", "\n".join(f.read_text() for f in files))
+        names = re.findall(r"def (test_\w+)", "\n".join(f.read_text("utf-8") for f in files))
         for word in {*words.split(" or ")} - {"NAME", "karnopp", "viscous"}:
             assert any(word in name for name in names), f"{word} names no test of {paths}"
 

@@ -23,7 +23,7 @@ def test_version_and_licence_are_said_once():
     cited = dict(
         re.findall(r"^([a-z-]+): (\S.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)
     )
-    newest = re.search(r"^## \[(\S+)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    newest = re.search(r"^## \[(\S+)\]", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
     assert cited["version"] == newest[1] == stimlib.__version__
     assert cited["license"] == PROJECT["license"] == "BSD-3-Clause"
     text = (ROOT / "LICENSE").read_text()
@@ -100,6 +100,6 @@ def test_a_wheel_of_the_source_distribution_works_alone(tmp_path):
 def test_links_of_the_project_files_are_there():
     """Relative links to files that are in the repository, not to what is built."""
     for name in ("README", "CONTRIBUTING", "SECURITY", "CODE_OF_CONDUCT"):
-        links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", (ROOT / f"{name}.md").read_text())
+        links = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", (ROOT / f"{name}.md").read_text("utf-8"))
         for link in [t for t in links if not t.startswith("http")]:
             assert (ROOT / link).exists() and "docs/gallery" not in link, (name, link)

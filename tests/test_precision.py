@@ -57,8 +57,10 @@ def test_the_table_of_the_docs_is_the_one_that_was_recorded():
     with (ROOT / "docs" / "explanation" / "work_precision.csv").open(newline="") as f:
         assert [tuple(row) for row in csv.reader(f)] == precision.summary(KEPT)
     page = ROOT / "docs" / "explanation" / "work_precision.rst"
-    assert page.with_suffix(".inc").read_text() == precision.spoken(KEPT)
-    assert all(f"\n|{p.name}|\n" in page.read_text() for p in ALL), "a sentence below each picture"
+    assert page.with_suffix(".inc").read_text("utf-8") == precision.spoken(KEPT)
+    assert all(f"\n|{p.name}|\n" in page.read_text("utf-8") for p in ALL), (
+        "a sentence below each picture"
+    )
 
 
 def test_what_was_measured_before_an_interruption_is_kept_whole(tmp_path, asked):
@@ -188,7 +190,7 @@ def test_the_command(tmp_path, asked):
     assert not ran
     precision.regenerate(tmp_path, ["tiny"], rounds=2, shown=False)
     assert ran.count("job") >= 5  # once to warm up, and twice or more in each of two rounds
-    assert "a tiny problem" in (tmp_path / "work_tiny.svg").read_text()
+    assert "a tiny problem" in (tmp_path / "work_tiny.svg").read_text("utf-8")
     head, _, row = (tmp_path / "tiny.csv").read_text().splitlines()[:3]
     assert re.match("# .*numpy", head) and row.startswith("tiny,stimlib,1,0.5,")
 

@@ -57,7 +57,7 @@ def documented() -> dict[str, object]:
     names = []
     for page in sorted(DOCS.rglob("*.rst")):
         module = "stimlib"
-        for line in page.read_text().splitlines():
+        for line in page.read_text("utf-8").splitlines():
             if found := re.match(r"\s*\.\. currentmodule:: (\S+)", line):
                 module = found[1]
             elif found := re.match(r"\s*\.\. auto(?:function|class):: (\S+)", line):

@@ -102,7 +102,7 @@ def test_only_tested_releases_where_inner_parts_are_used():
     """Found in the code, so that a new use asks for a bound: the first untested release
     is excluded.
     """
-    code = "".join(p.read_text() for p in (ROOT / "stimlib").rglob("*.py"))
+    code = "".join(p.read_text("utf-8") for p in (ROOT / "stimlib").rglob("*.py"))
     pins = pinned("requirements-newest.txt", "3.13.0")
     for r in DECLARED:
         name = canonicalize_name(r.name)

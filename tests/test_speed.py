@@ -59,7 +59,7 @@ def test_the_short_table_has_what_each_figure_has_and_is_drawn(tmp_path):
         "one sample a call",
     ]
     short.picture(SPEEDS, tmp_path / "speed.svg")
-    drawn = (tmp_path / "speed.svg").read_text()
+    drawn = (tmp_path / "speed.svg").read_text("utf-8")
     assert "3.2 times as long" in drawn and "one sample a call" in drawn
 
 
@@ -71,9 +71,11 @@ def test_the_machine_is_named_where_linux_does_not_name_it(monkeypatch):
 
 
 def test_make_bench_runs_every_script_that_records_and_the_readme_tells_of_all():
-    texts = {p.stem: p.read_text() for p in (ROOT / "benchmarks").glob("*.py")}
+    texts = {p.stem: p.read_text("utf-8") for p in (ROOT / "benchmarks").glob("*.py")}
     scripts = {name for name, text in texts.items() if 'if __name__ == "__main__"' in text}
     run = re.search(r"^BENCHMARKS := (.*)$", (ROOT / "Makefile").read_text(), re.M)
-    told = re.findall(r"^\| `(\w+)\.py`", (ROOT / "benchmarks" / "README.md").read_text(), re.M)
+    told = re.findall(
+        r"^\| `(\w+)\.py`", (ROOT / "benchmarks" / "README.md").read_text("utf-8"), re.M
+    )
     assert scripts == set(told)
     assert {name for name in scripts if "--record" in texts[name]} == set(run[1].split())

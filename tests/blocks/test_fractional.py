@@ -218,7 +218,7 @@ def test_a_sinusoid_converges_to_its_derivative_with_the_order_of_its_scheme(sch
 
 def test_the_errors_that_every_page_prints():
     """Of both schemes, to two digits, against "l1" on a grid 64 times as fine."""
-    text = (ROOT / "docs" / "reference" / "blocks" / "springpot_schemes.inc").read_text()
+    text = (ROOT / "docs" / "reference" / "blocks" / "springpot_schemes.inc").read_text("utf-8")
     printed = [float(v) for v in re.findall(r"([\d.]+) %", text)]
     y, found = 1 - np.cos(10 * np.pi * (np.arange(64 * 1600) / 64_000)), []
     for alpha in (0.25, 0.5, 0.75):

@@ -97,7 +97,7 @@ def test_what_is_counted_is_counted_over_all_stretches(short, tmp_path, monkeypa
     report.to_html(tmp_path / "a.html")
     signal = hashlib.sha256(np.ascontiguousarray(made.y.T, "<f8").data).hexdigest()
     assert (
-        f"{signal} (float64" in (tmp_path / "a.html").read_text()
+        f"{signal} (float64" in (tmp_path / "a.html").read_text("utf-8")
         and "of the first 1.25 s of 3 s" in e.skipped[0]
     )
     texts = {c.name: c.text for c in report.checks}

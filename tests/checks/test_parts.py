@@ -379,7 +379,7 @@ def test_a_law_of_ones_own_is_held_and_kept(tmp_path, monkeypatch):
     both = Scene.combine(a=lone(), b=lone().renamed({"k": "stiffness"}))
     assert verified(both, {"a_x": motion["x"], "b_x": motion["x"]}).passed
     report.to_html(tmp_path / "a.html")
-    assert f"The scene: the law {__name__}.slope" in (tmp_path / "a.html").read_text()
+    assert f"The scene: the law {__name__}.slope" in (tmp_path / "a.html").read_text("utf-8")
 
 
 def doubled(x, p, fs):
@@ -438,7 +438,7 @@ def test_a_report_says_first_that_a_law_is_not_known_here(tmp_path, monkeypatch)
         and words in repr(report)
     )
     report.to_html(tmp_path / "a.html")
-    page = (tmp_path / "a.html").read_text()
+    page = (tmp_path / "a.html").read_text("utf-8")
     assert (
         words.replace("'", "&#x27;") in page.partition("</h1>")[0]
         and '<span class="ok">Passed' not in page

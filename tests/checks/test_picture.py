@@ -298,7 +298,7 @@ def test_odd_signals_have_a_page_and_a_picture(name, tmp_path):
     picture(r, tmp_path / "a.png", report.spectra())
     data = (tmp_path / "a.png").read_bytes()
     assert data.startswith(b"\x89PNG") and len(data) > 10_000
-    page = (tmp_path / "a.html").read_text()
+    page = (tmp_path / "a.html").read_text("utf-8")
     assert (
         "</html>" in page
         and f"{counted(x.size, 'sample')} at" in page

@@ -192,8 +192,8 @@ def test_the_page_is_whole_and_the_same_each_time(tmp_path, monkeypatch, capsys)
     report = stimlib.verify(scene, motion, stimlib.render(scene, motion, 8000, 0.4))
     for name in ("a.html", "b.html"):
         report.to_html(tmp_path / name, command="stimlib verify squeeze --wav <a>.wav")
-    page = (tmp_path / "a.html").read_text()
-    assert page == (tmp_path / "b.html").read_text()
+    page = (tmp_path / "a.html").read_text("utf-8")
+    assert page == (tmp_path / "b.html").read_text("utf-8")
     # nothing from elsewhere; no code
     assert not re.search(r'(src|href)="(?!#)', page) and "<script" not in page
     # for a telephone too; pictures first, and each with a name

@@ -25,7 +25,7 @@ def class_of(name):
 
 def test_every_class_of_a_sink_has_an_entry():
     for path in sorted((ROOT / "stimlib" / "devices").glob("*.py")):
-        if "(Sink):" in path.read_text():
+        if "(Sink):" in path.read_text("utf-8"):
             import_module(f"stimlib.devices.{path.stem}")
     there = {class_of(name) for name in SINKS}
     own = {c for c in Sink.__subclasses__() if c.__module__.startswith("stimlib.devices.")}
@@ -47,7 +47,7 @@ def test_a_sink_is_made_by_its_name_with_its_options_and_shown(name):
     assert bool(kind.device) == ("device" in kind.takes), f"{WHERE}, {name}: device is a help text"
     assert type(available.make(name, scene, 1.0)) is cls
     assert {d.sink for d in available.devices("none_of_this_name")} == SINKS.keys()
-    page = (ROOT / "docs" / "howto" / "hardware.rst").read_text()
+    page = (ROOT / "docs" / "howto" / "hardware.rst").read_text("utf-8")
     where, line = "stimlib/devices/__init__.pyi", f".. autoclass:: stimlib.devices.{cls.__name__}\n"
     assert getattr(devices, cls.__name__, None) is cls, f"{where}: add {cls.__name__}"
     assert line in page, f"docs/howto/hardware.rst: add `{line}`"

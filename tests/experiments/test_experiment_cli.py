@@ -138,8 +138,8 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
     assert told.splitlines()[-1].endswith(f"--data {tmp_path / 'sim'} --pilot")
     page = tmp_path / "page.html"
     stimlib("analyse", *where, "--pilot", "--report", page)
-    assert "<li>All answers are simulated" in page.read_text()
-    assert "PILOT sessions: kept apart from the data." in page.read_text()
+    assert "<li>All answers are simulated" in page.read_text("utf-8")
+    assert "PILOT sessions: kept apart from the data." in page.read_text("utf-8")
     told = stimlib("status", *where, "--pilot")
     assert told.startswith("PILOT SIMULATED P1") and "\nPILOT" in told
     told = json.loads(stimlib("status", *where, "--json"))

@@ -142,7 +142,7 @@ def test_from_the_session_to_the_report(tmp_path):
     right = [r.answer.values["firmer"] == r.trial.correct["firmer"] for s in saved for r in s.data]
     assert len(right) == 30 and all(right)
     write_report(tmp_path / "report.html", "Firmness", "One person.", columns(saved))
-    assert "0.25 and +10 %" in (tmp_path / "report.html").read_text()
+    assert "0.25 and +10 %" in (tmp_path / "report.html").read_text("utf-8")
 
 
 def test_no_ratio_is_above_1_if_people_go_by_firmness_and_their_own_cue_is_if_not():

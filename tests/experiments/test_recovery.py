@@ -31,7 +31,7 @@ def test_the_truth_is_the_curve_averaged_over_the_session(bench):
 @pytest.mark.stress
 def test_the_table_of_coverage_is_that_of_the_fits(bench):
     """Within what a draw or two at the edge of an interval may change."""
-    with (ROOT / "benchmarks" / "results" / "coverage.csv").open(newline="") as f:
+    with (ROOT / "benchmarks" / "results" / "coverage.csv").open(newline="", encoding="utf-8") as f:
         recorded = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(f)]
     for row, before in zip(bench.coverage(), recorded, strict=True):
         assert row == pytest.approx(before, abs=2e-3)
@@ -45,7 +45,7 @@ def test_the_docs_show_what_is_recorded(bench, name, short):
         except ValueError:
             return v
 
-    with (ROOT / "benchmarks" / "results" / f"{name}.csv").open(newline="") as f:
+    with (ROOT / "benchmarks" / "results" / f"{name}.csv").open(newline="", encoding="utf-8") as f:
         recorded = [{k: number(v) for k, v in row.items()} for row in csv.DictReader(f)]
-    with (ROOT / "docs" / "explanation" / f"{name}.csv").open(newline="") as f:
+    with (ROOT / "docs" / "explanation" / f"{name}.csv").open(newline="", encoding="utf-8") as f:
         assert list(csv.reader(f)) == getattr(bench, short)(recorded)

@@ -50,8 +50,8 @@ def test_the_page_is_whole_and_tells_what_is_wrong(answers, tmp_path):
     first, again, bare = (tmp_path / name for name in ("a.html", "b.html", "c.html"))
     for path in (first, again):
         write_report(path, "A & B", "First.\n\nSecond.", answers, **told)
-    page = first.read_text()
-    assert page == again.read_text()
+    page = first.read_text("utf-8")
+    assert page == again.read_text("utf-8")
     asked = [answers["participant"].count(who) for who in ("P01", "P02")]
     for text in (
         "<h1>A &amp; B</h1>",
@@ -71,7 +71,7 @@ def test_the_page_is_whole_and_tells_what_is_wrong(answers, tmp_path):
     assert not re.search(r"<script|(?:src|href)=\"http", page)
     empty = {name: [""] * len(answers["track"]) for name in ("track", "simulated")}
     write_report(bare, "None", "", answers | empty)
-    assert "<svg" not in bare.read_text() and "are simulated" not in bare.read_text()
+    assert "<svg" not in bare.read_text("utf-8") and "are simulated" not in bare.read_text("utf-8")
 
 
 def drawings(monkeypatch):
@@ -95,7 +95,7 @@ def test_pictures_show_proportions_their_curve_and_the_tracks(monkeypatch, tmp_p
     (fit,) = fitted(rows).values()
     fits = {("p", "c"): dc.replace(fit, pse_interval=(-np.inf, 1.0))}
     write_report(tmp_path / "a.html", "", "", rows, fits=fits)
-    page = (tmp_path / "a.html").read_text()
+    page = (tmp_path / "a.html").read_text("utf-8")
     assert f"<li>c: PSE {fit.pse:.3g}, 95 % interval -inf to 1 (1 of 1 fits).</li>" in page
     assert "half-way up, where 50 % of the answers say yes, or more.</li>" in page
     first, second, third = map(axes_of, drawn)
@@ -136,7 +136,7 @@ def test_curves_of_a_detection_are_proportions_correct(guess, label, drawn, tmp_
     fits = fitted(rows, guess=guess, lapse=0.02, interval="none")
     assert fits["P01", "a"].plot().axes[0].get_ylabel() == drawn
     write_report(tmp_path / "page.html", "Tones", "2IFC.", rows, fits=fits)
-    text = (tmp_path / "page.html").read_text()
+    text = (tmp_path / "page.html").read_text("utf-8")
     assert re.findall("proportion correct|proportion of more", text)[0] == label
 
 

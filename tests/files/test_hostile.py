@@ -343,7 +343,7 @@ def test_texts_of_others_do_not_reach_the_terminal(tmp_path):
     channel = [{"name": NASTY, "unit": NASTY, "full_scale": 64.0, "clips": 0, "peak": 1.0}]
     forge(path, {"scene_hash": NASTY, "motion": {"x": NASTY}, "channels": channel})
     outputs.append(ran(["verify", "squeeze", "--wav", path], 2).output)
-    for text in [*outputs, (tmp_path / "a.html").read_text()]:
+    for text in [*outputs, (tmp_path / "a.html").read_text("utf-8")]:
         assert not set(text) & set("\x1b\x07\x9b\u202e"), ascii(text)
 
 

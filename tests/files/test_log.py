@@ -186,7 +186,7 @@ def test_verify_proves_a_session_of_the_squeeze(tmp_path):
     assert "64 samples lost, 1 time, first at 3000" in skipped
     assert "law of the scene" not in skipped
     report.to_html(tmp_path / "a.html")
-    page = (tmp_path / "a.html").read_text()
+    page = (tmp_path / "a.html").read_text("utf-8")
     assert "passed" in page and "Keep the folder of the log, <code>a</code>, whole" in page
 
 

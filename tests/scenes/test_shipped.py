@@ -20,7 +20,9 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_papers_are_cited_as_in_the_docs():
-    docs = " ".join((ROOT / "docs/reference/papers.rst").read_text().replace("*", "").split())
+    docs = " ".join(
+        (ROOT / "docs/reference/papers.rst").read_text("utf-8").replace("*", "").split()
+    )
     docs = docs.replace("Our copy gives the title; the rest is the publisher's record", "")
     for name, text in PAPERS.items():
         assert name in docs and all(part in docs for part in text.split(". ")), name
@@ -49,7 +51,7 @@ def test_a_page_says_what_the_parts_of_a_scene_are():
 
 def test_every_module_of_scenes_is_imported():
     folder = ROOT / "stimlib" / "scenes"
-    shipped = {path.stem for path in folder.glob("*.py") if "@shipped(" in path.read_text()}
+    shipped = {path.stem for path in folder.glob("*.py") if "@shipped(" in path.read_text("utf-8")}
     left = shipped - set(stimlib.scenes.__all__)
     assert not left, f"stimlib/scenes/__init__.pyi: add `from .{left} import NAME as NAME`"
 
@@ -120,7 +122,7 @@ def test_the_row_is_for_readers_and_a_page_tells_of_the_scene(name):
     page = ROOT / "docs" / "reference" / "scenes" / f"{name}.rst"
     assert page.is_file(), f"write {page}, as wall.rst beside it"
     last = f".. autofunction:: stimlib.scenes.{name}\n"
-    assert last in page.read_text(), f"{page}: end with `{last}`"
+    assert last in page.read_text("utf-8"), f"{page}: end with `{last}`"
 
 
 def test_tone_and_pulse_begin_as_they_are_described():
