@@ -43,7 +43,7 @@ ROOT = Path(__file__).parents[2]
 KEPT = Path(os.environ.get("KILLS", "/tmp/kills"))
 PACKAGE = ROOT / "stimlib"
 LIVING = Path(__file__).parents[1] / "results" / "kills_living.csv"
-CHANGE = "file", "where", "before", "after"  # what names a mutant in it
+CHANGE = "file", "where", "text", "before", "after"  # what names a mutant in it
 LEAST = 15  # mutants of a room, where it has so many; the rest by lines of code
 BUDGET = float(os.environ.get("BUDGET", "30"))  # CPU seconds of the tests of a mutant
 MOST, LIMIT = 4 * int(BUDGET), 150.0 + BUDGET  # their number, and seconds until it hangs
@@ -209,7 +209,7 @@ def draw(count: int, seed: int, rooms: Collection[str] = ()) -> list[Row]:
             of_room[room][kind].append(
                 dict(room=room, file=name, line=node.lineno, end_line=node.end_lineno, kind=kind)
                 | dict(where=where, before=text.encode()[start:end].decode(), after=after)
-                | dict(start=start, end=end)
+                | dict(text=text.splitlines()[node.lineno - 1].strip(), start=start, end=end)
             )
     if unknown := set(rooms) - lines.keys():
         sys.exit(f"stimlib has no room {', '.join(unknown)}; a room is a folder of it, or top")
@@ -611,10 +611,9 @@ def main(what: str = "", *words: str) -> None:
         print(Counter(r["room"] for r in rows), Counter(r["kind"] for r in rows), sep="\n")
     elif what == "run":
         run(list(words))
-    elif what == "choose":
-        choose()
-    elif what == "tests":
-        tests_of(words[0])
+    else:
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # it may be read by head
+        choose() if what == "choose" else tests_of(words[0])
 
 
 if __name__ == "__main__":
