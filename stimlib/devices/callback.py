@@ -126,7 +126,7 @@ def fill(c, i, m, done):
     if c[MOTION] == FROM_TABLE:
         table, n = f8_at(c[TABLE]), c[TABLE_N]
         for k in range(m):
-            j = min(i + k, n - 1)
+            j = min(i + c[SKIP] + k, n - 1)
             for a in range(inputs):
                 x[a * m + k] = table[a * n + j]
     elif c[MOTION] == SIGNALS:
@@ -146,8 +146,8 @@ def fill(c, i, m, done):
     elif c[MOTION] != NONE:
         ring, size, write = f8_at(c[M_RING]), c[M_SIZE], load(c, M_WRITE)
         read = c[M_READ]
-        if c[MOTION] == TIMED:  # column i belongs to sample i: whatever comes late is skipped
-            read = i
+        if c[MOTION] == TIMED:  # a column belongs to a sample: whatever comes late is skipped
+            read = i + c[SKIP]
         elif write - read > c[M_KEEP] + m:  # no growing delay behind a live motion
             c[SKIPPED] += write - read - m
             read = write - m
@@ -197,7 +197,7 @@ def ready(c, i, m):
 
     Only a device without a clock can wait.
     """
-    if c[MOTION] == TIMED and load(c, M_WRITE) < i + m:
+    if c[MOTION] == TIMED and load(c, M_WRITE) < i + c[SKIP] + m:
         return 0
     return room(c, m)
 
@@ -478,6 +478,16 @@ def produce_at(c, n, lost, start):
         count(c[HISTOGRAM], now(c) - begun)
 
 
+def aim(c, d, n):
+    """Let a motion of time be where it would be if the session d began in time."""
+    late = max(0, min(c[FADE_AT], c[END]) + d[SKIP])
+    if d[MOTION] == TIMED:  # as far as its columns are there
+        late = min(late, max(0, load(d, M_WRITE) - n))
+    if d[END] == d[TABLE_N]:
+        d[END] = max(1, d[END] - late)
+    store(d, SKIP, late)
+
+
 def follow(c, d, begins, n, lost, start):
     """Add the frames of the session d, which follows this one, to those of the block.
 
@@ -488,6 +498,8 @@ def follow(c, d, begins, n, lost, start):
     d[CONNECTED], d[IN_STRIDE] = c[CONNECTED], c[IN_STRIDE]
     if d[CALLS] == 0:
         store(d, WAIT, load(c, WAIT))
+        if begins < n:
+            aim(c, d, n)
     while begins < n:
         m = min(n - begins, CHUNK)
         if d[MOTION] == SIGNALS:

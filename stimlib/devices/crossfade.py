@@ -20,7 +20,8 @@ from .sources import Live, Receiver, Recorded, Scripted, Signals, Source
 
 AHEAD = 0.05
 """Seconds from the request for a crossfade to its first sample, so that the request and
-the first motion are there in time.
+the first motion are there in time. A session that begins later skips what it missed of
+its motion, up to the half second that is computed ahead.
 """
 
 
@@ -78,8 +79,8 @@ class Following(Sink):
         # a motion in real time must not wait, or it would lag behind from then on
         timed = isinstance(self.motion, Recorded | Scripted)
         self.at = self.before.pump.index + timed * round(AHEAD * self.rate)
-        self.since = self.before.since + self.at
-        self.motion = later(self.motion, self.since, self.rate)
+        self._since = self.before.since + self.at
+        self.motion = later(self.motion, self._since, self.rate)
 
     def _open(self) -> None:
         self.block = self.before.block
@@ -99,6 +100,7 @@ class Following(Sink):
             # the last position of each input, as the callback holds it
             rows = dict(zip(self.before.proc.inputs, self.before.pump.buffers("HOLD"), strict=True))
             self.pump.put_motion(np.array([[rows.get(n, 0.0)] for n in self.proc.inputs]))
+        self.pump.write("SKIP", -at)
         self.before.pump.write("NEXT", self.pump.context)
         self.before.pump.stop("next", at)
 

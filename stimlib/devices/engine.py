@@ -19,7 +19,7 @@ from ..run.safety import GAIN, Safety
 from ..targets.llvm.rows import PENDING
 from . import words
 from .process import libc
-from .sources import SILENT, Live, Recorded, Scripted, Signals, Source, Stream
+from .sources import SILENT, Live, Recorded, Scripted, Signals, Source, Stream, length
 
 LOG_SECONDS = 4.0
 """Seconds by which the log may lag before it misses samples."""
@@ -191,6 +191,7 @@ class Pump:
             keep = max(1, round(source.keep * proc.fs)) if isinstance(source, Live) else 0
             self._fill(
                 MOTION=words.LIVE if keep else words.TIMED,
+                TABLE_N=length(source) or 0,
                 M_RING=place(np.zeros(size * inputs)),
                 M_SIZE=size,
                 M_KEEP=keep,

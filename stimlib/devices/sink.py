@@ -168,7 +168,7 @@ class Sink:
     _recorder: Any = SimpleNamespace(stales=0)  # until it is started
     _telling: Any = SimpleNamespace(count=0, lost=0, unsent=0)
     _next: Sink | None = None  # the session that follows on this device
-    since = 0  # sample of the motion at which the session begins
+    _since = 0
 
     def __init__(
         self,
@@ -774,6 +774,11 @@ class Sink:
                 made.close()
                 raise
         return made
+
+    @property
+    def since(self) -> int:
+        """The sample of a motion of time at which the session begins."""
+        return self._since + max(0, self.pump.read("SKIP"))
 
     @property
     def newest(self) -> Sink:

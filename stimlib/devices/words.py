@@ -49,7 +49,9 @@ MARKS, MARKED, MARK_LAST, TIMED_AT, TIMED_NS, TIMES = range(89, 95)
 LATENESS, FRAME_NS, DUE, MOVED = range(95, 99)
 # frames since the session runs; the frame at which it is to rise, and that of sample 0
 FRAMES, BEGIN, BEGAN = range(99, 102)
-WORDS = 102
+# columns of a motion of time before that of sample 0: by how much it began late; before
+# that, the sample of the other session at which it is to begin, less than 0
+SKIP, WORDS = 102, 103
 
 IDLE, RUNNING, DONE, CLOSED = 0, 1, 2, 3  # STATE
 NONE, FROM_TABLE, TIMED, LIVE, SIGNALS = 0, 1, 2, 3, 4  # MOTION

@@ -277,17 +277,26 @@ class Stepped(Taken):
         return self._frames[0, :n].copy()
 
 
+@pytest.mark.parametrize("kind", ["time", "recorded"])
 @pytest.mark.parametrize("ahead, end", [(0.05, 4000), (-0.05, 4000), (0.05, 1300)])
-def test_the_fade_in_which_both_play_is_counted_once(ahead, end, monkeypatch):
-    """Also where the request came late, or where the other begins at a natural end."""
+def test_the_fade_in_which_both_play_is_counted_once(ahead, end, kind, monkeypatch):
+    """Also where the request came late, which delays no motion, or where the other
+    begins at a natural end.
+    """
     monkeypatch.setattr(crossfade, "AHEAD", ahead)
-    sink = Stepped(SPRING, 1.0, motion={"x": lambda t: t}, realtime=False)
+    motion = {"x": np.arange(4000) / FS if kind == "recorded" else lambda t: t}
+    sink = Stepped(SPRING, 4.0, motion=motion, realtime=False)
     with begun(sink, end / FS, block=1000):
-        until(lambda: sink.pump.next_motion() >= min(end, 3000))
+        timed = kind == "time"
+        until(lambda: not timed or sink.pump.next_motion() >= min(end, 3000))
         sink.step(1000)
-        made = sink.crossfade(SPRING)
-        until(lambda: made.pump.next_motion() > 1000)
-        sink.step(1000)
+        made = sink.crossfade(SPRING, motion=motion)
+        until(lambda: not timed or made.pump.next_motion() > 1000)
+        y = sink.step(1000)
+        # up to there the other had played, or it ended
+        assert made.since == (1300 if end == 1300 else max(made.at, 840))
+        assert 4 * y[-1] == pytest.approx(3 * (2000 - 160 - 1) / FS, abs=1e-6)
+        assert timed or made.pump.read("END") == 4000 - made.since
         # of 2000 frames, the first 160 rise
         assert _ending([sink, made]) == f"played {(2000 - 160) / FS:.4g} s, nothing lost"
 
