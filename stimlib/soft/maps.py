@@ -81,7 +81,7 @@ def image(
     Parameters
     ----------
     path : path
-        Of a PNG file, 8 or 16 bits; of colours the mean, whatever is transparent.
+        Of a PNG file, 1 to 16 bits; of colours the mean, whatever is transparent.
     width : float
         In m, between the middles of the outer columns.
     height : float, optional
@@ -105,7 +105,7 @@ def image(
            [0. , 0.2],
            [0. , 0. ]]), width=0.01, height=0.02)
     """
-    imread = package("matplotlib.image", "a map from a picture").imread
+    package("matplotlib", "a map from a picture")  # which brings Pillow
     from PIL import Image
 
     data = safe_files.read(path, "sidecar_bytes", BadValue)
@@ -117,7 +117,10 @@ def image(
         with Image.open(io.BytesIO(data), formats=["PNG"]) as png:  # which decodes nothing yet
             if png.size != (columns, rows):
                 raise ValueError("its first header is not the one that counts")
-        pixels = np.asarray(imread(io.BytesIO(data), format="png"), float)
+            wide = png.mode[0] == "I"  # 16 bits; of less than 8, Pillow makes 8
+            made = png if wide else png.convert("L" if png.mode in ("1", "L") else "RGBA")
+            most = 65535 if wide else 255
+            pixels = np.divide(np.asarray(made), most, dtype=np.float32).astype(float)
     except Exception as e:  # whatever a decoder finds in a damaged file
         raise BadValue(f"{path} is a damaged PNG file ({type(e).__name__}: {e})") from None
     grey = pixels if pixels.ndim == 2 else pixels[..., :3].mean(axis=2)
@@ -129,7 +132,7 @@ def image(
     width = design_value(f"{path}: width", "float", width)
     if height is None:
         height = width * (rows - 1) / (columns - 1)
-    return table_of(str(path), np.clip(grey[::-1], 0.0, 1.0), width, height)
+    return table_of(str(path), grey[::-1], width, height)
 
 
 @public
