@@ -575,6 +575,24 @@ COMPUTED = {
             ["F = k x", "the force.", "Source: A.", "It moves.", "n = 2: How many."],
         ],
     ),
+    # a press is not lifted by a way to it that was held back, nor by a key that is held
+    # down; a pointer that is taken away has no place, and is lifted where it was
+    "field": (
+        """(() => { const said = [], canvas = document.createElement("canvas");
+        const field = new m.Field(canvas, f => said.push([f.u, f.p, f.on]));
+        Object.assign(field.box, { w: 100, h: 100 });
+        const send = (kind, value, clientX = 0, pressure = 0) => {
+          const e = new PointerEvent(`pointer${kind}`, { clientX, pressure });
+          canvas.dispatchEvent(Object.defineProperty(e, "timeStamp", { value }));
+        };
+        for (const t of [10, 11]) send("rawupdate", t, t);
+        send("down", 12, 20, 0.7);
+        field.tick(0);
+        send("cancel", 13);
+        for (const repeat of [false, true, true]) field.key({ key: "Enter", repeat }, true);
+        return said; })()""",
+        [[0.1, 0, 0], [0.2, pytest.approx(0.7), 1], [0.2, 0, 0], [0.2, 0.5, 1]],
+    ),
     # the full scale follows noise and no single step: it settles within a second, and
     # then rises only; gaps are counted once, with their causes
     "sound": (

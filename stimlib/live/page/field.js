@@ -82,6 +82,7 @@ export class Field {
     const finger = lowest(new Set([...this.held.values()].map(h => h.finger)));
     if (this.held.has(e.pointerId) || e.button > 0 || finger === undefined) return;
     this.held.set(e.pointerId, { finger, t: 0 });
+    this.hover.late = null; // or it would lift the finger
     try { this.canvas.setPointerCapture(e.pointerId); } catch { /* it has left already */ }
     this.report(e, 1);
   }
@@ -92,8 +93,14 @@ export class Field {
   }
 
   up(e) {
-    if (!this.held.has(e.pointerId)) return;
-    this.report(e, 0);
+    const hold = this.held.get(e.pointerId);
+    if (!hold) return;
+    if (e.type === "pointerup") this.report(e, 0);
+    else { // a pointer that is taken away may have no place: it is lifted where it was
+      hold.late?.();
+      const { u, v } = this.fingers.get(hold.finger);
+      this.put(hold.finger, u, v, 0, 0);
+    }
     this.held.delete(e.pointerId);
   }
 
@@ -115,7 +122,7 @@ export class Field {
       return true;
     }
     if (!down) return false;
-    if (e.key === "Enter") this.put(0, first.u, first.v, first.on ? 0 : FIRM, first.on ? 0 : 1);
+    if (e.key === "Enter") { if (!e.repeat) this.put(0, first.u, first.v, first.on ? 0 : FIRM, first.on ? 0 : 1); }
     else if (e.key === "+" || e.key === "=") this.put(0, first.u, first.v, clip(p + 0.05), 1);
     else if (e.key === "-") this.put(0, first.u, first.v, Math.max(0.05, p - 0.05), 1);
     else return false;
