@@ -185,8 +185,13 @@ def test_a_slider_changes_the_force_and_a_reset_brings_it_back(page):
     until(page, f"Math.abs(live.outputs.force1 - {slid} * {WIDE / 2}) < 1")
     page.click("#params button")
     until(page, f"Math.abs(live.outputs.force1 - 2000 * {WIDE / 2}) < 1")
-    choose(page, "#params input[type=number]", "1e9")  # beyond the range: its end
-    until(page, f"Math.abs(live.outputs.force1 - 5000 * {WIDE / 2}) < 1")
+    for text, k in (("1e9", 5000), ("2500,5", 2500.5)):  # beyond the range: its end
+        choose(page, "#params input", text)
+        until(page, f"Math.abs(live.outputs.force1 - {k} * {WIDE / 2}) < 1")
+    for text in ("1,250", "2600 N", ""):  # the first is 1.25 or 1250
+        choose(page, "#params input", text)
+        assert page.js("document.querySelector('#params input').matches(':invalid')")
+    assert page.js("document.querySelector('#params [type=range]').ariaValueText") == "2500.5 N/m"
     page.click("#params button")
 
 
@@ -245,6 +250,13 @@ def test_keys_move_the_finger_mark_start_stop_and_record(page, site):
     # the focus is seen
     assert page.js("getComputedStyle(document.activeElement).outlineStyle") == "solid"
     assert live(page, "live.state.phase") == "idle"
+    page.js("document.querySelector('#driven summary').focus()")
+    page.key("Enter")  # shuts it, and puts no finger down
+    assert live(page, "[live.field.fingers.get(0).on, document.querySelector('#driven').open]") == [
+        0,
+        False,
+    ]
+    page.key("Enter")
     page.js("document.activeElement.blur()")
 
 
@@ -519,7 +531,7 @@ COMPUTED = {
         const rings = h.rings.map(r => [...r].map(v => Number.isNaN(v) ? null : v));
         const before = [h.newest(1), [...h.last(0, 2)], h.last(0, 3)];
         h.push(0, 1, [5, 6]);
-        return [...rings, ...before, h.last(0, 1)[0], h.end]; })()""",
+        return [...rings, ...before, h.last(0, 1)[0], h.end, h.rms(1, 0.5)]; })()""",
         [
             [1, 2, 3, None, None, 7, 8, None],
             [40, 50, 60, None, None, 90, 100, None],
@@ -528,13 +540,14 @@ COMPUTED = {
             None,
             5,
             1,
+            60,
         ],
     ),
     # numbers and units as people write them
     "scales": (
         """[m.ticks(0, 0.1, 5).at.length, m.text(-0.05, 0.01),
         m.pretty('N*s/m**2'), m.pretty('1/s'), m.scaled('m', 0.02), m.scaled('N', 3),
-        m.short(1234.5), m.short(0.0123), m.roundUp(0.13),
+        m.scaled('A', 1.5e-4), m.short(1234.5), m.short(0.0123), m.roundUp(0.13),
         m.ticks(-15, 15, 2.5).at, m.ticks(0, 15, 2.5).at]""",
         [
             *(
@@ -544,6 +557,7 @@ COMPUTED = {
                 "Hz",
                 {"factor": 1e3, "unit": "mm"},
                 {"factor": 1, "unit": "N"},
+                {"factor": 1e6, "unit": "×10⁻⁶ A"},
             ),
             *("1235", "0.0123", pytest.approx(0.15), [-10, 0, 10], [0, 10]),
         ],

@@ -277,7 +277,7 @@ addEventListener("keydown", e => {
   const key = [e.key, e.key.toLowerCase()].find(k => keys.includes(k)) ?? (any ? "" : null);
   if (analogue && e.key in STEPS) put(Math.abs(STEPS[e.key]) > 1e6 || mark !== null ? (mark ?? 0) + STEPS[e.key] : MOST / 2);
   else if (analogue && e.key === "Enter") { if (!e.repeat) $("line").requestSubmit(); }
-  else if (state?.line && e.key.length === 1 && /[\d.;-]/.test(e.key)) return $("typed").focus(); // which takes it
+  else if (state?.line && e.key.length === 1 && /[\d.,;-]/.test(e.key)) return $("typed").focus(); // which takes it
   else if (key === null) return;
   else if (!e.repeat) answer(key);
   e.preventDefault();

@@ -1,24 +1,27 @@
 // What is set by hand: parameters, and what drives each input. Each builder gets a function that says it to the server.
 
 import { write } from "./about.js";
-import { pretty, short } from "./scales.js";
+import { pretty } from "./scales.js";
 
 const element = (parent, tag, more = {}) => Object.assign(parent.appendChild(document.createElement(tag)), more);
 
 function numeric(parent, id, value, low, high) {
-  const field = element(parent, "input", { type: "number", id, step: "any", value: `${value}` });
+  const field = element(parent, "input", { type: "text", inputMode: "decimal", id, value: `${value}` }); // of 0,5 a field of numbers may make 05
   if (low !== undefined) Object.assign(field, { min: `${low}`, max: `${high}` });
   return field;
 }
 
-/** What is typed, inside its limits; null where it is no number. */
+/** What is typed, inside its limits, a comma for a point, too; null where it is no number, or 1,250, which may be either of two. */
 function typed(field) {
-  if (field.value === "" || !Number.isFinite(+field.value)) return null;
+  const text = field.value.trim(), v = /^[+-]?[1-9]\d{0,2},\d{3}$/.test(text) ? NaN : +(text.replace(",", ".") || NaN);
+  field.setCustomValidity(Number.isFinite(v) ? "" : "Type a number, such as 0.5");
+  if (!field.reportValidity()) return null;
   const low = field.min === "" ? -Infinity : +field.min, high = field.max === "" ? Infinity : +field.max;
-  return Math.min(high, Math.max(low, +field.value));
+  return Math.min(high, Math.max(low, v));
 }
 
 const plain = v => `${+v.toPrecision(6)}`;
+const put = (field, v) => { field.value = plain(v); field.setCustomValidity(""); };
 
 /** A slider, a number and a reset for each of hello's params. Returns a function that shows values {name: value}. */
 export function parameters(params, parent, say) {
@@ -30,19 +33,19 @@ export function parameters(params, parent, say) {
     const field = numeric(row, id, plain(value), low, high);
     field.setAttribute("aria-label", `${name}, parameter`); // the page has facts of the same names
     element(row, "span", { className: "unit", textContent: printed });
-    const reset = element(row, "button", { type: "button", textContent: "↺", title: `Back to ${short(value)} ${printed}` });
-    reset.setAttribute("aria-label", `Reset ${name} to ${short(value)} ${printed}`);
+    const reset = element(row, "button", { type: "button", textContent: "↺", title: `Back to ${plain(value)} ${printed}` });
+    reset.setAttribute("aria-label", `Reset ${name} to ${plain(value)} ${printed}`);
     const range = { min: `${low}`, max: `${high}`, step: `${(high - low) / 1000}`, value: `${value}` };
     const slider = element(row, "input", { type: "range", ...range });
     slider.setAttribute("aria-label", `${name}, slider`);
     const said = [meaning, unit === "1" && "No unit."].filter(Boolean).join(" ");
     if (said) write(element(row, "p", { className: "hint" }), said, false);
     show[name] = v => {
-      if (document.activeElement !== field) field.value = plain(v);
+      if (document.activeElement !== field) put(field, v);
       if (document.activeElement !== slider) slider.value = `${v}`;
-      slider.setAttribute("aria-valuetext", `${short(v)} ${printed}`);
+      slider.setAttribute("aria-valuetext", `${plain(v)} ${printed}`);
     };
-    const set = v => { say({ do: "set", name, value: v }); field.value = plain(v); slider.value = `${v}`; show[name](v); };
+    const set = v => { say({ do: "set", name, value: v }); put(field, v); slider.value = `${v}`; show[name](v); };
     slider.oninput = () => set(+slider.value);
     field.onchange = () => { const v = typed(field); if (v !== null) set(v); };
     reset.onclick = () => set(value);

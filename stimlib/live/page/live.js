@@ -242,7 +242,7 @@ if (matchMedia("(max-width: 560px)").matches) $("driven").open = false;
 const typing = e => e.target.matches?.("input, select, textarea") || e.ctrlKey || e.metaKey || e.altKey;
 addEventListener("keydown", e => {
   if (typing(e)) return;
-  const button = e.target.matches?.("button");
+  const button = e.target.matches?.("button, summary");
   if (e.key === " " && !button) { if (!e.repeat) $("run").click(); } 
   else if (e.key.toLowerCase() === "m") { if (!e.repeat) $("mark").click(); }
   else if (e.key.toLowerCase() === "r") { if (!e.repeat) $("record").click(); }

@@ -26,11 +26,11 @@ export class History {
     });
     this.end = first + n;
   }
-  /** Root mean square of the newest `n` of a signal. */
+  /** Root mean square of the newest `n` of a signal, a whole number or not. */
   rms(i, n) {
     const ring = this.rings[i];
     let sum = 0, all = 0;
-    for (let k = Math.max(0, this.end - n); k < this.end; k++) {
+    for (let k = Math.max(0, this.end - Math.round(n)); k < this.end; k++) {
       const v = ring[k % this.size];
       if (v === v) { sum += v * v; all++; }
     }

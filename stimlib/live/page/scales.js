@@ -9,7 +9,7 @@ const SMALL = { // unit: [below this, times, becomes], the first that holds
   "N*m": [[0.1, 1e3, "mN·m"]],
 };
 
-const POWERS = { 2: "²", 3: "³" }, KNOWN = { 1: "", "1/s": "Hz" };
+const POWERS = { 2: "²", 3: "³" }, PARTS = ["", "⁻³", "⁻⁶", "⁻⁹", "⁻¹²"], KNOWN = { 1: "", "1/s": "Hz" };
 
 /** A number with its noun, which gets an s unless there is one. */
 export const counted = (n, noun) => `${n} ${noun}${n === 1 ? "" : "s"}`;
@@ -20,7 +20,8 @@ export const pretty = unit => KNOWN[unit] ?? unit.replace(/\*\*(\d)/g, (_, d) =>
 /** In what a signal of a unit is shown whose values reach up to `largest`: {factor, unit}. */
 export function scaled(unit, largest) {
   for (const [below, factor, name] of SMALL[unit] ?? []) if (largest < below) return { factor, unit: name };
-  return { factor: 1, unit: pretty(unit) };
+  const k = SMALL[unit] || !(largest > 0 && largest < 0.01) ? 0 : Math.min(4, Math.ceil(-Math.log10(largest) / 3));
+  return { factor: 10 ** (3 * k), unit: k ? `×10${PARTS[k]} ${pretty(unit)}`.trim() : pretty(unit) };
 }
 
 /** Round numbers from low to high, about `count` of them and two at least, in steps of 1, 2 or 5 times a power of ten. */
