@@ -299,7 +299,7 @@ def film(
     BadValue
         Another suffix, times outside the rendering or in the wrong order, fps not above
         0 or more than a GIF has, what ``picture`` refuses; pictures that would take
-        more than ``limits.render_bytes``.
+        more than ``limits.render_bytes``; a folder with more pictures than the film.
     SinkError
         Where nothing can be written.
 
@@ -334,6 +334,10 @@ def film(
         raise BadValue(
             f"film: a GIF shows {FASTEST} pictures a second at most, not {fps:g}; use fewer, or"
             " write into a folder"
+        )
+    if not path.suffix and (next_one := path / f"frame_{len(samples):04d}.png").exists():
+        raise BadValue(
+            f"film: {next_one} is of a longer film, and would follow this one; give another folder"
         )
     figure = Figure(figsize=(4.8, 3.6), dpi=100)
     canvas = FigureCanvasAgg(figure)

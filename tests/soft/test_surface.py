@@ -66,6 +66,8 @@ def test_films(tmp_path):
     # the next would be sample 1.67, which there is not
     assert film(brief, tmp_path / "brief", fps=60, **SMALL) == 1
     refused(SinkError, None, film, RESULT, tmp_path / "missing" / "a.gif", fps=2, **SMALL)
+    # its second picture would follow the one of another film
+    refused(BadValue, "frame_0001.png is of a longer", film, brief, tmp_path / "frames", fps=60)
     assert {p.name for p in tmp_path.iterdir()} == {"frames", "brief"}
 
 
