@@ -284,7 +284,12 @@ def test_a_server_that_freezes_or_goes_is_told_and_found_again(browser, tmp_path
         assert page.js("same") and page.js(STATE) == "Connected"
         assert state["told"] == ["The session goes on where it stopped."]
         press(page, state, " ")
-        press(page, awaited(running, page, state["number"]), "2")
+        state = awaited(running, page, state["number"])
+        running.asking._loop.call_soon_threadsafe(time.sleep, 2.8)
+        press(page, state, "2")  # which waits
+        page.until(LOST)
+        page.js("new Promise(done => setTimeout(done, 600))")
+        assert page.js(LOST)
         over(page)
         page.close()
     records = read(tmp_path / FOLDER).records

@@ -141,7 +141,7 @@ function answer(text) {
   if (!open || sent || state?.phase !== "ask" || performance.now() - Math.max(begun, back) < GUARD) return;
   sent = true;
   ws.send(JSON.stringify({ do: "answer", number: state.number, text }));
-  late = setTimeout(() => words(say("sent")), 1500);
+  late = setTimeout(() => { if (open) words(say("sent")); }, 1500);
   enable();
 }
 
