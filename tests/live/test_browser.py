@@ -595,8 +595,8 @@ COMPUTED = {
         """(() => { const said = [], canvas = document.createElement("canvas");
         const field = new m.Field(canvas, f => said.push([f.u, f.p, f.on]));
         Object.assign(field.box, { w: 100, h: 100 });
-        const send = (kind, value, clientX = 0, pressure = 0) => {
-          const e = new PointerEvent(`pointer${kind}`, { clientX, pressure });
+        const send = (kind, value, clientX = 0, pressure = 0, pointerType = "") => {
+          const e = new PointerEvent(`pointer${kind}`, { clientX, pressure, pointerType });
           canvas.dispatchEvent(Object.defineProperty(e, "timeStamp", { value }));
         };
         for (const t of [10, 11]) send("rawupdate", t, t);
@@ -604,8 +604,15 @@ COMPUTED = {
         field.tick(0);
         send("cancel", 13);
         for (const repeat of [false, true, true]) field.key({ key: "Enter", repeat }, true);
+        for (const type of ["pen", "touch"]) { // of a finger 0 is not known
+          send("down", 14, 30, 0, type);
+          send("up", 15, 30, 0, type);
+        }
         return said; })()""",
-        [[0.1, 0, 0], [0.2, pytest.approx(0.7), 1], [0.2, 0, 0], [0.2, 0.5, 1]],
+        [
+            *([0.1, 0, 0], [0.2, pytest.approx(0.7), 1], [0.2, 0, 0], [0.2, 0.5, 1]),
+            *([0.3, p, on] for p, on in ((0, 1), (0, 0), (0.5, 1), (0, 0))),
+        ],
     ),
     # the full scale follows noise and no single step: it settles within a second, and
     # then rises only; gaps are counted once, with their causes

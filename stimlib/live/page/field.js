@@ -68,7 +68,7 @@ export class Field {
     const r = this.canvas.getBoundingClientRect(), [right, up] = this.beside.map(m => m * PIXELS), hold = this.held.get(e.pointerId) ?? this.hover;
     const all = e.getCoalescedEvents?.() ?? [];
     for (const c of all.length ? all : [e]) {
-      const p = on ? clip(c.pressure || FIRM) : 0, at = this.place(c.clientX - r.left + right, c.clientY - r.top - up);
+      const p = on ? clip(c.pressure || (e.pointerType === "pen" ? 0 : FIRM)) : 0, at = this.place(c.clientX - r.left + right, c.clientY - r.top - up);
       const go = () => {
         Object.assign(hold, { t: c.timeStamp, late: null });
         this.put(hold.finger, ...at, p, on, performance.timeOrigin + c.timeStamp);
