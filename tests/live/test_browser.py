@@ -593,10 +593,13 @@ COMPUTED = {
     # down; a pointer that is taken away has no place, and is lifted where it was
     "field": (
         """(() => { const said = [], canvas = document.createElement("canvas");
+        canvas.style = "position: fixed; left: 0; top: 0; border: 4px solid"; // no part of it
+        document.body.append(canvas);
         const field = new m.Field(canvas, f => said.push([f.u, f.p, f.on]));
         Object.assign(field.box, { w: 100, h: 100 });
-        const send = (kind, value, clientX = 0, pressure = 0, pointerType = "") => {
-          const e = new PointerEvent(`pointer${kind}`, { clientX, pressure, pointerType });
+        const send = (kind, value, x = 0, pressure = 0, pointerType = "") => {
+          const at = { clientX: x && x + 4, pressure, pointerType };
+          const e = new PointerEvent(`pointer${kind}`, at);
           canvas.dispatchEvent(Object.defineProperty(e, "timeStamp", { value }));
         };
         for (const t of [10, 11]) send("rawupdate", t, t);
@@ -608,6 +611,7 @@ COMPUTED = {
           send("down", 14, 30, 0, type);
           send("up", 15, 30, 0, type);
         }
+        canvas.remove();
         return said; })()""",
         [
             *([0.1, 0, 0], [0.2, pytest.approx(0.7), 1], [0.2, 0, 0], [0.2, 0.5, 1]),

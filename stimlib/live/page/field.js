@@ -65,10 +65,11 @@ export class Field {
   }
 
   report(e, on, moving = false) {
-    const r = this.canvas.getBoundingClientRect(), [right, up] = this.beside.map(m => m * PIXELS), hold = this.held.get(e.pointerId) ?? this.hover;
-    const all = e.getCoalescedEvents?.() ?? [];
+    const r = this.canvas.getBoundingClientRect(), { clientLeft, clientTop } = this.canvas, [right, up] = this.beside.map(m => m * PIXELS);
+    const hold = this.held.get(e.pointerId) ?? this.hover, all = e.getCoalescedEvents?.() ?? [];
     for (const c of all.length ? all : [e]) {
-      const p = on ? clip(c.pressure || (e.pointerType === "pen" ? 0 : FIRM)) : 0, at = this.place(c.clientX - r.left + right, c.clientY - r.top - up);
+      const p = on ? clip(c.pressure || (e.pointerType === "pen" ? 0 : FIRM)) : 0;
+      const at = this.place(c.clientX - r.left - clientLeft + right, c.clientY - r.top - clientTop - up);
       const go = () => {
         Object.assign(hold, { t: c.timeStamp, late: null });
         this.put(hold.finger, ...at, p, on, performance.timeOrigin + c.timeStamp);
