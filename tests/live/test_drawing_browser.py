@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import time
 from contextlib import contextmanager
 
 import numpy as np
@@ -10,6 +11,7 @@ from live.asked import FOLDER
 from live.drawn import outputs_of, seen
 from live.test_asking_browser import awaited, opened, over, press
 from live.test_drawing import shown
+from waiting import until
 
 from stimlib.experiments import Cursor, Drawing, read
 from stimlib.files import read_log
@@ -116,7 +118,7 @@ def test_a_visual_experiment_is_drawn_moved_answered_and_recorded(browser, tmp_p
 
 
 def test_an_avatar_is_beside_the_pen_and_takes_all_levels_of_its_pressure(browser, tmp_path):
-    made = seen(1.6, drawing=Drawing(beside=(-0.015, 0.0)))
+    made = seen(5.0, drawing=Drawing(beside=(-0.015, 0.0)))
     with begun(browser, tmp_path, made) as (running, page, number):
         pen(page, 0.08, 0.06, 400 / 1023)
         page.until(f"{RESTS} && shown.at(-1).depth1 > 1e-4")
@@ -124,6 +126,11 @@ def test_an_avatar_is_beside_the_pen_and_takes_all_levels_of_its_pressure(browse
         x1, y1 = page.js("[shown.at(-1).x1, shown.at(-1).y1]")
         px = page.js(f"field.cam.to({x1}, {y1}, 0)[0] - field.cam.to(0.08, 0.06, 0)[0]")
         assert px == pytest.approx(-15 * 96 / 25.4, abs=1.0)
+        # what is done while the server is silent is known afterwards
+        running.asking._loop.call_soon_threadsafe(time.sleep, 2.0)
+        page.until("document.body.classList.contains('away')")
+        page.mouse("Released", *place(page, 0.08, 0.06), "pen")
+        until(lambda: running.asking._inputs.fingers[0][3] == 0.0)
         press(page, awaited(running, page, number), "1")
         over(page)
     _, motion = outputs_of(tmp_path / FOLDER / "trial-0001-1.stimlog")

@@ -205,6 +205,7 @@ function hear(m) {
   if (!open) {
     [open, away, back] = [true, null, performance.now()];
     words(say("connected"), "good");
+    field.again(); // says what was done meanwhile
   }
   if (m.is === "state") become(m);
   else if (m.about === "answer") sent = false;
