@@ -310,7 +310,7 @@ def test_a_compiler_that_would_change_samples_is_refused_and_files_of_two_export
         ),
         *(
             ({"name": name}, BadValue, f"'{name}' is taken.*'{name}_stimulus'")
-            for name in ("math", "test", "stimlib", "stddef", "limits", "errno", "com1", "lpt9")
+            for name in ("math", "test", "stimlib", "double", "limits", "errno", "com1", "lpt9")
         ),
     ],
 )

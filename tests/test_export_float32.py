@@ -114,6 +114,19 @@ class Words(Block):
         return s
 
 
+@dataclass(frozen=True, eq=False)
+class Turns(Block):
+    x: Block
+
+    def design(self, fs):
+        return (), P(0.0)
+
+    @staticmethod
+    def step(p, s, x):
+        n = 1.0 + s.a
+        return x * n, P(a=n)
+
+
 def test_what_needs_float64_is_refused_by_name(tmp_path):
     x, way = Input("x", "m"), {"x": 1.0 + 1e-6 * np.sin(np.arange(100) / 7)}
     near = (2.0 * x - stimlib.constant(2.0, "m")) * stimlib.constant(5.0, "N/m")
@@ -122,6 +135,7 @@ def test_what_needs_float64_is_refused_by_name(tmp_path):
         (Scene({"y": near}), "more than 0.001 of its peak 1e-05, first after Sub.Mul."),
         (Scene({"y": k * k * near}), "first after Sub.Mul.", ("k", 1.0)),
         (Scene({"y": elapsed() * x}), "Time..: in float32 a count ends at 2.24"),
+        (Scene({"y": Turns(x)}), "Turns.step: in float32 a count ends at 2.24"),
         (Scene({"y": Words(x)}), "Words.tile: 64-bit words take the room of two float32"),
         (Scene({"y": friction(x, 20.0)}), "ElastoPlastic.*: 1e.100 is beyond float32"),
     ):

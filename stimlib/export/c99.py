@@ -42,8 +42,8 @@ TAKEN = frozenset(
     " nl_types obstack paths poll process pthread pwd regex resolv sched search semaphore"
     " shadow spawn strings stropts syslog tar termios ucontext ulimit unistd utime utmp utmpx"
     " values varargs wait windows wordexp"
-    # ours, libraries, targets of CMake and devices of Windows
-    " st stimlib c m test all help clean install package con aux nul prn".split()
+    # ours, what float32 replaces, libraries, targets of CMake and devices of Windows
+    " st double stimlib c m test all help clean install package con aux nul prn".split()
 ) | {f"{port}{k}" for port in ("com", "lpt") for k in range(1, 10)}
 """Names that C, POSIX, CMake or Windows have for something else."""
 # of the header, beside those of parameters

@@ -266,6 +266,7 @@ class Translator(Walk):
         """Return the lines of the body, and the kind of the result."""
         self.frame.names, self.kinds, self.versions = {}, dict(self.given), dict[str, str]()
         self.lines: list[str] = []
+        self.written: dict[str, ast.expr] = {}  # what a name was given last
         self.depth, self.fresh = 1, 0
         self.result: Kind = "void"
         try:
@@ -364,7 +365,9 @@ class Translator(Walk):
 
     def _Call(self, node: Any) -> Any:
         f = self.value(node.func)
-        if self.unit.single and hasattr(f, "_fields") and any(map(counts, node.args)):
+        given = [*node.args, *(k.value for k in node.keywords)] * hasattr(f, "_fields")
+        values = (self.written.get(getattr(x, "id", ""), x) for x in given)
+        if self.unit.single and any(map(counts, values)):
             raise Unknown("in float32 a count ends at 2^24 (export in doubles)")
         return super()._Call(node)
 
@@ -442,6 +445,7 @@ class Translator(Walk):
             x = self.held(x)
         for target in node.targets:
             self.assign(target, x)
+            self.written[getattr(target, "id", "")] = node.value
 
     def set(self, name: str, x: Any) -> None:
         """Set a variable: where its kind changes and no branch does it, a new one."""
@@ -486,5 +490,6 @@ def now(x: Any) -> bool:
 
 def counts(node: Any) -> bool:
     """Return whether a new value is one of the state and a constant, as of a clock."""
-    plus = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add)
-    return plus and isinstance(node.left, ast.Attribute) and isinstance(node.right, ast.Constant)
+    plus = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
+    kinds = {type(node.left), type(node.right)} if plus else set()
+    return kinds == {ast.Attribute, ast.Constant}
