@@ -119,8 +119,9 @@ def image(
                 raise ValueError("its first header is not the one that counts")
             wide = png.mode[0] == "I"  # 16 bits; of less than 8, Pillow makes 8
             made = png if wide else png.convert("L" if png.mode in ("1", "L") else "RGBA")
-            most = 65535 if wide else 255
-            pixels = np.divide(np.asarray(made), most, dtype=np.float32).astype(float)
+            pixels = np.asarray(
+                np.divide(np.asarray(made), 65535 if wide else 255, dtype=np.float32), float
+            )
     except Exception as e:  # whatever a decoder finds in a damaged file
         raise BadValue(f"{path} is a damaged PNG file ({type(e).__name__}: {e})") from None
     grey = pixels if pixels.ndim == 2 else pixels[..., :3].mean(axis=2)

@@ -10,7 +10,6 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from ...blocks.tables import CubicGrid
 from ...core.graph import Input, constant
 from ..evidence import Asked, Check, law_of
 from ..rows import ULP, begun, law, near
@@ -25,17 +24,6 @@ FRAME, SPEEDS = 0.03, (0.05, 2.0)
 held.
 """
 TIE = 1e-6  # samples: so near to a frame's beginning, what was seen says whether it has begun
-
-
-def table_of(b: Any) -> tuple[Row, float, float]:
-    """Return the levels of a block's map, and its width and height.
-
-    There is one row for each y.
-    """
-    if isinstance(b, CubicGrid):
-        width, height = b.spacing * (np.array(b.table.shape) - 1)
-        return b.table.T, float(width), float(height)
-    return b.levels, b.width, b.height
 
 
 def levels(table: Row, width: float, height: float) -> Callable[[Any, Any], Row]:
@@ -348,15 +336,14 @@ def _vibration(b, fs, x, y):
 
 @law("Cursor", since=1)
 def _cursor(b, fs, x, y):
-    S, on, hand = levels(*table_of(b)), x[2] > 0, np.array(x[:2])
+    S, on, hand = levels(b.levels, b.width, b.height), x[2] > 0, np.array(x[:2])
     last = np.c_[np.zeros((2, 1)), y[:, :-1]]
     way = np.diff(hand, prepend=0.0)
     first = starts(on)
     ratio = speed_ratio(S(*((last + y) / 2)))
     want = np.where(first, hand, np.where(on, last + ratio * way, last))
     scale = max(float(np.abs(way[:, on & ~first]).max(initial=0.0)), 1e-6)
-    table, width, height = table_of(b)
-    piece = min(v / max(n - 1, 1) for v, n in zip((height, width), table.shape, strict=True))
+    piece = min(v / (n - 1) for v, n in zip((b.height, b.width), b.levels.shape, strict=True))
     far = np.hypot(*way)  # beyond a piece of the map five steps of Newton's method may be too few
     tol = 1e-12 * scale + 8 * ULP * float(np.abs(y).max())  # otherwise they reach the last digits
     return want, np.where(on & ((far > piece) | (far * steepest(S, last, way) > 0.5)), np.inf, tol)
@@ -364,7 +351,7 @@ def _cursor(b, fs, x, y):
 
 @law("CursorFrames", since=1)
 def _cursor_frames(b, fs, x, y):
-    S = levels(*table_of(b))
+    S = levels(b.levels, b.width, b.height)
     want = by_frames(S, y, np.array(x[:2]), x[2] > 0, b.frame * fs, (b.slowest, b.fastest))
     return want, begun(x, near(want, 1e-9)[1])
 
