@@ -158,6 +158,8 @@ def test_a_session_begins_as_the_one_before_it_did():
     assert y[: 10 * MOST].max() == 0.5
     for first in (12 * MOST, 40 * MOST):
         assert np.array_equal(y[first : first + 10 * MOST], y[: 10 * MOST])
+    y, _, made = started(60, {10: begin, 11: [{"stop": True}]}, **sources)  # within the fade
+    assert made["ended"] == 2 and not y[13 * MOST :].any()
 
 
 def test_another_rate_reads_a_cubic_polynomial_through_four_samples():

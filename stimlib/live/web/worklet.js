@@ -78,7 +78,8 @@ class Scene extends AudioWorkletProcessor {
     this.on = true;
   }
 
-  stop() { this.stopping = true; }
+  /** Also of a session that waits for the one before: that ends in its name. */
+  stop() { Object.assign(this, { session: this.next?.session ?? this.session, next: null, stopping: true }); }
   listen(k) { this.wanted = k; }
   set([parameter, value, samples]) { this.run.set(parameter, value, samples); }
 
