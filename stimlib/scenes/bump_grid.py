@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..blocks.bumps import bump
-from ..blocks.oscillators import carrier
+from ..blocks import bump, carrier
 from ..core.graph import Input, constant
 from ..core.parameter import Param
 from ..core.pointwise import nonzero

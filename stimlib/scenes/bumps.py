@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..blocks.bumps import bump
-from ..blocks.equalization import equalize, points, within
-from ..blocks.oscillators import carrier
+from ..blocks import bump, carrier, equalize
+from ..blocks.equalization import points, within
 from ..core.graph import Input, constant
 from ..core.parameter import Param
 from ..core.pointwise import nonzero

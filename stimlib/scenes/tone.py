@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..blocks.clock import at, every
-from ..blocks.envelopes import burst
-from ..blocks.integrals import active
-from ..blocks.oscillators import carrier
+from ..blocks import active, at, burst, carrier, every
 from ..core.graph import Block
 from ..core.parameter import Param
 from ..core.scene import Scene

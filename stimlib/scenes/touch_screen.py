@@ -10,10 +10,7 @@ import warnings
 
 import numpy as np
 
-from ..blocks.bumps import bump
-from ..blocks.equalization import equalize
-from ..blocks.oscillators import carrier
-from ..blocks.resonance import amplifier, pole_swap
+from ..blocks import amplifier, bump, carrier, equalize, pole_swap
 from ..core.graph import Input, constant
 from ..core.parameter import Param
 from ..core.pointwise import nonzero

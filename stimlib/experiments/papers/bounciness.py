@@ -16,14 +16,25 @@ import numpy as np
 from ...core.graph import Block
 from ...errors import one_of, public
 from ...run.safety import Safety
-from ..designs import Sequential
-from ..experiment import Cursor, Experiment
-from ..questions import choice
-from ..reader import Saved, columns
-from ..scaling import Line, jnd_from_dprime, line
+from .. import (
+    Answer,
+    Cursor,
+    Experiment,
+    OneInterval,
+    Roved,
+    Saved,
+    Sequential,
+    Stimulus,
+    Trial,
+    choice,
+    columns,
+    jnd_from_dprime,
+    line,
+)
+from ..scaling import Line
 from ..tables import Columns
-from ..tasks import OneInterval, Roved, Task
-from ..trial import Answer, Observer, Stimulus, Trial
+from ..tasks import Task
+from ..trial import Observer
 from .springpots import (
     begun,
     cues_of_stimulus,

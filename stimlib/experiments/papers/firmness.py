@@ -16,16 +16,24 @@ from scipy.stats import t
 from ...core.graph import Block
 from ...errors import one_of, public
 from ...run.safety import Safety
-from ..compare import Effect, paired, repeated
-from ..designs import Sequential
-from ..experiment import Experiment
-from ..latin_squares import graeco_latin
-from ..questions import choice
-from ..reader import Saved, columns
-from ..scaling import jnd_from_dprime
+from .. import (
+    Answer,
+    Effect,
+    Experiment,
+    OneInterval,
+    Saved,
+    Sequential,
+    Stimulus,
+    Trial,
+    choice,
+    columns,
+    graeco_latin,
+    jnd_from_dprime,
+    paired,
+    repeated,
+)
 from ..tables import Columns
-from ..tasks import OneInterval
-from ..trial import Answer, Observer, Stimulus, Trial
+from ..trial import Observer
 from .springpots import (
     begun,
     cues_of_stimulus,

@@ -18,15 +18,28 @@ from ...errors import need, public
 from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import block, buried
-from ..compare import Pair, Statistic, dunn, elapsed_times, kruskal, times_text
-from ..designs import ConstantStimuli, Sequential, turn_of
-from ..experiment import Experiment, Timing
-from ..questions import places
-from ..reader import columns
-from ..signal_detection import Proportion, wilson
-from ..tables import Columns, grouped
-from ..tasks import Rate
-from ..trial import Answer, Stimulus, Trial
+from .. import (
+    Answer,
+    ConstantStimuli,
+    Experiment,
+    Rate,
+    Sequential,
+    Stimulus,
+    Timing,
+    Trial,
+    columns,
+    dunn,
+    elapsed_times,
+    grouped,
+    kruskal,
+    places,
+    times_text,
+    turn_of,
+    wilson,
+)
+from ..compare import Pair, Statistic
+from ..signal_detection import Proportion
+from ..tables import Columns
 from .nodule_sizes import PEN
 from .nodules import seconds
 

@@ -19,14 +19,22 @@ from ...errors import need, public
 from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import block, buried
-from ..designs import ConstantStimuli, turn_of
-from ..experiment import Drawing, Experiment, Timing
-from ..questions import ranking
-from ..reader import columns
-from ..signal_detection import Proportion, wilson
+from .. import (
+    Answer,
+    ConstantStimuli,
+    Drawing,
+    Experiment,
+    Rate,
+    Stimulus,
+    Timing,
+    Trial,
+    columns,
+    ranking,
+    turn_of,
+    wilson,
+)
+from ..signal_detection import Proportion
 from ..tables import Columns
-from ..tasks import Rate
-from ..trial import Answer, Stimulus, Trial
 from .nodules import HAND
 
 NODULES = ("A", "B", "C")

@@ -19,15 +19,29 @@ from ...motion.generators import constant_speed
 from ...run.safety import Safety
 from ...scenes import soft_surface
 from ...soft import THIRTEEN, sides
-from ..compare import Pair, Statistic, dunn, elapsed_times, kruskal, times_text
-from ..designs import ConstantStimuli, Sequential, turn_of
-from ..experiment import Experiment, Timing
-from ..questions import choice
-from ..reader import Saved, columns
-from ..signal_detection import Diagnosis, diagnosis
-from ..tables import Columns, grouped
-from ..tasks import Rate
-from ..trial import Answer, Stimulus, Trial
+from .. import (
+    Answer,
+    ConstantStimuli,
+    Experiment,
+    Rate,
+    Saved,
+    Sequential,
+    Stimulus,
+    Timing,
+    Trial,
+    choice,
+    columns,
+    diagnosis,
+    dunn,
+    elapsed_times,
+    grouped,
+    kruskal,
+    times_text,
+    turn_of,
+)
+from ..compare import Pair, Statistic
+from ..signal_detection import Diagnosis
+from ..tables import Columns
 
 MODES = ("deformation", "cursor", "combined")
 PRINTED = {

@@ -21,15 +21,30 @@ from ...motion.generators import constant_speed
 from ...run.rendering import render
 from ...run.safety import Safety
 from ...scenes import bumps, bumps_set
-from ..compare import Effect, Statistic, paired, repeated
-from ..designs import ConstantStimuli, Sequential, shuffled
-from ..experiment import Experiment, Masking, Timing
-from ..questions import rating
-from ..reader import Saved, columns
-from ..scaling import Law, fechner
-from ..tables import Columns, grouped
-from ..tasks import Rate
-from ..trial import Answer, Design, Observer, Stimulus, Trial
+from .. import (
+    Answer,
+    ConstantStimuli,
+    Effect,
+    Experiment,
+    Law,
+    Masking,
+    Rate,
+    Saved,
+    Sequential,
+    Stimulus,
+    Timing,
+    Trial,
+    columns,
+    fechner,
+    grouped,
+    paired,
+    rating,
+    repeated,
+    shuffled,
+)
+from ..compare import Statistic
+from ..tables import Columns
+from ..trial import Design, Observer
 
 WAVEFORMS, BUMPS, DUTIES, AMPLITUDES = (
     ("sine", "square", "sawtooth"),

@@ -24,15 +24,24 @@ from ...errors import BadValue, public
 from ...motion.generators import sinusoid
 from ...run.rendering import render
 from ...scenes import viscoelastic
-from ..cue_distances import distances, recorded
-from ..designs import ConstantStimuli, Sequential, turn_of
-from ..experiment import Timing
-from ..random_streams import stream
-from ..reader import Saved
-from ..signal_detection import detection
-from ..tables import Columns, grouped
+from .. import (
+    Answer,
+    ConstantStimuli,
+    Saved,
+    Sequential,
+    Stimulus,
+    Timing,
+    Trial,
+    detection,
+    distances,
+    grouped,
+    recorded,
+    stream,
+    turn_of,
+)
+from ..tables import Columns
 from ..tasks import Task
-from ..trial import Answer, Observer, Stimulus, Trial
+from ..trial import Observer
 
 ORDERS = {"A": (1, 2, 3), "B": (2, 3, 1), "C": (3, 1, 2), "D": (3, 2, 1), "E": (2, 1, 3)}
 """Orders of the three comparisons, table 3.1; E is of section 4.1."""

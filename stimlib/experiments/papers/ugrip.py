@@ -19,17 +19,27 @@ from ...run.safety import Safety
 from ...scenes import squeeze
 from ...sweep import measure
 from ...sweep.measures import Measure
-from ..compare import anova, paired
-from ..designs import Interleaved, Sequential, Staircase
-from ..experiment import Experiment, Timing
-from ..fits import Fit
-from ..integration import integrated
-from ..observers import Listener
-from ..questions import choice
-from ..reader import columns
-from ..tables import Columns, fitted
-from ..tasks import TwoInterval
-from ..trial import Answer, Observer, Stimulus, Trial
+from .. import (
+    Answer,
+    Experiment,
+    Fit,
+    Interleaved,
+    Listener,
+    Sequential,
+    Staircase,
+    Stimulus,
+    Timing,
+    Trial,
+    TwoInterval,
+    anova,
+    choice,
+    columns,
+    fitted,
+    integrated,
+    paired,
+)
+from ..tables import Columns
+from ..trial import Observer
 
 K0 = 2000.0  # N/m, of the standard, which does not vibrate
 A0 = 3.4  # gain of the vibration
