@@ -146,7 +146,7 @@ def need(where: str, names: Iterable[Any], given: Iterable[Any], what: str = "co
 def one_of(what: str, given: Any, known: Collection[Any]) -> None:
     """Raise BadValue, with the valid choices, unless a value is one of them."""
     if given not in known:
-        raise BadValue(f"{what} = {given!r}; choose one of {', '.join(known)}")
+        raise BadValue(f"{what} = {given!r}; choose one of {', '.join(map(str, known))}")
 
 
 def outside() -> int:

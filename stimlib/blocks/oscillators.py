@@ -15,7 +15,7 @@ from ..core.maths import as_float, floor, fma, where, words
 from ..core.parameter import Param
 from ..core.program import lead
 from ..core.subsystems import segment
-from ..errors import BadValue, From0, public
+from ..errors import BadValue, From0, one_of, public
 from .events import Event
 from .impedance import with_unit
 from .movement import sinpi
@@ -108,8 +108,7 @@ class Carrier(Block):
         return f"{'carrier' if self.rectify else 'oscillator or carrier'}: freq"
 
     def check(self):
-        if self.rectify not in RECTIFY:
-            raise BadValue(f"carrier: rectify = {self.rectify!r}; choose None, 'half' or 'full'")
+        one_of("carrier: rectify", self.rectify, RECTIFY)
         f = self.freq
         if isinstance(f, (Const, Param)) and not f.value >= 0:
             raise BadValue(f"{self.rated} = {f.value!r} Hz must be 0 or above")

@@ -511,8 +511,7 @@ class Ring(Block):
     rated = "ring: freq"
 
     def check(self):
-        if self.onset not in ("sine", "cosine"):
-            raise BadValue(f"ring: onset = {self.onset!r}; choose sine or cosine")
+        one_of("ring: onset", self.onset, ("sine", "cosine"))
         for name, v in (("freq", self.freq), ("decay", self.decay)):
             if isinstance(v, Const) and not v.value > 0:
                 raise BadValue(f"ring: {name} = {v.value:g} must be above 0")

@@ -406,8 +406,6 @@ def profile_gain(
     knots.
     """
     make = {
-        "linear": lambda a, b: scipy.interpolate.make_interp_spline(a, b, k=1),
-        "pchip": scipy.interpolate.PchipInterpolator,
         "cubic": scipy.interpolate.CubicSpline,
         "polynomial": scipy.interpolate.BarycentricInterpolator,
     }

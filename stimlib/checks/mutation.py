@@ -118,13 +118,12 @@ class Mutations:
 
         count = self.count()
         table = Table(
+            *COLUMNS,
             title=f"{len(self.mutants)} changes: {repr(self)[10:-1]}",
             title_justify="left",
             caption="\n".join(f"{n}: {text}" for n, text in REMEDIES.items() if count[n]) or None,
             caption_justify="left",
         )
-        for column in COLUMNS:
-            table.add_column(column)
         colours = {REFUSED: "green", WITHIN: "bold red", NO_LAW: "bold red"}
         for where, value, changes, what, text in self._grouped():
             outcome = Text(what, colours.get(what, ""))

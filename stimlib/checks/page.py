@@ -370,8 +370,9 @@ def _certainty(found: list[Shows]) -> str:
     asked = (
         " The law of the scene was also computed with each of its parameters smaller, by the part"
         " in the table: it then rejects these samples."
+        if any(s.unit == OF_IT for s in found)
+        else ""
     )
-    asked = asked if any(s.unit == OF_IT for s in found) else ""
     head = (
         '<tr><th>check</th><th>error</th><th class="n">smallest that is detected</th>'
         "<th>probability</th></tr>"

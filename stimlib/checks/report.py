@@ -112,17 +112,20 @@ class Report:
         return out.getvalue()
 
     def __rich__(self):
-        from rich.table import Table
+        from rich.table import Column, Table
         from rich.text import Text
 
         table = Table(
+            "",
+            "check",
+            Column("measured", justify="right"),
+            Column("limit", justify="right"),
+            "what it compares",
             title=Text(f"{self.what()}: {self.verdict}"),
             title_justify="left",
             caption=f"{sum(c.passed for c in self.checks)} of {len(self.checks)} checks passed",
             caption_justify="left",
         )
-        for column in ("", "check", "measured", "limit", "what it compares"):
-            table.add_column(column, justify="right" if column in ("measured", "limit") else "left")
         for c in self.checks:
             mark = Text("ok", "green") if c.passed else Text("FAILED", "bold red")
             numbers = f"{c.measured:.3g}", f"{c.limit:.3g}"
@@ -162,23 +165,15 @@ class Report:
             measured, limit = (
                 v if math.isfinite(v) else None for v in (float(c.measured), float(c.limit))
             )
-            told = {
+            return {
                 "group": c.group,
                 "name": c.name,
                 "passed": bool(c.passed),
                 "measured": measured,
                 "limit": limit,
+                "text": c.text,
             }
-            return told | {"text": c.text}
 
-        about = {
-            "source": e.source,
-            "fs": e.fs,
-            "seconds": e.frames / e.fs,
-            "seed": e.seed,
-            "scene_hash": e.scene.hash,
-        }
-        checks = [row(c) for c in self.checks]
         blocks = [
             {"block": f"{h.block!r}{h.where}", "class": h.kind, "samples": h.samples, "why": h.why}
             | {
@@ -187,14 +182,19 @@ class Report:
             }
             for h in sorted(e.held, key=lambda h: not h.why)
         ]
-        more = {"numbers": list(e.numbers), "skipped": list(e.skipped), "blocks": blocks}
         return {
             "passed": self.passed,
             "differences": e.differences,
             "unknown": list(self.unknown),
-            **about,
-            "checks": checks,
-            **more,
+            "source": e.source,
+            "fs": e.fs,
+            "seconds": e.frames / e.fs,
+            "seed": e.seed,
+            "scene_hash": e.scene.hash,
+            "checks": [row(c) for c in self.checks],
+            "numbers": list(e.numbers),
+            "skipped": list(e.skipped),
+            "blocks": blocks,
         }
 
     def to_html(self, path: str | os.PathLike, command: str | None = None) -> None:

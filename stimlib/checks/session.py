@@ -74,11 +74,17 @@ def verify_log(
         raise SinkError(f"{log.folder}: {why}, so there is nothing to verify")
     e = _evidence(log)
     law, cut = _lawful(e)
-    checks = [*stated(e, params, seed), *_delivered(e, log)]
-    checks += [*linear_blocks(e), *same_samples(e), *generator(e), *noise(e)]
-    if cut:
-        checks += scene_law(law)
-    checks += [*limits_kept(e), *blocks_held(e)]
+    checks = [
+        *stated(e, params, seed),
+        *_delivered(e, log),
+        *linear_blocks(e),
+        *same_samples(e),
+        *generator(e),
+        *noise(e),
+        *(scene_law(law) if cut else ()),
+        *limits_kept(e),
+        *blocks_held(e),
+    ]
     say_felt(e)
     say_energy(e, device)
     e.skipped += log.notes

@@ -81,11 +81,12 @@ def says(e: Evidence, sums: Sums) -> list[Check]:
         if says != is_so
     ]
     text = "; ".join(bad) or ", ".join(pairs)
-    checks = [Check("e", "sidecar: what it says", len(bad), 0, text)]
     wrong = int(sums.sha256 != told.get("sha256"))
-    checks.append(Check("b", "sidecar: hash of the signal", wrong, 0, "before it was rounded"))
     _tell(e, told)
-    return checks
+    return [
+        Check("e", "sidecar: what it says", len(bad), 0, text),
+        Check("b", "sidecar: hash of the signal", wrong, 0, "before it was rounded"),
+    ]
 
 
 def _hash(scene: Any) -> str:

@@ -381,7 +381,7 @@ def power(
 
     [bold]stimlib experiment power harder.py:harder --pse 2000 --jnd 250 --between 80[/]
     """
-    from rich.table import Table
+    from rich.table import Column, Table
 
     counts = [int(v) if v.strip().isdecimal() else 0 for v in participants.split(",")]
     if min(counts) < 1:
@@ -404,11 +404,15 @@ def power(
         workers=workers,
         progress=not quiet,
     )
-    table = Table()
-    for name in ("condition", "participants", "trials each"):
-        table.add_column(name, justify="left" if name == "condition" else "right")
-    for name in ("bias of the mean JND", "its spread", "within 10 %", "people without a fit"):
-        table.add_column(name, justify="right")
+    figures = (
+        "participants",
+        "trials each",
+        "bias of the mean JND",
+        "its spread",
+        "within 10 %",
+        "people without a fit",
+    )
+    table = Table("condition", *(Column(name, justify="right") for name in figures))
     needed = []
     for condition, (trials, errors) in found.items():
         for n in counts:

@@ -32,14 +32,13 @@ def demo_(
 
     [bold]stimlib demo[/]
     """
-    from rich.table import Table
+    from rich.table import Column, Table
     from rich.text import Text
 
     from ..demo import STIMULI, demo
 
-    table = Table()
-    for column in ("file", "what it is", "what to look at, or listen for"):
-        table.add_column(column, overflow="fold")
+    heads = "file", "what it is", "what to look at, or listen for"
+    table = Table(*(Column(head, overflow="fold") for head in heads))
     passed = True
     errors.print(
         "rendering, verifying and drawing three stimuli; the first time also compiling, which takes"

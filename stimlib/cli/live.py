@@ -41,8 +41,9 @@ def page_safety_of(
 ) -> Any:
     """Return the safety stage of a page; full scales default to those of the page."""
     full_scale = full_scale or ",".join(f"{name}={v!r}" for name, v in scales().items())
-    limits: dict[str, Any] = {"peak": peak, "static": static, "slew": slew, "passivity": passivity}
-    return opt.safety_of(None, full_scale=full_scale, **limits)
+    return opt.safety_of(
+        None, full_scale=full_scale, peak=peak, static=static, slew=slew, passivity=passivity
+    )
 
 
 Ranges = Annotated[

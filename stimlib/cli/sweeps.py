@@ -276,16 +276,14 @@ def _title(facts: dict[str, Any]) -> str:
 
 
 def _shown(facts: dict[str, Any]) -> Any:
-    from rich.table import Table
+    from rich.table import Column, Table
     from rich.text import Text
 
     from ..core.units import pretty
 
-    shape = Table(title=Text(shown(_title(facts))), title_justify="left")
-    shape.add_column("figure")
-    shape.add_column("unit")
-    for which in OF_EACH:
-        shape.add_column(which, justify="right")
+    columns = (Column(which, justify="right") for which in OF_EACH)
+    title = Text(shown(_title(facts)))
+    shape = Table("figure", "unit", *columns, title=title, title_justify="left")
     for name, figure in facts["figures"].items():
         numbers = ["" if figure[k] is None else f"{figure[k]:.4g}" for k in OF_EACH]
         shape.add_row(Text(shown(name)), pretty(figure["unit"]), *numbers)

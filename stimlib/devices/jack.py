@@ -87,18 +87,15 @@ class JackSink(Sink):
                 raise self._no_client(e, [*SAID]) from None
             self._fits(client)
             outs = [client.outports.register(n) for n in self._port_names()]
-            ins = []
-            if isinstance(self.motion, Signals):
-                ins = [client.inports.register(f"in_{n}") for n in self.proc.inputs]
-            self._take_callback(jack, client, outs, ins)
+            signals = self.motion.inputs if isinstance(self.motion, Signals) else {}
+            ins = {n: client.inports.register(f"in_{n}") for n in self.proc.inputs if n in signals}
+            self._take_callback(jack, client, outs, [*ins.values()])
             client.set_shutdown_callback(self._server_ended)
             client.activate()
             for port, to in zip(outs, self._targets(client), strict=False):
                 client.connect(port, to)
-            for port, n in zip(ins, self.proc.inputs, strict=False):
-                assert isinstance(self.motion, Signals)
-                source = self.motion.inputs[n].connect
-                if source is not None:
+            for n, port in ins.items():
+                if (source := signals[n].connect) is not None:
                     client.connect(source, port)
         except jack.JackError as e:
             printed = [*SAID]

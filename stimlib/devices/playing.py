@@ -70,5 +70,4 @@ def play(
         playing.open(result.fs, channels)
         playing.start()
         playing.wait()
-    report: SessionReport = playing.report()
-    return report
+    return playing.report()

@@ -321,8 +321,7 @@ def serial_markers(
 
 def control(port: int, request: int, data: bytes = b"") -> None:
     """Give a request to the driver of a parallel port."""
-    fcntl = import_module("fcntl")  # which Windows lacks, as it does the port
-    fcntl.ioctl(port, request, data)
+    import_module("fcntl").ioctl(port, request, data)  # Windows has neither it nor the port
 
 
 @public
@@ -411,12 +410,14 @@ def sender(text: str) -> Transport:
         f"serial{BYTES}": lambda *found: _bytes_of(serial_markers, *found),
         f"parallel{BYTES}": lambda *found: _bytes_of(parallel_markers, *found),
     }
-    says = (
+    return _described(
+        "send",
+        text,
+        forms,
         "lsl:NAME, osc:HOST:PORT, udp:HOST:PORT, serial:PORT:onset=1,stimulus=2 or"
         " parallel:PORT:onset=1,stimulus=2, the last two with :width=0.005 for a byte that returns"
-        " to 0"
+        " to 0",
     )
-    return _described("send", text, forms, says)
 
 
 def _bytes_of(
@@ -467,8 +468,7 @@ def receiver(text: str) -> Transport:
         "udp:([0-9]+)(?::comma=(.*))?": lambda port, comma: udp_motion(int(port), comma=comma),
         "serial:(.+?)(?::comma=(.*))?": lambda port, comma: serial_motion(port, comma=comma),
     }
-    says = "lsl:NAME, osc:PORT/ADDRESS, udp:PORT or serial:PORT"
-    return _described("stream", text, forms, says)
+    return _described("stream", text, forms, "lsl:NAME, osc:PORT/ADDRESS, udp:PORT or serial:PORT")
 
 
 @public

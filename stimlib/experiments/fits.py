@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from ..core.units import pretty
-from ..errors import BadValue, public, shortened
+from ..errors import BadValue, one_of, public, shortened
 from ..system.packages import package
 from .answer_sets import LARGEST, answers_of, mirrored, set_of, stacked
 from .fit_problems import PROBLEMS, SURE, Interval, flaws_of, gap_of, undetermined
@@ -732,10 +732,7 @@ def _known(pse: Any, guess: Any, log: bool) -> float | None:
 def _model(link: str, guess: Any, lapse: Any, how: Options) -> None:
     """Raise BadValue unless the model and how to fit it are meant."""
     curve(link)
-    if how.interval not in ("profile", "bootstrap", "none"):
-        raise BadValue(
-            f"psychometric: interval = {how.interval!r} must be profile, bootstrap or none"
-        )
+    one_of("psychometric: interval", how.interval, ("profile", "bootstrap", "none"))
     if not 0 < how.confidence < 1:
         raise BadValue(f"psychometric: confidence = {how.confidence!r} must be above 0 and below 1")
     if how.dispersion is not None and not 0 < how.dispersion < math.inf:

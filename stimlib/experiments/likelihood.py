@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.graph import unmasked
-from ..errors import BadValue
+from ..errors import BadValue, one_of
 
 Array = np.ndarray
 LINKS = ("probit", "logit", "gumbel", "weibull")
@@ -187,8 +187,7 @@ def curve(link: str) -> Curve:
     """
     from scipy.special import expit, logit, ndtr, ndtri
 
-    if link not in LINKS:
-        raise BadValue(f"link = {link!r} must be one of {', '.join(LINKS)}")
+    one_of("link", link, LINKS)
     if link == "probit":
         return Curve(
             ndtr,

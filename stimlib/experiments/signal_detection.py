@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, Below1, Several, public
+from ..errors import BadValue, Below1, Several, one_of, public
 from .likelihood import Estimate, curve, numbers
 
 CORRECTIONS = {
@@ -112,10 +112,7 @@ def detection(
     4.652696
     """
     _, density, inverse, *_ = curve("probit")
-    if correction not in CORRECTIONS:
-        raise BadValue(
-            f"detection: correction = {correction!r} must be one of {', '.join(CORRECTIONS)}"
-        )
+    one_of("detection: correction", correction, CORRECTIONS)
     hits, signals = _counts("detection", hits, signals)
     false_alarms, noises = _counts("detection", false_alarms, noises)
     (H, n), (F, m) = _rate(hits, signals, correction), _rate(false_alarms, noises, correction)

@@ -322,13 +322,10 @@ def _write(
         "definitions": definitions.definitions(proc.scene),
     }
     parts = blocks(sources, max(1, int(STEP * proc.fs)))
-
-    def run(put: Put) -> tuple[NDArray[np.int64], Array, str]:
-        return _run(put, path, proc, parts, info, scales, progress)
-
-    report = publish(path, info, run, overwrite)
-    beyond = _beyond(report, info)
-    if beyond:
+    report = publish(
+        path, info, lambda put: _run(put, path, proc, parts, info, scales, progress), overwrite
+    )
+    if beyond := _beyond(report, info):
         warnings.warn(beyond, RuntimeWarning, stacklevel=outside())
     return report
 

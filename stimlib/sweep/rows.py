@@ -205,20 +205,18 @@ def _read_csv(path: Path) -> Table:
 
 def _columns(rows: Mapping[str, Any]) -> dict[str, Any]:
     """Return columns that were given by name, after checking their lengths."""
-    columns, lengths = {}, []
     for name, column in rows.items():
         if isinstance(column, str) or not hasattr(column, "__len__"):
             raise BadValue(
                 f"rows: {name} = {shortened(column)} must be a list of values, one for each row"
             )
-        lengths.append(f"{name} {len(column)}")
-        columns[name] = column
-    if len(set(map(len, columns.values()))) > 1:
-        raise BadValue(f"rows: the columns have unequal lengths: {', '.join(lengths)}")
-    for name, column in columns.items():
-        if not hasattr(column, "dtype"):
-            columns[name] = whole_numbers(name, list(column))
-    return columns
+    if len(set(map(len, rows.values()))) > 1:
+        lengths = ", ".join(f"{name} {len(column)}" for name, column in rows.items())
+        raise BadValue(f"rows: the columns have unequal lengths: {lengths}")
+    return {
+        name: column if hasattr(column, "dtype") else whole_numbers(name, list(column))
+        for name, column in rows.items()
+    }
 
 
 PLAIN = {
@@ -371,7 +369,11 @@ def checked(table: Table, scene: Scene, roles: Roles, motions: Collection[str]) 
             kept = pa.field(name, pa.uint64(), metadata={"unit": "1"})
             table = table.set_column(at, kept, [_seeds(column)])
         elif name == "motion":
-            _check_motions(column, motions)
+            if unknown := sorted(set(column.unique().to_pylist()) - set(motions), key=str):
+                raise UnknownName(
+                    f"rows: there is no motion {unknown[0]!r}; give motion= as a dict of them by"
+                    f" name; it has {_some(motions)}"
+                )
     return table
 
 
@@ -394,19 +396,9 @@ def _live(field: Any, column: Any, dim: Any) -> np.ndarray:
     return values
 
 
-def _check_motions(column: Any, motions: Collection[str]) -> None:
-    unknown = sorted(set(column.unique().to_pylist()) - set(motions), key=str)
-    if unknown:
-        raise UnknownName(
-            f"rows: there is no motion {unknown[0]!r}; give motion= as a dict of them by"
-            f" name; it has {_some(motions)}"
-        )
-
-
 def _seeds(column: Any) -> np.ndarray:
     values = column.to_numpy()
-    good = values.dtype.kind in "iu" and bool((values >= 0).all())
-    if not good:
+    if values.dtype.kind not in "iu" or (values < 0).any():
         bad = int(np.argmin(values >= 0)) if values.dtype.kind in "iuf" else 0
         raise BadValue(
             f"rows: seed = {values[bad]} in row {bad} (the first is 0) must be a whole number from"

@@ -154,8 +154,7 @@ class Runner:
         """Return a row's figures and its fault, if any."""
         rendering, program, moved = self.rendering(row)
         values = figures_of(program.measures, rendering, moved.ready or [])
-        fault = rendering.fault and "{} at sample {}".format(*rendering.fault)
-        return values, fault
+        return values, rendering.fault and "{} at sample {}".format(*rendering.fault)
 
     def run(self, rows: list[dict[str, Any]], look: bool = False, seconds: float = math.inf) -> Any:
         """Return figures, fault, error and content of as many rows as time allows.

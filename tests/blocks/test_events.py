@@ -292,7 +292,7 @@ REFUSED = [
     (lambda: b.crossing(X, stimlib.constant(0.01)), r"Const\(0.01\); write the number 0.01"),
     (lambda: b.ring(E, -1, 1), "freq = -1 must be above 0"),
     (lambda: b.ring(E, 100, Input("d")), "decay .* must be in s", UnitError),
-    (lambda: b.ring(E, 100, 1, "square"), "onset = 'square'; choose sine or cosine"),
+    (lambda: b.ring(E, 100, 1, "square"), "onset = 'square'; choose one of sine, cosine"),
     (lambda: b.grain(E, [[1.0]], 8000), "one row of numbers"),
     (lambda: b.burst(E, 0.1, 0.06), "ramp = 0.06 s .*of duration"),
     (lambda: b.envelope(X, attack=-1), "attack = -1.0 must .*or above"),

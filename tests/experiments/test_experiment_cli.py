@@ -208,7 +208,7 @@ def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
         (plan(more="--between nan"), "--between nan: give"),
         (plan(pse="0.5", more="--log --between nan"), "--between nan: give"),  # takes that PSE
         (plan(people="4,x"), "--participants 4,x: give whole"),
-        (plan(more="--link cubic"), "--link = 'cubic' must be one of probit"),
+        (plan(more="--link cubic"), "--link = 'cubic'; choose one of probit"),
         (plan(pse="90"), "condition 'silent': no JND"),
     ],
 )

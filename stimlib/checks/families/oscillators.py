@@ -148,16 +148,11 @@ def _bumps(a: Asked) -> list[Check]:
     top = float(highest.max()) or 1.0
     a.expect("voltage", want, (1e-6 + a.slack) * top)
     error = a.far((a.y["voltage"] - want) / (1 + lost * highest / top / 1e-6)) / top
+    text = "of the peak voltage, written again"
     checks = [
-        Check(
-            "d",
-            f"{name}: envelope times carrier",
-            error,
-            1e-6,
-            "of the peak voltage, written again",
-        )
+        Check("d", f"{name}: envelope times carrier", error, 1e-6, text),
+        a.silent("voltage", contact <= 0),
     ]
-    checks.append(a.silent("voltage", contact <= 0))
     speed, still = (
         np.diff(u) * a.fs,
         np.ptp(A) == np.ptp(duty) == np.ptp(freq) == 0 and (a.window == 1).all(),

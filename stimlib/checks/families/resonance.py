@@ -138,8 +138,6 @@ def touch_screen(a: Asked) -> list[Check]:
 
 @law("Shape", since=0)
 def _shape(b, fs, x, y):
-    from numpy.polynomial import legendre
-
     places = np.clip(2 * x[0] / b.length - 1, -1, 1), np.clip(2 * x[1] / b.width - 1, -1, 1)
     knots, parts = np.linspace(-1, 1, 257), []
     for at, terms in zip(places, b.c.shape, strict=True):
