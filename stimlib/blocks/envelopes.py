@@ -69,9 +69,7 @@ class Burst(Block):
             )
         return BurstParams(float(n), min(max(0.5, self.ramp * fs), n / 2)), BurstState(U(n), 0.0)
 
-    @staticmethod
-    def step(p, s, event):
-        return opened(p, s, event)
+    step = staticmethod(opened)
 
     @staticmethod
     def tile(p, s, event, y):
@@ -188,9 +186,7 @@ class Envelope(Block):
             rise, -1 / math.expm1(-CURVE), fall, self.sustain, release
         ), EnvelopeState(0.0, 0.0)
 
-    @staticmethod
-    def step(p, s, gate):
-        return followed(p, s, gate)
+    step = staticmethod(followed)
 
     @staticmethod
     def tile(p, s, gate, y):

@@ -121,9 +121,7 @@ class Edge(Event):
     def design(self, fs):
         return EdgeParams(1.0 if self.up else -1.0), EdgeState(0.0, 1.0)
 
-    @staticmethod
-    def step(p, s, x, threshold):
-        return edge(p, s, x, threshold)
+    step = staticmethod(edge)
 
     @staticmethod
     def tile(p, s, x, threshold, y):
@@ -261,9 +259,7 @@ class Crossing(Event):
     def delay(self, p):
         return p.split
 
-    @staticmethod
-    def step(p, s, x):
-        return crossed(p, s, x)
+    step = staticmethod(crossed)
 
     @staticmethod
     def tile(p, s, x, y):
@@ -528,9 +524,7 @@ class OnceWithin(Event):
     def design(self, fs):
         return Wait(float(max(1, round(min(self.refractory * fs, 2.0**62))))), Left(NONE)
 
-    @staticmethod
-    def step(p, s, event):
-        return passed(p, s, event)
+    step = staticmethod(passed)
 
     @staticmethod
     def tile(p, s, event, y):

@@ -45,16 +45,14 @@ def demo_(
         " a minute",
         soft_wrap=True,
     )
-    with progress("demo", len(STIMULI)) as advance:
-        with closing(demo(folder)) as stimuli:
-            for made in stimuli:
-                advance(1)
-                verdict = "passed" if made.passed else "FAILED"
-                errors.print(f"{made.name}: {verdict}", highlight=False)
-                for path, what, look in made.files:
-                    table.add_row(Text(shown(path)), what, look)
-                table.add_section()
-                passed &= made.passed
+    with progress("demo", len(STIMULI)) as advance, closing(demo(folder)) as stimuli:
+        for made in stimuli:
+            advance(1)
+            errors.print(f"{made.name}: {'passed' if made.passed else 'FAILED'}", highlight=False)
+            for path, what, look in made.files:
+                table.add_row(Text(shown(path)), what, look)
+            table.add_section()
+            passed &= made.passed
     print_wide(table)
     print(
         f"Open {folder / 'squeeze.png'}, then {folder / 'squeeze.html'}; then: stimlib render"

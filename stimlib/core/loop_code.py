@@ -516,17 +516,12 @@ def compose(
         "members": members,
         "words": writer.words,
         "resettable": False,
-    }
-    definition |= {
-        "step": None,
-        "tile": None,
-        "work": None,
+        "step": None if tiled else function,
+        "tile": function if tiled else None,
+        "work": staticmethod(lambda p: int(p.words)) if tiled else None,
         "abreast": None,
-        "tile" if tiled else "step": function,
+        "outputs": tuple(outputs) if len(outputs) > 1 else (),
     }
-    if tiled:
-        definition["work"] = staticmethod(lambda p: int(p.words))
-    definition["outputs"] = tuple(outputs) if len(outputs) > 1 else ()
     return type("Loop", (), definition)
 
 

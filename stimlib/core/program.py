@@ -115,12 +115,13 @@ class _Graph:
             if self.autonomous(other) or not self.autonomous(side):
                 self.removed[f"{self.nodes[other].block!r}: never chosen"] = None
                 return side
-        if isinstance(block, Subsystem):
-            if values[0] == 0.0 or (values[1] is not None and values[1] <= 0.0):
-                self.removed[
-                    f"{block!r}: {'nothing in it' if values[0] == 0.0 else 'never enabled'}"
-                ] = None
-                return self.const(0.0, block)
+        if isinstance(block, Subsystem) and (
+            values[0] == 0.0 or (values[1] is not None and values[1] <= 0.0)
+        ):
+            self.removed[
+                f"{block!r}: {'nothing in it' if values[0] == 0.0 else 'never enabled'}"
+            ] = None
+            return self.const(0.0, block)
         return self.number(block, kids)
 
     def feedback(self, block: Block, kids: tuple[int, ...]) -> int:
@@ -234,16 +235,10 @@ def lower(outputs: dict[str, Block]) -> Program:
                     " stream, or give shared=True if one noise everywhere is meant"
                 )
             noises.setdefault(name, index)
-    inputs = {
-        instance.block.name: index
-        for index, instance in enumerate(instances)
-        if isinstance(instance.block, Input)
-    }
-    params = {
-        instance.block.name: index
-        for index, instance in enumerate(instances)
-        if isinstance(instance.block, Param)
-    }
+    inputs, params = (
+        {q.block.name: index for index, q in enumerate(instances) if isinstance(q.block, kind)}
+        for kind in (Input, Param)
+    )
     # of what runs: names of outputs are not in it
     text = repr(
         [

@@ -388,8 +388,7 @@ def _minimax_modes(w_low: float, n: int, slope: float = 1.0) -> NoiseDesign:
     w = 2 * np.arctan(np.exp(t))
     level = np.log(w**slope * np.abs(_response(e, r, d, w)) ** 2)
     error_db = float(_DB * np.max(np.abs(level)))
-    for array in (e, r):
-        array.setflags(write=False)
+    e.flags.writeable = r.flags.writeable = False
     return NoiseDesign(e, r, d, error_db)
 
 

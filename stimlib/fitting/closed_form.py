@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from ..blocks.fractional import Alpha
@@ -278,8 +279,6 @@ class Pairs:
 
     def __call__(self, alpha: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the response and its derivative for an order alpha."""
-        from scipy.special import digamma
-
         b, size, n = 1 - alpha, math.gamma(2 - alpha), self.since.size
         end, more = np.exp(b * self.end), np.expm1(b * self.more)
         end *= self.slope
@@ -291,6 +290,7 @@ class Pairs:
         last = self.last * np.exp(b * self.piece)
         value[self.now] += last
         steep[self.now] += last * self.piece
+        digamma = scipy.special.digamma
         value, slope = value / size, digamma(2 - alpha) * value / size - steep / size
         if self.jump:
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -313,18 +313,13 @@ class Sampled:
     """
 
     def __init__(self, step: float, y: np.ndarray, some: np.ndarray, scheme: str, onset: str):
-        from scipy.fft import next_fast_len, rfft
-
         self.step, self.some, self.scheme = step, some, scheme
         moves = np.diff(y, prepend=0.0 if onset == "step" else y[0])
-        self.size, self.length = moves.size, next_fast_len(2 * moves.size - 1, True)
-        self.moves = rfft(moves, self.length)
+        self.size, self.length = moves.size, scipy.fft.next_fast_len(2 * moves.size - 1, True)
+        self.moves = scipy.fft.rfft(moves, self.length)
 
     def __call__(self, alpha: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the response and its derivative for an order alpha."""
-        from scipy.fft import irfft, rfft
-        from scipy.special import gamma
-
         order = complex(alpha, TINY)
         j = np.arange(1.0, self.size)
         if self.scheme == "gl":
@@ -332,10 +327,10 @@ class Sampled:
         else:
             b = 1 - order
             ratios = j**b * np.expm1(b * np.log1p(1 / j))
-        first = 1.0 if self.scheme == "gl" else 1 / gamma(2 - order)
+        first = 1.0 if self.scheme == "gl" else 1 / scipy.special.gamma(2 - order)
         weights = np.r_[1.0, ratios] * first * self.step**-order
         value, by = (
-            irfft(rfft(part, self.length) * self.moves, self.length)[self.some]
+            scipy.fft.irfft(scipy.fft.rfft(part, self.length) * self.moves, self.length)[self.some]
             for part in (weights.real, weights.imag / TINY)
         )
         return value, by
@@ -371,9 +366,7 @@ def arm_forces(
 
 def _decaying(x: np.ndarray, keep: float, first: float) -> np.ndarray:
     """Return s[n] = keep s[n-1] + x[n], with s[-1] = first."""
-    from scipy.signal import lfilter
-
-    return lfilter([1.0], [1.0, -keep], x, zi=[keep * first])[0]
+    return scipy.signal.lfilter([1.0], [1.0, -keep], x, zi=[keep * first])[0]
 
 
 # Input --------------------------------------------------------------------------------

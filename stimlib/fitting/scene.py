@@ -545,8 +545,6 @@ def fit(
         J, (misses, signals) = jax.tree.map(np.asarray, ending(best[1], x))
     found = {name: float(r.value(at[i])) for i, (name, r) in enumerate(ranges.items())}
     intervals = _confidence(at, J, misses, ranges) if J else {}
-    start = {name: r.start for name, r in ranges.items()}
-    units = {name: f.units[name] for name in ranges}
     return Fit(
         found,
         intervals,
@@ -556,9 +554,9 @@ def fit(
         converged,
         signals,
         _with(scene, found),
-        start,
-        units,
-        view.measure if view else "",
+        start={name: r.start for name, r in ranges.items()},
+        units={name: f.units[name] for name in ranges},
+        measure=view.measure if view else "",
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 
 from ..errors import BadValue, RecordingError, computed, counted, public
@@ -140,9 +141,7 @@ class Resonance:
     delay: float = 0.0
 
     def _interval(self, value: float, sd: float) -> tuple[float, float]:
-        from scipy.stats import t
-
-        half = float(t.ppf(0.5 + CONFIDENCE / 2, self.dof)) * sd
+        half = float(scipy.stats.t.ppf(0.5 + CONFIDENCE / 2, self.dof)) * sd
         return value - half, value + half
 
     @property
@@ -382,9 +381,8 @@ def _check_quiet(y: np.ndarray, fs: float, freq: float, half: float) -> None:
 
     The last part, two time constants long, is compared with the largest sample.
     """
-    from scipy.signal import detrend
-
-    last = detrend(y[:, -max(8, int(fs / (math.pi * half))) :])  # a sensor's drift does not ring
+    # a sensor's drift does not ring
+    last = scipy.signal.detrend(y[:, -max(8, int(fs / (math.pi * half))) :])
     turning = np.exp(-2j * math.pi * freq / fs * np.arange(last.shape[1]))
     rest = float(
         np.linalg.norm(2 * np.mean(last * turning, axis=1)) / np.linalg.norm(np.abs(y).max(axis=1))
@@ -449,8 +447,6 @@ def _fit(f, U, Y, freq: float, half: float, free: bool) -> _Fit:
     The variables are the logarithm of the width, the position of the pole in
     half-widths, and the delay in 1/(2 pi half-width).
     """
-    from scipy.optimize import least_squares
-
     w, scale = 2j * math.pi * f, 2 * math.pi * half
     t = (f - freq) / half
     smooth = np.stack([t**k for k in range(BACKGROUND)])
@@ -480,7 +476,7 @@ def _fit(f, U, Y, freq: float, half: float, free: bool) -> _Fit:
         return np.r_[r.real, r.imag]
 
     ends = np.array([3.0, 3.0, 2.0])[: 2 + free]
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         rest, 0 * ends, jac="3-point", bounds=(-ends, ends), xtol=1e-12, ftol=1e-12
     )
     p = pole(found.x)

@@ -130,14 +130,20 @@ class Patch:
         electrode 1 mm inside, covers of 4 GPa, 0.5 g, Poisson's ratios.
         """
         length, width = (13e-3, 16e-3) if turned else (16e-3, 13e-3)
-        more = {
-            "cover": 0.15e-3,
-            "margin": 1e-3,
-            "mass": 0.5e-3,
-            "lowest": -100.0,
-            "highest": 400.0,
-        }
-        return cls(x, y, length, width, -180e-12, 0.2e-3, side, **more)
+        return cls(
+            x,
+            y,
+            length,
+            width,
+            -180e-12,
+            0.2e-3,
+            side,
+            cover=0.15e-3,
+            margin=1e-3,
+            mass=0.5e-3,
+            lowest=-100.0,
+            highest=400.0,
+        )
 
     def rectangle(self, margin: float = 0.0) -> tuple[float, float, float, float]:
         """Return the edges x0, x1, y0, y1 of the patch in m."""

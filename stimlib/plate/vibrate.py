@@ -170,7 +170,4 @@ def plate(
         else:
             moved = loaded(V, float(freq[k]), q, constant(top**2, "1/kg") * shape * shape, finger)
         parts.append(constant(float(force[k] * top / w2[k]), "m/V") * moved * shape)
-    total = parts[0]
-    for part in parts[1:]:
-        total = total + part
-    return total
+    return sum(parts[1:], parts[0])

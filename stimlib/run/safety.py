@@ -582,19 +582,17 @@ class Watch:
     def __init__(self, proc):
         self._proc = proc
         self.fade = Guard(Const(0.0), STEPS).samples(proc.fs)
-        self._tallies: list[tuple[str, str, int]] = []
-        self._guards: list[tuple[str, int]] = []
-        self._observed: list[tuple[str, int]] = []
         instances, place = proc.program.instances, proc._place
-        for i, q in enumerate(instances):
-            if isinstance(q.block, Tally):
-                self._tallies.append((q.block.stage, q.block.output, place[i]))
-                if q.block.stage == "passivity":  # its controller is what it counts
-                    self._observed.append((q.block.output, i))
-        for name, at in proc.program.outputs.items():
-            for i in self._above(instances, at):
-                if isinstance(instances[i].block, Guard):
-                    self._guards.append((name, place[i]))
+        tallies = [(i, q.block) for i, q in enumerate(instances) if isinstance(q.block, Tally)]
+        self._tallies = [(b.stage, b.output, place[i]) for i, b in tallies]
+        # of a passivity controller, which is what such a tally counts
+        self._observed = [(b.output, i) for i, b in tallies if b.stage == "passivity"]
+        self._guards = [
+            (name, place[i])
+            for name, at in proc.program.outputs.items()
+            for i in self._above(instances, at)
+            if isinstance(instances[i].block, Guard)
+        ]
 
     @staticmethod
     def _above(instances, at: int) -> list[int]:
