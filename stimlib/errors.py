@@ -15,7 +15,8 @@ import numbers
 import os
 import re
 import sys
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
@@ -147,6 +148,35 @@ def one_of(what: str, given: Any, known: Collection[Any]) -> None:
     """Raise BadValue, with the valid choices, unless a value is one of them."""
     if given not in known:
         raise BadValue(f"{what} = {given!r}; choose one of {', '.join(map(str, known))}")
+
+
+def reason(e: BaseException) -> str:
+    """Return what an exception says, without the number and file of an OSError.
+
+    A ValueError of a path is caused by a NUL or an unpaired surrogate in the name.
+    """
+    return getattr(e, "strerror", None) or str(e)
+
+
+@contextmanager
+def said_as(error: type[Exception], what: str, *kinds: type[Exception]) -> Iterator[None]:
+    """Raise an error of stimlib for one of other kinds inside the block.
+
+    It says what failed, and the reason.
+
+    Examples
+    --------
+    >>> from stimlib.errors import BadValue, said_as
+    >>> with said_as(BadValue, "jnd", ValueError):
+    ...     float("a")
+    Traceback (most recent call last):
+    ...
+    stimlib.errors.BadValue: jnd: could not convert string to float: 'a'
+    """
+    try:
+        yield
+    except kinds as e:
+        raise error(f"{what}: {reason(e)}") from e
 
 
 def outside() -> int:

@@ -11,7 +11,7 @@ import numpy as np
 from ..core.graph import Block, Const, as_block
 from ..core.maths import where
 from ..core.pointwise import clip, maximum
-from ..errors import BadValue, counted, one_of, public
+from ..errors import BadValue, counted, one_of, public, said_as
 from ..system import safe_files
 from ..system.limits import limits
 from .impedance import with_unit
@@ -49,10 +49,8 @@ def read_profile(path: str | os.PathLike) -> tuple[list[float], list[float]]:
     """
     file = os.fspath(path)
     rows: list[tuple[float, float]] = []
-    try:
+    with said_as(BadValue, f"equalize: cannot read {file}", UnicodeDecodeError):
         lines = safe_files.read(file, "sidecar_bytes", BadValue).decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError as e:
-        raise BadValue(f"equalize: cannot read {file}: {e}") from None
     heading = False
     for number, line in enumerate(lines, 1):
         row = line.split(",")

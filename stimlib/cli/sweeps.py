@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..errors import BadValue, SceneError, SinkError, counted, shown
+from ..errors import BadValue, SceneError, SinkError, counted, said_as, shown
 from ..system import safe_files
 from ..system.packages import package
 from . import options as opt
@@ -235,10 +235,8 @@ def _where(address: str | None, workers: int | None, files: list[str]) -> dict[s
     """Return where a sweep runs; workers of a cluster get the user's files."""
     if address is None:
         return {"workers": workers}
-    try:
+    with said_as(SinkError, f"there is no Dask scheduler at {address}", OSError, ValueError):
         client = package("distributed", "a sweep on a cluster").Client(address, timeout=PATIENCE)
-    except (OSError, ValueError) as e:
-        raise SinkError(f"there is no Dask scheduler at {address}: {e}") from e
     for path in dict.fromkeys(f for f in files if f.endswith(".py")):
         client.upload_file(path)
     most = max(FEWEST, sum(client.nthreads().values()))

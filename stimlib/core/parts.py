@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..above import above
-from ..errors import BadValue, SceneFileError
+from ..errors import BadValue, SceneFileError, said_as
 from ..system import fields
 from .graph import Add, Block, Const, Div, Mul, Neg, Sub, reach
 from .source import source_of
@@ -88,14 +88,12 @@ class Part:
     @classmethod
     def from_dict(cls, data: Any, where: str) -> Part:
         """Read a part of a scene file; raise SceneFileError if it is invalid."""
-        try:
+        with said_as(SceneFileError, where, ValueError, TypeError, AttributeError):
             fields.require({"part": data}, {"part": TEST})
             if more := sorted(set(data) - {f.name for f in dc.fields(cls)}):
                 raise ValueError(f"a law has no field {more[0]!r:.40}")
             kept(data["given"])
             terms = {name: Term(*term) for name, term in data.get("terms", {}).items()}
-        except (ValueError, TypeError, AttributeError, BadValue) as e:
-            raise SceneFileError(f"{where}: {e}") from None
         span = Span(*data["span"]) if data["span"] else None
         return cls(**data | {"span": span, "terms": terms})
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..above import above
-from ..errors import SceneError, SceneFileError, StimlibError, UnknownName, public
+from ..errors import SceneError, SceneFileError, StimlibError, UnknownName, public, said_as
 from ..system import safe_files
 from ..system.fields import strict
 from ..system.limits import limits
@@ -259,8 +259,9 @@ class Scene:
             inputs = {name: new[name] for name in scene.inputs}
             made = scene.renamed(params, inputs, ends)
             outputs |= made.outputs
-            for p in made.parts:
-                laws.append(dc.replace(p, name=f"{prefix}_{p.name}" if p.name else prefix))
+            laws += [
+                dc.replace(p, name=f"{prefix}_{p.name}" if p.name else prefix) for p in made.parts
+            ]
         if one:
             raise UnknownName(
                 f"share: no part has {next(iter(one))!r}; there are {', '.join(seen)}"
@@ -324,18 +325,21 @@ class Scene:
         Blocks have their registered names, children come before parents, arrays are
         lists.
         """
-        order = reach(self.outputs.values())
+        order: Any = reach(self.outputs.values())
         number = {id(b): i for i, b in enumerate(order)}
-        blocks = []
-        for b in order:
-            fields: dict[str, Any] = {}
-            for f in dc.fields(b):  # type: ignore[arg-type]
-                v = getattr(b, f.name)
-                if isinstance(v, Block):
-                    fields[f.name] = number[id(v)]
-                else:
-                    fields[f.name] = v.tolist() if isinstance(v, np.ndarray) else v
-            blocks.append({"class": type_name(type(b)), "fields": fields})
+
+        def value(v: Any) -> Any:
+            if isinstance(v, Block):
+                return number[id(v)]
+            return v.tolist() if isinstance(v, np.ndarray) else v
+
+        blocks = [
+            {
+                "class": type_name(type(b)),
+                "fields": {f.name: value(getattr(b, f.name)) for f in dc.fields(b)},
+            }
+            for b in order
+        ]
         outputs = {n: number[id(b)] for n, b in self.outputs.items()}
         parts: Any = [p.to_dict() for p in self.parts] or None
         # as version 1 has it, and its hash
@@ -441,10 +445,8 @@ def load(path: str | os.PathLike) -> Scene:
     text = safe_files.read(path, "scene_bytes", SceneFileError)
     # reading them would take long
     limits.check("scene_blocks", text.count(b'"class"'), f"{path}: blocks", SceneFileError)
-    try:
+    with said_as(SceneFileError, f"{path}: not JSON", ValueError):
         data = strict(text.decode())
-    except ValueError as e:
-        raise SceneFileError(f"{path}: not JSON ({e})") from e
     return Scene.from_dict(data, str(path))
 
 

@@ -12,7 +12,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, computed, counted, public, shown
+from ..errors import BadValue, computed, counted, public, said_as, shown
 from ..system import safe_files
 from ..system.limits import limits
 from .filters import PIECE
@@ -609,14 +609,10 @@ def load_texture(path: str | os.PathLike[str]) -> TextureModel:
     """
     file = os.fspath(path)
     reader = _Reader(str(file))
-    try:
+    with said_as(BadValue, f"{file}: not XML", expat.ExpatError):
         reader.parser.Parse(safe_files.read(file, "sidecar_bytes", BadValue), True)
-    except expat.ExpatError as e:
-        raise BadValue(f"{file}: not XML: {e}") from None
-    try:
+    with said_as(BadValue, file, BadValue):
         return _model(reader)
-    except BadValue as e:
-        raise BadValue(f"{file}: {e}") from None
 
 
 def _model(r: _Reader) -> TextureModel:

@@ -25,7 +25,7 @@ from scipy.ndimage import uniform_filter1d
 from ..core.guard import Guard
 from ..core.scene import Scene
 from ..core.units import ONE, pretty, unit as unit_of
-from ..errors import BadValue, From0, RecordingError, SinkError, UnitError, public
+from ..errors import BadValue, From0, RecordingError, SinkError, UnitError, public, said_as
 from ..plate.identify import Sweep
 from ..run.safety import STEPS, Inverse, Safety, inverted
 from ..system import fields, safe_files
@@ -436,15 +436,13 @@ def load_calibration(path: str | os.PathLike[str]) -> Calibration:
     ...     load_calibration(f"{folder}/actuator.json")
     Calibration(m/s² from 50 to 500 Hz, 2026-11-25)
     """
-    try:
+    with said_as(SinkError, f"{path} is not a calibration", ValueError, TypeError):
         data = fields.parse(safe_files.read(path, "sidecar_bytes"))
         fields.require(data, FIELDS)
         if len(data["gain_real"]) != len(data["gain_imag"]):
             raise ValueError("gain_real and gain_imag must have one length")
         gain = np.array(data.pop("gain_real")) + 1j * np.array(data.pop("gain_imag"))
         return Calibration(gain=gain, **{k: data[k] for k in FIELDS if k in data})
-    except (ValueError, TypeError, BadValue, UnitError) as e:
-        raise SinkError(f"{path} is not a calibration: {e}") from e
 
 
 @public

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Scene
-from ..errors import BadValue, SinkError, counted, public
+from ..errors import BadValue, SinkError, counted, public, said_as
 from ..files.log_reader import read_log
 from ..files.log_replay import delivered
 from ..run.safety import Safety
@@ -116,12 +116,10 @@ class Capture(AbstractContextManager["Capture"]):
         name: str = "stimlib_capture",
     ):
         jack = jack_client()
-        try:
+        with said_as(SinkError, "jack: no client that records", jack.JackError):
             self.client = client = jack.Client(
                 name, use_exact_name=isinstance(ports, int), no_start_server=True, servername=server
             )
-        except jack.JackError as e:
-            raise SinkError(f"jack: no client that records: {e}") from None
         try:
             channels = ports if isinstance(ports, int) else len(ports)
             ins = [client.inports.register(f"in_{k + 1}") for k in range(channels)]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import BadValue, SinkError, counted
+from ..errors import BadValue, SinkError, counted, said_as
 from .drivers import nidaqmx
 from .sink import Sink
 
@@ -65,7 +65,7 @@ class NidaqSink(Sink):
         )
         self.block = n = self.block or max(1, round(0.01 * self.rate))
         self._frames = self.make_frames()
-        try:
+        with said_as(SinkError, f"nidaq: {self.name} cannot be opened", ni.errors.DaqError):
             self._task = task = ni.Task()
             task.ao_channels.add_ao_voltage_chan(self.name, min_val=-self.volts, max_val=self.volts)
             task.timing.cfg_samp_clk_timing(
@@ -88,8 +88,6 @@ class NidaqSink(Sink):
             for _ in range(AHEAD):
                 self._writer.write_many_sample(np.zeros((self.channels, n)), timeout=1.0)
             task.start()
-        except ni.errors.DaqError as e:
-            raise SinkError(f"nidaq: {self.name} cannot be opened: {e}") from e
         self.start_loop(self._loop)
 
     def _loop(self) -> None:

@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..errors import BadValue, MotionError, Upto1, counted, public, shortened
+from ..errors import BadValue, MotionError, Upto1, counted, public, said_as, shortened
 from ..motion.source import check_names, positions, sources_of
 from . import words
 from .rows import REMEDIES
@@ -288,12 +288,11 @@ def columns_of(what: str, given: Any, names: Sequence[str], n: int | None = None
     elif what and len(names) > 1:
         rows = ", ".join(f"{name!r}: .." for name in names)
         raise BadValue(f"{what}the rows of an array have no names; give {{{rows}}}")
-    try:
+    # rows of several lengths; integers that are masked
+    with said_as(BadValue, f"{what}x must be numbers", TypeError, ValueError):
         if isinstance(given, Mapping):
             x = [np.atleast_1d(np.ma.filled(row, np.nan)) for row in x]
         x = np.ma.filled(x, np.nan)
-    except (TypeError, ValueError) as e:  # rows of several lengths; integers that are masked
-        raise BadValue(f"{what}x must be numbers ({e})") from None
     shape = f"({len(names)}, {'n' if n is None else n}), rows {', '.join(names) or 'none'}"
     if x.dtype.kind not in "biuf":
         raise BadValue(

@@ -23,7 +23,7 @@ from importlib import import_module
 from typing import Any, Literal
 
 from ..core.program import number
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, SinkError, public, said_as
 from ..system.packages import package
 from .markers import Marker, behind, checked_name
 from .rows import CUT, Rows, osc_messages, osc_text, rows_of, shown_of
@@ -93,10 +93,8 @@ def datagrams(here: socket.socket, timeout: float) -> list[bytes]:
 def opened(what: str, port: str, baudrate: int) -> Any:
     """Open a serial port and return it."""
     serial = package("serial", what)
-    try:
+    with said_as(SinkError, f"{what}: {port} cannot be opened", OSError, ValueError):
         return serial.Serial(port, baudrate, timeout=0.0, write_timeout=1.0)
-    except (OSError, ValueError) as e:
-        raise SinkError(f"{what}: {port} cannot be opened: {e}") from e
 
 
 # markers ------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ..errors import BadValue, SinkError, UnknownName, public
+from ..errors import BadValue, SinkError, UnknownName, public, said_as
 from ..system import fields, safe_files
 from .designs import shuffled
 from .reader import check_code
@@ -185,11 +185,9 @@ def _order(table: dict[str, Any], k: int) -> Any:
 def _read(path: Path) -> dict[str, Any]:
     """Return the content of a file, or raise if it is no assignment or was edited."""
     data = safe_files.read(path, "sidecar_bytes")
-    try:
+    with said_as(SinkError, f"{path} is no assignment of participants", ValueError):
         table = fields.parse(data)
         fields.require(table, TESTS)
-    except ValueError as e:
-        raise SinkError(f"{path} is no assignment of participants: {e}") from e
     for k, (code, order) in enumerate(table["participants"].items()):
         if not table["orders"] or order != _order(table, k):
             raise SinkError(

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from ..errors import BadValue, UnknownName, need, public
+from ..errors import BadValue, UnknownName, need, public, said_as
 from ..system.packages import package
 from .answer_sets import missing
 from .likelihood import numbers
@@ -684,10 +684,8 @@ def mixed(
     import warnings
 
     models = package("statsmodels.regression.mixed_linear_model", "mixed")
-    try:
+    with said_as(BadValue, "mixed", ValueError):
         table = package("pandas", "mixed").DataFrame(columns)
-    except ValueError as e:
-        raise BadValue(f"mixed: {e}") from None
     need("mixed", [participant], table)
     if table[participant].nunique() < 2:
         raise BadValue(

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..core.graph import unmasked
-from ..errors import BadValue, one_of
+from ..errors import BadValue, one_of, said_as
 
 Array = np.ndarray
 LINKS = ("probit", "logit", "gumbel", "weibull")
@@ -148,10 +148,8 @@ def numbers(what: str, values: ArrayLike) -> Array:
     ...
     stimlib.errors.BadValue: line: x must be rows of numbers: could not convert ...
     """
-    try:
+    with said_as(BadValue, f"{what} must be rows of numbers", TypeError, ValueError):
         return unmasked(values)
-    except (TypeError, ValueError) as e:
-        raise BadValue(f"{what} must be rows of numbers: {e}") from None
 
 
 class Curve(NamedTuple):

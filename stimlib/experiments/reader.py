@@ -16,7 +16,7 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from ..errors import BadValue, SinkError, StimlibError, counted, public, shown
+from ..errors import BadValue, SinkError, StimlibError, counted, public, said_as, shown
 from ..system import fields, safe_files
 from .random_streams import seed_of
 from .trial import Answer, Record, Trial, correct
@@ -215,7 +215,7 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
     if not os.path.lexists(folder / "session.json"):
         raise SinkError(f"{folder} is no session of an experiment: there is no session.json")
     raw = safe_files.read(folder / "session.json", "sidecar_bytes")
-    try:
+    with said_as(SinkError, f"{folder / 'session.json'}", ValueError):
         header = fields.parse(raw)
         fields.require(header, HEADER)
         if header["stimlib_experiment"] != VERSION:
@@ -223,8 +223,6 @@ def read(folder: str | os.PathLike[str], pilot: bool = False) -> Saved:
                 f"version {header['stimlib_experiment']}, this stimlib reads {VERSION}: update"
                 " stimlib"
             )
-    except ValueError as e:
-        raise SinkError(f"{folder / 'session.json'}: {e}") from e
     if header["pilot"] != pilot:
         raise BadValue(
             f"{folder} is {'a pilot, and no data' if header['pilot'] else 'no pilot, but data'}"

@@ -38,7 +38,7 @@ from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any, Self
 
-from ..errors import BadValue, SinkError, public
+from ..errors import BadValue, SinkError, public, said_as
 from ..system import safe_files
 from ..version import __version__
 from .experiment import Experiment
@@ -386,12 +386,13 @@ class Session:
             "answer": record.answer.to_dict(),
         }
         body |= {"displayed": list(record.displayed), "ended": record.ended}
-        try:
+        with said_as(
+            BadValue,
+            f"trial {record.number}: its answer, or what was displayed, is no JSON data",
+            TypeError,
+            ValueError,
+        ):
             text, chain = sealed(self._chain, body)
-        except (TypeError, ValueError) as e:
-            raise BadValue(
-                f"trial {record.number}: its answer, or what was displayed, is no JSON data: {e}"
-            ) from e
         data = text.encode() + b"\n"
         try:
             try:

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from ..core import definitions
 from ..core.scene import Scene
-from ..errors import BadValue, SinkError, StimlibError, counted, public, shown
+from ..errors import BadValue, SinkError, StimlibError, counted, public, said_as, shown
 from ..run.processor import Change
 from ..run.safety import GAIN, Safety, protect
 from ..system import fields, safe_files
@@ -359,19 +359,15 @@ def _produced(report: dict[str, Any] | None, end: int, notes: list[str]) -> int:
 
 
 def _json(path: Path) -> dict[str, Any]:
-    try:
+    with said_as(SinkError, f"{path}: not JSON as a log has it", ValueError):
         return fields.parse(safe_files.read(path, "sidecar_bytes"))
-    except ValueError as e:
-        raise SinkError(f"{path}: not JSON as a log has it ({e})") from e
 
 
 def checked(data: dict[str, Any], where: str, error: type[StimlibError]) -> Header:
     """Return the header that session.json describes, or raise an error."""
-    try:
+    with said_as(error, where, ValueError):
         fields.require(data, FIELDS)
         return _header(data)
-    except ValueError as e:
-        raise error(f"{where}: {e}") from e
 
 
 def _need(good: bool, what: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.scene import Scene
-from ..errors import BadValue, SceneError, SinkError, counted, public, shown
+from ..errors import BadValue, SceneError, SinkError, counted, public, said_as, shown
 from ..run.driver import Rows, walk
 from ..run.processor import Change, Processor
 from ..run.safety import protect, to_device
@@ -84,7 +84,7 @@ def processor(log: SessionLog, scene: Scene | None = None, target: str = "llvm")
     SinkError
         The scene cannot be compiled.
     """
-    try:
+    with said_as(SinkError, f"{log.folder}: the scene cannot be compiled", SceneError, BadValue):
         proc = Processor(
             protect(log.scene, log.safety) if scene is None else scene, log.fs, target, log.seed
         )
@@ -92,8 +92,6 @@ def processor(log: SessionLog, scene: Scene | None = None, target: str = "llvm")
             if name in proc.params:
                 proc.set(name, value, ramp=0.0)
         proc.process(np.zeros((len(proc.inputs), 0)))
-    except (SceneError, BadValue) as e:
-        raise SinkError(f"{log.folder}: the scene cannot be compiled: {e}") from e
     return proc
 
 

@@ -13,7 +13,16 @@ from typing import Any
 
 from ..core.scene import Scene
 from ..core.units import pretty
-from ..errors import BadValue, FaultError, SceneFileError, UnitError, counted, public, shown
+from ..errors import (
+    BadValue,
+    FaultError,
+    SceneFileError,
+    UnitError,
+    counted,
+    public,
+    said_as,
+    shown,
+)
 from ..run.processor import Processor
 from ..run.rendering import Rendering, fault_text, render
 from ..system import fields, safe_files
@@ -146,12 +155,10 @@ def read_pattern(
     data = safe_files.read(path, "scene_bytes", SceneFileError)
     if skip_sound and read is read_ahap:
         read = partial(read_ahap, skip_sound=True)
-    try:
+    with said_as(SceneFileError, str(path), ValueError, RecursionError):
         tree = fields.parse(data)
         unknown = Counter(re.sub(r"\[\d+\]", "[..]", place) for place in compare(tree, shape))
         patterns = read(tree, device)
-    except (ValueError, RecursionError) as e:
-        raise SceneFileError(f"{path}: {e}") from None
     many = [f"channel{k + 1}" for k in range(len(patterns))]
     names, scale = many if len(many) > 1 else ["vibration"], device.full_scale or 1.0
     outputs = {n: block_of(p, scale, device) for n, p in zip(names, patterns, strict=True)}

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..core import definitions
-from ..errors import SinkError, counted, shown
+from ..errors import SinkError, counted, said_as, shown
 from ..system import fields, safe_files
 from .formats import BYTES, FORMATS
 from .sound_file import soundfile
@@ -128,7 +128,7 @@ def load(path: Path, sidecar: Path) -> dict[str, Any]:
             f"{path} has no sidecar {sidecar.name}, which has its units and full scale: put it back"
             " beside the file, or read the bare numbers with soundfile"
         )
-    try:
+    with said_as(SinkError, f"{sidecar} is not a sidecar that stimlib wrote", ValueError):
         info = fields.parse(safe_files.read(sidecar, "sidecar_bytes"))
         fields.require(info, DONE)
         if (
@@ -137,8 +137,6 @@ def load(path: Path, sidecar: Path) -> dict[str, Any]:
             or info["fs"] != int(info["fs"])
         ):
             raise ValueError("there is no file of that format, subtype, fs and channels")
-    except ValueError as e:
-        raise SinkError(f"{sidecar} is not a sidecar that stimlib wrote: {e}") from e
     return info
 
 

@@ -18,7 +18,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from ..core.graph import Block
-from ..errors import BadValue, Count, SinkError, counted, outside, public
+from ..errors import BadValue, Count, SinkError, counted, outside, public, said_as
 from ..system.packages import package
 from .closed_form import (
     PAIRS,
@@ -135,10 +135,8 @@ class MaterialFit:
         """
         fig = package("matplotlib.figure", "a picture").Figure(figsize=(7, 5), layout="constrained")
         self.draw(*fig.subplots(2, 1, sharex=True, height_ratios=(3, 1)))
-        try:
+        with said_as(SinkError, f"cannot write the picture {path}", OSError, ValueError):
             fig.savefig(path, dpi=110)
-        except (OSError, ValueError) as e:
-            raise SinkError(f"cannot write the picture {path}: {e}") from e
 
     def draw(self, ax: Any, below: Any, label: str = "recorded", color: str = "C0") -> None:
         """Draw the forces into one axes and the relative errors (percent) into another.

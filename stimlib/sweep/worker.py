@@ -18,7 +18,7 @@ import numpy as np
 
 from ..checks.local import read_only
 from ..core.scene import Scene
-from ..errors import BadValue
+from ..errors import BadValue, said_as
 from ..motion.source import positions, sources_of
 from ..run.processor import Processor
 from ..run.rendering import Rendering
@@ -317,12 +317,12 @@ def from_bytes(data: bytes) -> Any:
 
 def packed(what: Any) -> bytes:
     """Return a pickle that can include functions of a script or a notebook."""
-    try:
+    with said_as(
+        BadValue,
+        "sweep: scene, motion or measures cannot be sent to another process",
+        Exception,  # of objects of the user's, too
+    ):
         return package("cloudpickle", "a sweep in several processes").dumps(what)
-    except Exception as e:  # of objects of the user's, too
-        raise BadValue(
-            f"sweep: scene, motion or measures cannot be sent to another process: {e}"
-        ) from e
 
 
 # Where the executor runs a job --------------------------------------------------------

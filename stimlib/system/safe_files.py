@@ -17,7 +17,7 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-from ..errors import SinkError, StimlibError
+from ..errors import SinkError, StimlibError, reason, said_as
 from .limits import limits
 
 # Windows has no links and pipes to be careful of at a path, and reads text by default
@@ -52,10 +52,8 @@ def read(path: str | os.PathLike[str], limit: str, error: type[StimlibError] = S
     with open(opened(path, error=error), "rb") as f:
         size = os.fstat(f.fileno()).st_size
         limits.check(limit, size, f"{path}: bytes", error)
-        try:
+        with said_as(error, f"cannot read {path}", OSError):
             data = f.read(size + 1)  # of a size that is not there would be taken from the memory
-        except OSError as e:
-            raise error(f"cannot read {path}: {e.strerror}") from e
         if len(data) > size:
             raise error(f"cannot read {path}: it grows while it is read; wait until it is written")
         return data
@@ -73,11 +71,9 @@ def opened(
     what = f"cannot {'write' if writes else 'read'} {path}"
     if writes and os.path.islink(path):
         check(path, error)
-    try:
+    with said_as(error, what, OSError, ValueError):
         # a pipe without a writer would wait for ever
         fd = os.open(path, flags | NONBLOCK | BINARY | (NOFOLLOW if writes else 0), 0o666)
-    except (OSError, ValueError) as e:
-        raise error(f"{what}: {_reason(e)}") from e
     info = os.fstat(fd)
     if not stat.S_ISREG(info.st_mode) or (writes and info.st_nlink > 1):
         os.close(fd)
@@ -96,7 +92,7 @@ def check(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) -
     except FileNotFoundError:
         return
     except (OSError, ValueError) as e:
-        raise error(f"cannot write {path}: {_reason(e)}") from e
+        raise error(f"cannot write {path}: {reason(e)}") from e
     if not stat.S_ISREG(mode):
         kind = (
             "a link"
@@ -119,12 +115,10 @@ def create(path: str | os.PathLike[str], error: type[StimlibError] = SinkError) 
     The name must be one that belongs to stimlib, such as NAME.part.
     """
     check(path, error)
-    try:
+    with said_as(error, f"cannot write {path}", OSError, ValueError):
         with suppress(FileNotFoundError):
             os.unlink(path)
         return os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | NOFOLLOW | BINARY, 0o666)
-    except (OSError, ValueError) as e:
-        raise error(f"cannot write {path}: {_reason(e)}") from e
 
 
 def taken(
@@ -261,7 +255,7 @@ def publish_all(files: Mapping[Any, bytes | str], error: type[StimlibError] = Si
     except BaseException as e:
         remove(*(part for part, _ in parts))
         if isinstance(e, (OSError, ValueError)) and not isinstance(e, StimlibError):
-            raise error(f"cannot write {path}: {_reason(e)}") from e
+            raise error(f"cannot write {path}: {reason(e)}") from e
         raise
 
 
@@ -291,7 +285,7 @@ def make_folder(path: str | os.PathLike[str], error: type[StimlibError] = SinkEr
     try:
         Path(path).mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as e:
-        raise error(f"cannot make the folder {path}: {_reason(e)}; name another") from e
+        raise error(f"cannot make the folder {path}: {reason(e)}; name another") from e
     return Path(path)
 
 
@@ -308,22 +302,12 @@ def lock(folder: str | os.PathLike[str], busy: str, error: type[StimlibError] = 
     error : type
         What is raised then.
     """
-    try:
+    with said_as(error, f"cannot work in {folder}", OSError):
         if NOFOLLOW:
             fd = os.open(folder, os.O_RDONLY)
         else:  # Windows opens no folder
             fd = os.open(f"{folder}.lock", os.O_RDWR | os.O_CREAT | BINARY, 0o666)
-    except OSError as e:
-        raise error(f"cannot work in {folder}: {_reason(e)}") from e
     if not held(fd):
         os.close(fd)
         raise error(busy)
     return fd
-
-
-def _reason(e: Exception) -> str:
-    """Return the system's reason for an error.
-
-    A ValueError is caused by a NUL or an unpaired surrogate in the name.
-    """
-    return getattr(e, "strerror", None) or str(e)

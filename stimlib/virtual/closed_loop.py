@@ -17,7 +17,7 @@ from ..blocks.integrals import power_of
 from ..core.graph import Input
 from ..core.scene import Scene
 from ..core.units import unit
-from ..errors import Above0, BadValue, Count, From0, counted, need, public
+from ..errors import Above0, BadValue, Count, From0, counted, need, public, said_as
 from ..run.processor import compile
 from ..run.safety import GAIN, Safety, Watch, protect, said_of_energy
 from .device import Device, Faults, Hand, Mechanism
@@ -212,10 +212,8 @@ def _axis_of(scene: Scene, axis: tuple[str, str] | None) -> tuple[str, str]:
 
 def _course(given: Course, t: np.ndarray, what: str) -> np.ndarray:
     """Return a number, samples or a function of time as one value for each time."""
-    try:
+    with said_as(BadValue, f"try_on: {what} must be numbers", TypeError, ValueError):
         row = np.asarray(given(t) if callable(given) else given, float)
-    except (TypeError, ValueError) as e:
-        raise BadValue(f"try_on: {what} must be numbers: {e}") from None
     if not np.isfinite(row).all():
         raise BadValue(f"try_on: {what} is not finite; give finite numbers")
     if row.ndim and row.shape not in (t.shape, (t.size - 1,)):
