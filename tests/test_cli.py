@@ -327,7 +327,7 @@ ALL = f"{LISTED}, ready"
         ("play tone --quiet --full-scale -1", "--full-scale = -1 must be"),
         ("play tone --quiet --set freq=-3", "--set('freq'): oscillator or carrier"),
         ("play tone --quiet --set freq=nan", "--set freq=nan: the value must be finite"),
-        ("play tone --quiet --full-scale forc=1", "does not fit the outputs at forc;"),
+        ("play tone --quiet --full-scale forc=1", "--full-scale: there is no output 'forc';"),
         (f"play tone --quiet {HAND}", "the scene has no input: leave it out"),
         (f"{PLAY} --motion x3=still()", "its inputs are x1, x2"),
         ("play squeeze --quiet --motion minimum_jerk(depht=1)", "there is no argument 'depht'"),

@@ -172,7 +172,7 @@ def test_a_parameter_moves_within_a_segment_and_copies_are_apart():
         (
             lambda: Scene({"y": Param("a", 1.0) * X}).renamed({"c": "d"}),
             UnknownName,
-            "no parameter 'c'; this scene has a",
+            "there is no parameter 'c'; there are a",
         ),
     ],
 )

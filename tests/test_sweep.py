@@ -264,7 +264,7 @@ def test_bad_rows_are_told_before_the_first_run(rows, error, says):
         ({"motion": np.ones(3)}, BadValue, "at least 400 samples"),
         ({"motion": "hand", "seconds": None}, BadValue, "must be a function"),
         ({"motion": None}, UnknownName, "x is missing; the inputs are: x"),
-        ({"live": ["A"]}, UnknownName, "A is no parameter"),
+        ({"live": ["A"]}, UnknownName, "live: there is no parameter of the scene 'A'"),
         ({"workers": -1}, BadValue, "workers = -1"),
         ({"fs": -1}, BadValue, "fs"),
         ({"executor": 7, "workers": 1}, BadValue, "executor = 7 must be"),

@@ -432,7 +432,7 @@ def test_arguments_of_all_kinds_tell_rows_apart(tmp_path):
     for error, says, others, live in (
         (BadValue, "other arguments: name", {"k": [1.0]}, []),
         (BadValue, "other live, arguments: name", {"k": [1.0]}, ["k"]),
-        (UnknownName, "k is no column", rows, ["k"]),
+        (UnknownName, "live: there is no column of the rows 'k'", rows, ["k"]),
     ):
         refused(error, says, sweep, made, others, live=live, **words)
 

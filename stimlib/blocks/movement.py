@@ -1,7 +1,5 @@
 """Means over the movement of a sample: their base class, and the sines they need."""
 
-from __future__ import annotations
-
 from collections import namedtuple
 
 from ..core.graph import NONE, ONE, Block

@@ -160,7 +160,13 @@ def motions_of(
     def read(file: str, names: list[str]) -> Recording:
         used = {column: columns[column] for name in names if (column := served[name])}
         if not used:
-            raise _unmapped(file, names)
+            from ..motion.table import read_table
+
+            there = ", ".join(read_table(file).names[:12])  # an error, if the file is no table
+            raise BadValue(
+                f"{file}: name the column of {', '.join(names)}, such as --map 'x=force_N*5e-4';"
+                f" the columns are: {there}"
+            )
         from ..motion.recorded import recording
 
         return recording(
@@ -329,20 +335,6 @@ def _check_map(
         raise BadValue(
             "--map and --where are for a recording, and there is none: add --motion recording.csv"
         )
-
-
-def _unmapped(file: str, names: Sequence[str]) -> BadValue:
-    """Return the error for a recording that is given without --map.
-
-    If the file is not a table, the table reader raises its error first.
-    """
-    from ..motion.table import read_table
-
-    there = ", ".join(read_table(file).names[:12])
-    return BadValue(
-        f"{file}: name the column of {', '.join(names)}, such as --map 'x=force_N*5e-4'; the"
-        f" columns are: {there}"
-    )
 
 
 def _max_speed(

@@ -64,10 +64,10 @@ class Program(NamedTuple):
 class _Graph:
     """The blocks of a scene as numbered nodes; equal sub-graphs share a number."""
 
-    def __init__(self):
+    def __init__(self, removed: dict[str, None]):
         self.nodes: list[Node] = []
         self.numbers: dict[Any, int] = {}
-        self.removed: dict[str, None] = {}
+        self.removed = removed
         self.bodies: dict[int, int] = {}  # of each Last, the number of what it is the last value of
 
     def number(self, block: Block, kids: tuple[int, ...]) -> int:
@@ -143,14 +143,12 @@ class _Graph:
 
     def closed(self, roots: list[int]) -> tuple[_Graph, list[int]]:
         """Return the graph and its roots with each loop replaced by one block."""
-        new = _Graph()
-        new.removed = self.removed
+        new = _Graph(self.removed)
         return new, closed(self.nodes, self.bodies, roots, new.number)
 
     def silenced(self, roots: list[int]) -> tuple[_Graph, list[int]]:
         """Return the graph and its roots with sources that rest when unheard."""
-        new = _Graph()
-        new.removed = self.removed
+        new = _Graph(self.removed)
         changed = silenced(self.nodes, roots, new.number)
         return (self, roots) if changed is None else (new, changed)
 
@@ -197,7 +195,7 @@ def lower(outputs: dict[str, Block]) -> Program:
     objects = reach(guards)
     limits.check("scene_blocks", len(objects), "blocks of a scene", SceneError)
     _check_names(objects)
-    graph = _Graph()
+    graph = _Graph({})
     number: dict[int, int] = {}
     for block in objects:
         number[id(block)] = graph.intern(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import SceneError, UnknownName
+from ..errors import SceneError, need
 from .clocks import Instance
 from .graph import Block, Const, Map, Pick, pack, unpack
 from .loop_code import Cycle
@@ -126,9 +126,8 @@ def response(
     With ``steepest``, nonlinear blocks are replaced by the stiffest linear block that
     bounds them, where this is known.
     """
-    for name, known in ((output, program.outputs), (source, _sources(program))):
-        if name not in known:
-            raise UnknownName(f"no {name!r}; there is {', '.join(known) or 'none'}")
+    need("response", [output], program.outputs, "output")
+    need("response", [source], _sources(program), "input or source")
     z = np.exp(2j * np.pi * f / fs)
     start = _sources(program)[source]
     H: dict[int, Any] = {start: np.ones_like(z)}  # of what the source reaches

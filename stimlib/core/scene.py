@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..above import above
-from ..errors import SceneError, SceneFileError, StimlibError, UnknownName, public, said_as
+from ..errors import SceneError, SceneFileError, StimlibError, UnknownName, need, public, said_as
 from ..system import safe_files
 from ..system.fields import strict
 from ..system.limits import limits
@@ -164,10 +164,7 @@ class Scene:
             ("input", inputs, self.inputs),
             ("output", outputs, self.outputs),
         ):
-            if unknown := [name for name in asked or {} if name not in known]:
-                raise UnknownName(
-                    f"no {what} {unknown[0]!r}; this scene has {', '.join(known) or 'none'}"
-                )
+            need("renamed", asked or {}, known, what)
             every[what] = {name: (asked or {}).get(name, name) for name in known}
             if twice := [
                 n for n in every[what].values() if list(every[what].values()).count(n) > 1

@@ -136,7 +136,25 @@ def record_sweep(
     158.0 Hz, q = 10.0
     """
     amplitude = full_scale if amplitude is None else amplitude
-    _check(full_scale, amplitude, rest, band, channels, points)
+    if isinstance(amplitude, str) or not 0 < amplitude <= full_scale:
+        raise BadValue(
+            f"record_sweep: amplitude = {amplitude!r} must be above 0 and at most full_scale ="
+            f" {full_scale!r}"
+        )
+    if not rest > 0:
+        raise BadValue(
+            f"record_sweep: rest = {rest!r} s must be above 0: the plate rings behind the sweep"
+        )
+    if np.shape(band) != (2,) or (not isinstance(channels, int) and "drive" not in channels):
+        raise BadValue(
+            f"record_sweep: band = {band!r} must be two frequencies in Hz, and channels ="
+            f" {channels!r} have the drive"
+        )
+    if points is not None and np.ndim(points) == 0:
+        raise BadValue(
+            f"record_sweep: points = {points!r:.60} must be a row for each point, such as [(0.05,"
+            " 0.07), (0.1, 0.07)]"
+        )
     places = [None] if points is None else list(np.atleast_1d(points))
     if not places or (len(places) > 1 and ready is None):
         raise BadValue(
@@ -192,36 +210,6 @@ def record_sweep(
             _keep(keep, taken, rate)
     u, y = (np.array(rows) for rows in zip(*taken, strict=True))
     return Sweep(u, y, float(rate))
-
-
-def _check(
-    full_scale: Any,
-    amplitude: Any,
-    rest: float,
-    band: Any,
-    channels: Any,
-    points: Any,
-) -> None:
-    """Check the arguments of ``record_sweep``; raise BadValue if they are invalid."""
-    if isinstance(amplitude, str) or not 0 < amplitude <= full_scale:
-        raise BadValue(
-            f"record_sweep: amplitude = {amplitude!r} must be above 0 and at most full_scale ="
-            f" {full_scale!r}"
-        )
-    if not rest > 0:
-        raise BadValue(
-            f"record_sweep: rest = {rest!r} s must be above 0: the plate rings behind the sweep"
-        )
-    if np.shape(band) != (2,) or (not isinstance(channels, int) and "drive" not in channels):
-        raise BadValue(
-            f"record_sweep: band = {band!r} must be two frequencies in Hz, and channels ="
-            f" {channels!r} have the drive"
-        )
-    if points is not None and np.ndim(points) == 0:
-        raise BadValue(
-            f"record_sweep: points = {points!r:.60} must be a row for each point, such as [(0.05,"
-            " 0.07), (0.1, 0.07)]"
-        )
 
 
 def _asked(take: Callable[[], Any], k: int, place: Any, ready: Ready | None) -> Any:

@@ -320,8 +320,7 @@ class Experiment:
     show_total: bool = True
 
     def __post_init__(self):
-        self._check_questions_and_scenes()
-        self._check_plan()
+        self._check_fields()
         self._check_names()
         _ = self.texts  # or a language that is none is found in the first session
         if isinstance(self.design, Design):
@@ -329,7 +328,7 @@ class Experiment:
         for known in () if callable(self.familiarisation) else self.familiarisation.values():
             self.check(Trial("familiarisation", (known,), (self.questions[0].name,)))
 
-    def _check_questions_and_scenes(self) -> None:
+    def _check_fields(self) -> None:
         names = [q.name for q in (*self.questions, *self.after)]
         if not self.scenes:
             raise BadValue(
@@ -346,8 +345,6 @@ class Experiment:
                 f"experiment {self.name!r}: a question is called {', '.join(lost)}, as a column of"
                 " the answers is; give it another name"
             )
-
-    def _check_plan(self) -> None:
         if not fields.positive(self.fs) or round(self.timing.interval * self.fs) < 1:
             raise BadValue(
                 f"experiment {self.name!r}: fs = {self.fs!r} must be in Hz, with a sample in each"

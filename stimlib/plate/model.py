@@ -111,11 +111,6 @@ class Plate:
 
     def __post_init__(self):
         object.__setattr__(self, "patches", tuple(self.patches))
-        self._check_numbers()
-        self._check_edges()
-        check_places(self)
-
-    def _check_numbers(self):
         if not -1 < self.nu < 0.5:
             raise BadValue(f"Plate: nu = {self.nu!r} must be between -1 and 0.5")
         if max(self.length, self.width) > LONGEST or self.E < SOFTEST:
@@ -131,8 +126,6 @@ class Plate:
             )
         if self.terms is not None and not 4 <= self.terms <= 40:
             raise BadValue(f"Plate: terms = {self.terms!r} must be from 4 to 40")
-
-    def _check_edges(self):
         if len(self.edges) != 4 or set(self.edges) - set(HELD):
             raise BadValue(
                 f"Plate: edges = {self.edges!r} must be four letters, for x = 0, y = 0, x = length,"
@@ -144,6 +137,7 @@ class Plate:
                 f"Plate: edges = {self.edges!r} let it move as a whole; clamp one edge, or"
                 " support two"
             )
+        check_places(self)
 
     @staticmethod
     def paper(edges: str = "short", measured: bool = False, patches: bool | str = False) -> Plate:

@@ -295,11 +295,7 @@ class Safety:
         v = getattr(self, field)
         if not isinstance(v, Mapping):
             return v
-        if unknown := [n for n in v if n not in outputs]:
-            raise UnknownName(
-                f"Safety: {field} does not fit the outputs at {', '.join(unknown)}; they are"
-                f" {', '.join(outputs)}"
-            )
+        need(f"Safety: {field}", v, outputs, "output")
         missing = [n for n in outputs if n not in v]
         if missing and field == "full_scale":
             raise UnknownName(

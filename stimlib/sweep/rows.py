@@ -14,7 +14,7 @@ import numpy as np
 
 from ..core.scene import Scene
 from ..core.units import unit
-from ..errors import BadValue, UnitError, UnknownName, public, shortened
+from ..errors import BadValue, UnitError, UnknownName, need, public, shortened
 from ..motion.layout import decimal_sign, layout_of, text_of
 from ..system.limits import limits
 from ..system.packages import package
@@ -309,7 +309,8 @@ def roles_of(
             )
         live = params
     else:
-        _check_live(live, params, columns)
+        need("live", live, params, "parameter of the scene")
+        need("live", live, columns, "column of the rows")
     rest = [n for n in columns if n not in live]
     unknown = [n for n in rest if n not in known]
     if unknown:
@@ -320,16 +321,6 @@ def roles_of(
             f"there is no column {', '.join(unknown)} in the scene; {there}; also: seed, motion"
         )
     return Roles(tuple(n for n in columns if n in live), tuple(rest))
-
-
-def _check_live(live: Collection[str], params: Collection[str], columns: Collection[str]) -> None:
-    for known, what in ((params, "parameter of the scene"), (columns, "column of the rows")):
-        for name in live:
-            if name not in known:
-                raise UnknownName(
-                    f"live: {name} is no {what}; parameters: {', '.join(params) or 'none'};"
-                    f" columns: {', '.join(columns) or 'none'}"
-                )
 
 
 def name_of(make: Any) -> str:

@@ -334,7 +334,7 @@ def test_inputs_are_joined_only_where_that_is_said():
         (
             lambda: SCENES["wall"].renamed(inputs={"y": "z"}),
             UnknownName,
-            "no input 'y'; this scene has x",
+            "there is no input 'y'; there are x",
         ),
         (
             lambda: SCENES["soft_surface"].renamed(outputs={"x1": "y1"}),

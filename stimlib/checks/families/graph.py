@@ -1,7 +1,5 @@
 """Laws of the blocks of the family ``graph``."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

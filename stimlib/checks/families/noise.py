@@ -1,7 +1,5 @@
 """Laws of the blocks of the family ``noise``."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..linear import COMPLEX, Modes, response

@@ -1,7 +1,5 @@
 """Laws of the blocks of the family ``sources``."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """Laws of the blocks of the family ``tables``."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy
 
