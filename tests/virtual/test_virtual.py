@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from commands import ran, refuses
+from laws import mostly
 from looped import BOUND, FAULTS, MOST, judged
 from refusals import refused
 from scipy.integrate import solve_ivp
@@ -319,15 +320,15 @@ def test_a_force_that_reads_no_position_moves_the_device(device):
 
 
 # Behind the safety stage --------------------------------------------------------------
-@pytest.mark.parametrize("tens", range(10))
-def test_no_scene_gives_more_than_the_bound_to_a_hand(tens):
-    """A tenth of what ``benchmarks/closed_loop.py`` runs."""
-    rows = [judged(seed) for seed in range(10 * tens, 10 * tens + 10)]
+@pytest.mark.parametrize("hundred", mostly([0], range(10)))
+def test_no_scene_gives_more_than_the_bound_to_a_hand(hundred):
+    """A tenth of what ``benchmarks/closed_loop.py`` runs; all in make stress."""
+    rows = [judged(seed) for seed in range(100 * hundred, 100 * hundred + 100)]
     for row in rows:
         assert max(row["on"], row["observed"]) <= BOUND * (1 + 1e-9)
         assert row["most"] <= MOST and row["leaps"] == 0 and not row["told"]
         assert (row["error"] > 0) == (row["changed"] > 0)
-    assert sum(row["off"] > BOUND for row in rows) + 10 * (tens == 3) >= 1, "some are active"
+    assert sum(row["off"] > BOUND for row in rows) > 20, "many are active"
 
 
 @pytest.mark.parametrize("fault", [*FAULTS][1:])
