@@ -21,7 +21,7 @@ import pytest
 import soundfile
 import typer
 from commands import ran, refuses
-from devices.servers import Jackd, needs_jack
+from devices.servers import Jackd, needs_jack, played
 
 import stimlib
 from stimlib import demo
@@ -148,10 +148,8 @@ def log(tmp_path_factory):
     """Of a session of half a second, which tests only read."""
     folder = tmp_path_factory.mktemp("log") / "a.stimlog"
     scene, hand = stimlib.scenes.squeeze(fingers=1), {"x1": minimum_jerk(depth=0.01)}
-    with stimlib.devices.NullSink(scene, 50.0, clocked=False, motion=hand, log=folder) as sink:
-        sink.open(8000, channels=["force1", None])
-        sink.start(seconds=0.5)
-        sink.wait()
+    sink = stimlib.devices.NullSink(scene, 50.0, clocked=False, motion=hand, log=folder)
+    played(sink, 0.5, channels=["force1", None])
     return folder
 
 
@@ -596,15 +594,6 @@ def test_render_says_where_full_scale_is_far_too_large(here, name, full_scale, s
     words = "render own.py:soft --motion constant_speed(0.2,0.02) --seconds 0.2"
     done = ran(f"{words} --out {name} --full-scale {full_scale}", says=says)
     assert done.stderr.startswith("note: ") == bool(says) == bool(done.stderr)
-
-
-def test_a_pattern_is_converted_by_the_numbers_of_the_default_device(tmp_path):
-    event = {"EventType": "HapticContinuous", "Time": 0.0, "EventDuration": 0.5}
-    event["EventParameters"] = [{"ParameterID": "HapticIntensity", "ParameterValue": 0.3}]
-    path, made = tmp_path / "a.ahap", tmp_path / "a.json"
-    path.write_text(json.dumps({"Version": 1.0, "Pattern": [{"Event": event}]}))
-    ran(f"convert {path} {made}")
-    assert stimlib.load(made).hash == stimlib.files.read_pattern(path).scene.hash
 
 
 # Motions ------------------------------------------------------------------------------

@@ -5,7 +5,6 @@ the rules of each format, what is lost, and what is refused.
 import csv
 import json
 import runpy
-from inspect import signature
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from refusals import refused
 
 import stimlib
 from stimlib.blocks import at, grain, loop, oscillator, ring, rising, timeline, white_noise
-from stimlib.cli import convert
 from stimlib.errors import BadValue, FaultError, SceneFileError, UnitError
 from stimlib.files import PatternDevice, read_pattern, write_pattern
 from stimlib.files.pattern_analysis import analysed, analytic, loss
@@ -74,10 +72,6 @@ def tap(at, height, sharpness=0.0):
 
 
 MIDDLE = [(0, 182.5), (1, 182.5)]  # Hz of half the sharpness
-
-
-def enveloped(**given):
-    return [happens(**PARAMETERS, **given, _at=0.1, _for=0.6)]
 
 
 def curved(name, *points):
@@ -152,7 +146,7 @@ READ = {  # a file, or the items of an AHAP, and its samples at times t; how nea
     ),
     **{
         f"envelope {k} of Apple": (
-            enveloped(**given),
+            [happens(**PARAMETERS, **given, _at=0.1, _for=0.6)],
             lambda t, points=points: line(t, *points) * wave(t, 0.1, MIDDLE),
         )
         for k, (given, points) in enumerate(
@@ -583,15 +577,21 @@ def hjif_of(n, effects=1):
     return {"perceptions": [{"channels": [{"bands": [band]}]}]}
 
 
-def ahap_of(n):
-    return {"Pattern": [curved(INTENSITY, *((k / n, 0.5) for k in range(n))), happens(_for=1.0)]}
-
-
 @pytest.mark.parametrize(
     ("call", "tree", "says", "points"),
     [
         (read_hjif, lambda: hjif_of(2000), "320.. .*limits.scene_blocks", 2000),
-        (read_ahap, lambda: ahap_of(2000), "320.. .*limits.scene_blocks", 2000),
+        (
+            read_ahap,
+            lambda: {
+                "Pattern": [
+                    curved(INTENSITY, *((k / 2000, 0.5) for k in range(2000))),
+                    happens(_for=1.0),
+                ]
+            },
+            "320.. .*limits.scene_blocks",
+            2000,
+        ),
         (read_hjif, lambda: hjif_of(1200, 2), r"effects\[1\]: points so far", 7 * 1200),
     ],
 )
@@ -762,9 +762,9 @@ def test_convert_both_ways(tmp_path, monkeypatch):
     found = json.loads(ran("convert b.hjif d.haptic --json").stdout)
     assert found["path"] == "d.haptic" and found["taps"] == 1
     ran("convert tone e.haptic --seconds 0.4")
-    defaults = signature(convert.convert_).parameters
-    for name in ("f_lo", "f_hi", "decay", "power"):
-        assert defaults[name].default == getattr(PatternDevice(), name)
+    path = ahap(tmp_path, happens(HapticIntensity=0.3, _for=0.5), tap(0.1, 0.7, 0.4))
+    ran(["convert", path, "default.json"])
+    assert stimlib.load("default.json").hash == read_pattern(path).scene.hash
 
 
 @pytest.mark.parametrize(
