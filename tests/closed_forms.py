@@ -293,13 +293,3 @@ def running_sum() -> Law:
     return Law(
         whole_band(200), lambda f, fs: 1 / (fs * difference(f, fs)), 1e-12, "sum over samples / fs"
     )
-
-
-def short_memory(alpha: float, memory: float, fs: float) -> Law:
-    """Return the law of Gruenwald and Letnikov's sum over the last seconds."""
-    from scipy.special import binom
-
-    j = np.arange(max(1, round(memory * fs)))
-    return sum_of(fs**alpha * (-1.0) ** j * binom(alpha, j))._replace(
-        text=f"sum over the last {memory:g} s"
-    )

@@ -84,7 +84,7 @@ def shipped(name, folder, seconds=0.25, **words):
 # Every node that a step or a tile may have ------------------------------------------
 U = np.uint64
 SMALL, LEAST, GREAT, NONE, MANY = -0.0, -math.inf, math.inf, math.nan, 2**40
-BIT, POSITIVE, KEY = U(2**63 + 5), U(2**63 - 1), U(0x9E3779B97F4A7C15)
+BIT, POSITIVE = U(2**63 + 5), U(2**63 - 1)
 
 
 class Numbers(NamedTuple):

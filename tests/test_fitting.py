@@ -291,8 +291,7 @@ def test_the_exact_law_says_what_the_scheme_adds(alpha):
 @pytest.mark.parametrize("alpha, says", [(0.2, "alpha = 0 is"), (0.5, "alpha = 0 is"), (0.95, "")])
 def test_motion_and_force_exchanged(alpha, says):
     """Noise about a spring, whose order is at its end too, needs no word."""
-    t = np.r_[0.0, np.geomspace(1e-3, 100, 80)]
-    y = np.minimum(0.05 * t, 0.01)
+    t, y = a_test()
     f, noise = springpot_force(t, y, 300.0, alpha), np.random.default_rng(4)
     warned(RuntimeWarning, f"{says}.* are y and f exchanged", fit_springpot, t, f, y)
     says = "no arm has a part.* are y and f exchanged"

@@ -216,12 +216,15 @@ def formulas():
 # Roughness ----------------------------------------------------------------------------
 
 
+def days(made):
+    """The trials of both days of a person, and of the second day of another."""
+    who = ("P01", 1), ("P01", 2), ("P02", 2)
+    return [trials_of(made, rough.person(), *day, made.seeded(*day)) for day in who]
+
+
 def test_roughness_shows_all_stimuli_twice_a_day_in_an_order_of_ones_own():
     experiment = rough.roughness()
-    first, second, other = (
-        trials_of(experiment, rough.person(), code, n, experiment.seeded(code, n))
-        for code, n in (("P01", 1), ("P01", 2), ("P02", 2))
-    )
+    first, second, other = days(experiment)
     assert [t.training for t in first] == 48 * [True] + 162 * [False]
     for a in (48, 129):  # a set is each stimulus once
         assert sorted(t.condition for t in first[a : a + 81]) == sorted(rough.STIMULI)
@@ -254,14 +257,9 @@ def of(means, *parts, who=""):
     return [v for (p, c), v in means.items() if who in p and all(w in f"{c}," for w in parts)]
 
 
-def shown_to(made, code, session):
-    trials = trials_of(made, rough.person(), code, session, made.seeded(code, session))
-    return [trial.condition for trial in trials]
-
-
 def test_roughness_can_show_all_stimuli_in_one_order_to_all():
-    same = rough.roughness(order="same")
-    first, *orders = (shown_to(same, *who) for who in (("P01", 1), ("P01", 2), ("P02", 2)))
+    of_days = days(rough.roughness(order="same"))
+    first, *orders = ([trial.condition for trial in trials] for trials in of_days)
     assert orders[0] == orders[1] != first[48:]
     assert sorted(orders[0][:81]) == sorted(orders[0][81:]) == sorted(rough.STIMULI)
     assert orders[0][:81] != orders[0][81:] and len(first) == 48 + 162
