@@ -8,7 +8,7 @@ from hands import DATA
 from refusals import refused
 from written import written
 
-from stimlib.errors import BadValue, RecordingError
+from stimlib.errors import RecordingError
 from stimlib.motion import parse_source, parse_where, recording
 
 T = np.arange(400) * 0.004
@@ -180,21 +180,6 @@ def test_a_second_clock_gives_the_times_and_the_first_the_rate():
 def test_clocks_that_are_refused(how, says):
     given = table(T, us=T * 1e6, same=np.ones(400), back=-T, lost=T * np.nan)
     refused(RecordingError, says, recording, given, {"x": "x"}, **how)
-
-
-@pytest.mark.parametrize(
-    ("how", "says"),
-    [
-        ({"wrap": 0}, "wrap must be"),
-        ({"rate": float("inf")}, "rate = inf|rate must be"),
-        ({"clock": "t_s", "rate": 250.0}, "give either clock or rate"),
-        ({"time": "t_s + x", "wrap": 5.0}, "wrap: give a single column"),
-        ({"missing": "skip"}, "missing = 'skip'"),
-        ({"sentinels": -9999}, "sentinels = -9999"),
-    ],
-)
-def test_options_that_are_refused(how, says):
-    refused(BadValue, says, recording, table(T), {"x": "x"}, **how)
 
 
 # -- missing numbers
@@ -411,25 +396,6 @@ def test_times_of_two_columns():
     given = {"sec": np.floor(T) + 7, "nsec": np.round((T % 1) * 1e9), "x": X}
     r = recording(given, {"x": "x"}, time="sec + nsec*1e-9")
     assert r.motion["x"]._knots == pytest.approx(T, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("hypot(x, z)", "x needs column z, and there is none"),
-        ("1/(x - x)", "row 0, column x: the result is inf for x = 0"),
-        ("x**0.5", "row 158, column x: the result is nan"),
-        ("x + 1e999", "row 0"),
-    ],
-)
-def test_combined_columns_that_are_refused(text, says):
-    refused(
-        (RecordingError, BadValue),
-        says if "999" not in text else "x",
-        recording,
-        table(T),
-        {"x": text},
-    )
 
 
 # -- real recordings

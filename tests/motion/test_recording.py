@@ -115,7 +115,17 @@ def test_linear_conversion(text, scale, offset):
         "f,f",
         "f*",
     ]
-    + ["f if f else f", "lambda: f", "f*True", "f*1e999", "f*1j", "f f", "f; f", "f := 3"]
+    + [
+        "f if f else f",
+        "lambda: f",
+        "f*True",
+        "f*1e999",
+        "f + 1e999",
+        "f*1j",
+        "f f",
+        "f; f",
+        "f := 3",
+    ]
     + ["hypot(f)", "hypot(*f)", "sin(f, f)", "abs(x=f)", "f.sqrt(f)", "sqrt(2)", "hypot(f, f)(f)"]
     + ["f*1" + "0" * 400, "(" * 300 + "f" + ")" * 300, "-" * 900 + "f" * 200, "__import__('os')"]
     + ["f\x00", "f*1e200*1e200", "f % 2", "f//2", "~f", "not f"],
@@ -731,6 +741,9 @@ BAD_MEMORY = [  # columns in memory, beside or instead of good ones, and how the
     ({"t_s": np.arange(50).astype("datetime64[s]")}, {}, "1 s from report to report"),
     ({}, {"sha256": "0" * 64}, "SHA-256 is .* not"),
     ({}, {"contact": "contact"}, "contact needs column contact"),
+    ({}, {"columns": {"x": "hypot(x, z)"}}, "x needs column z, and there is none"),
+    ({}, {"columns": {"x": "1/(x - x)"}}, "row 0, column x: the result is inf for x = 0"),
+    ({}, {"columns": {"x": "(-x)**0.5"}}, "row 1, column x: the result is nan"),
     ({}, {"contact": True}, "contact needs column contact"),
     (gap(0.15), {}, r"row 20: a gap of 0.15 s .*on_change.* max_gap=0.16"),
     ({"t_s": 1.1e12 + np.arange(50)}, {}, r"row 0, column t_s: time 1.1e\+12 s; check the unit"),
@@ -805,6 +818,12 @@ def test_selections_that_are_refused(csv, where, says):
         ({"sha256": 5}, "sha256 = 5"),
         ({"time": "2"}, "time: cannot read"),
         ({"time": "-t_s"}, "runs backwards"),
+        ({"wrap": 0}, "wrap must be"),
+        ({"rate": float("inf")}, "rate = inf|rate must be"),
+        ({"clock": "t_s", "rate": 250.0}, "give either clock or rate"),
+        ({"time": "t_s + x", "wrap": 5.0}, "wrap: give a single column"),
+        ({"missing": "skip"}, "missing = 'skip'"),
+        ({"sentinels": -9999}, "sentinels = -9999"),
         ({"lifted": {"y": "zero"}}, "no input 'y'; it has x"),
         ({"lifted": {"x": "up"}}, "lifted = .* one of hold, zero"),
         ({"table": 3}, "DataFrame .* int 3"),
