@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from devices.servers import played
 from laws import STRESS
 
 import stimlib
@@ -157,10 +158,7 @@ def test_what_each_command_and_scene_loads(tmp_path, monkeypatch):
     stimlib.render(SHIPPED["tone"](), fs=8000, seconds=0.05).save("a.wav", full_scale=10.0)
     squeeze, motion = SHIPPED["squeeze"](fingers=1), {"x1": minimum_jerk()}
     stimlib.render(squeeze, motion, fs=8000, seconds=1.0).save("noise.wav", full_scale=50.0)
-    with NullSink(SHIPPED["tone"](), 10.0, log="log", clocked=False) as sink:
-        sink.open(8000)
-        sink.start(0.05)
-        sink.wait(60)
+    played(NullSink(SHIPPED["tone"](), 10.0, log="log", clocked=False), 0.05, patience=60)
     words = [sys.executable, "-c", EACH, repr([*LOADS]), repr(LOOKED_FOR)]
     run = subprocess.run(words, capture_output=True, text=True)
     found = {name: " ".join(m) for name, *m in (s.split("|") for s in run.stdout.splitlines())}

@@ -11,6 +11,7 @@ from functools import reduce
 import numpy as np
 import pytest
 from commands import ran
+from devices.servers import played
 from laws import mostly
 from refusals import refused
 from trials import pair
@@ -476,10 +477,8 @@ def test_files_and_logs_are_proven_with_and_without_the_module_of_the_law(tmp_pa
         if not written:
             forget(patch)
         stimlib.render(kept, motion, FS, 0.1).save(path, full_scale=10.0)
-        with NullSink(kept, 10.0, clocked=False, motion=motion, log=tmp_path / "log") as sink:
-            sink.open(FS)
-            sink.start(seconds=0.1)
-            sink.wait()
+        how = {"clocked": False, "motion": motion, "log": tmp_path / "log"}
+        played(NullSink(kept, 10.0, **how), 0.1, fs=FS)
     with pytest.MonkeyPatch.context() as patch:
         if written:
             forget(patch)
@@ -621,15 +620,11 @@ def test_a_scene_of_an_older_file_is_read_and_its_law_is_said_to_lack_what_was_a
 # Trials -------------------------------------------------------------------------------
 
 
-def weaker(scene):
-    """The first parameter a tenth lower."""
-    return {name: 0.9 * scene.params[name].value for name in list(scene.params)[:1]}
-
-
 @pytest.mark.parametrize("name", [*SCENES, "of one's own"])
 def test_the_law_of_a_scene_holds_in_each_interval_of_a_trial(name):
     shown = SCENES.get(name) or lone()
-    scene, params = pair(shown, weaker(shown))
+    weaker = {n: 0.9 * shown.params[n].value for n in list(shown.params)[:1]}
+    scene, params = pair(shown, weaker)
     motion = hands(name) if name in SCENES else {"x": sinusoid(0.02, 3.0)}
     made = stimlib.render(scene, motion, FS, 0.55, params=params, seed=3)
     checks = scene_law(gather(scene, motion, made))

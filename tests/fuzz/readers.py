@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from devices.servers import played
 
 import stimlib
 from stimlib import StimlibError, files
@@ -215,10 +216,7 @@ def _sound(path: Path) -> object:
 
 def _written_log(folder: Path) -> None:
     how = {"motion": HAND, "clocked": False, "log": folder / "a.stimlog"}
-    with NullSink(SPRING, 50.0, **how) as sink:
-        sink.open(8000)
-        sink.start(0.05)
-        sink.wait()
+    played(NullSink(SPRING, 50.0, **how), 0.05)
 
 
 def _logged(name: str) -> Reader:

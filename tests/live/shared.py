@@ -40,21 +40,3 @@ def numbers(page, text, rows=1):
       return btoa(text);
     }})()""")
     return np.frombuffer(base64.b64decode(made), "<f8").reshape(rows, -1)
-
-
-def with_changes(scene, x, fs, changes):
-    """Samples of the processor, parameters set at samples: [(sample, name, value)]."""
-    proc, parts, at = stimlib.compile(scene, fs), [], 0
-    for cut, name, value in [*changes, (x.shape[1], "", 0.0)]:
-        parts.append(proc.process(np.ascontiguousarray(x[:, at:cut])).copy())
-        if name:
-            proc.set(name, value)
-        at = cut
-    return np.concatenate(parts, axis=1)
-
-
-def changes_for(page, scene, changes, fs):
-    """The same for a page."""
-    names = page.js("scene.hello.params.map(p => p.name)")
-    assert names == list(scene.params)
-    return [[cut, names.index(n), v, max(1, round(0.02 * fs))] for cut, n, v in changes]

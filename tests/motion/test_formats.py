@@ -384,15 +384,13 @@ def c3d_of(
             xyz = TIP[k] + point if not integer else (TIP[k] + point) / scale
             last = -1 if HIDDEN[k] else 3
             rows.append(
-                struct.pack(f"{order}4{'h' if integer else 'f'}", *_plain(xyz, integer), last)
+                struct.pack(
+                    f"{order}4{'h' if integer else 'f'}", *map(int if integer else float, xyz), last
+                )
             )
         if channels:
             rows.append(PLATE[k].astype(f"{order}{'i2' if integer else 'f4'}").tobytes())
     return head.ljust(512, b"\0") + parts.ljust(512 * blocks, b"\0") + b"".join(rows)
-
-
-def _plain(values, integer):
-    return [int(v) if integer else float(v) for v in values]
 
 
 @pytest.mark.parametrize("order", ["<", ">"])

@@ -8,9 +8,11 @@ each scene. Needs clang with lld, or zig (ZIG names the program).
 import numpy as np
 import pytest
 from exported import COUNT, groups
+from laws import Set, run
 from live.chromium import Browser, where
-from live.shared import OFFLINE, changes_for, need_compiler, numbers, with_changes
+from live.shared import OFFLINE, need_compiler, numbers
 
+import stimlib
 from stimlib.live.share import share
 from stimlib.motion.source import positions, sources_of
 from stimlib.motion.text import parse_motion
@@ -46,10 +48,11 @@ def test_a_scene(name, browser, tmp_path):
     assert found["same"] and found["spent"] < found["block"]
     cuts = [n // 3 + 17 * k for k in range(len(scene.params))]
     values = [1.1 * p.value for p in scene.params.values()]
-    changes = [*zip(cuts, scene.params, values, strict=True)]
-    words = changes_for(page, scene, changes, FS)
+    assert page.js("scene.hello.params.map(p => p.name)") == list(scene.params)
+    words = [[cut, k, value, 160] for k, (cut, value) in enumerate(zip(cuts, values, strict=True))]
     got = numbers(page, f"scene.check({words}).then(c => c.all)", len(scene.outputs))
-    want = with_changes(scene, x, FS, changes)
+    changes = map(Set, cuts, scene.params, values, [0.02] * len(values))
+    want = run(stimlib.compile(scene, FS), x, (), [*changes])
     differ = int(np.sum(got.view(np.uint64) != want.view(np.uint64)))
     rms = np.sqrt(np.mean(want**2))
     print(
