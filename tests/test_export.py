@@ -6,7 +6,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from contract import TABLE
 from correct import OwnHighPass
 from exported import COUNT, FAST, GCC, compared, exported, groups, same, shipped
 from laws import mostly
+from memory import most_memory
 from refusals import largest_file, refused
 
 import stimlib
@@ -327,10 +327,7 @@ def test_files_from_elsewhere_are_kept_and_those_of_an_export_replaced(tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["README.md"]
     (tmp_path / "README.md").unlink()
     os.truncate(os.open(tmp_path / "stimulus.c", os.O_CREAT | os.O_WRONLY), 2**28)
-    tracemalloc.start()
-    refused(SinkError, "from elsewhere", export_c, *told)
-    _, most = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
+    _, most = most_memory(refused, SinkError, "from elsewhere", export_c, *told)
     assert most < 2**27, "a file is read to its thousandth byte"
     (tmp_path / "stimulus.c").unlink()
     for fs in (1000, 2000):

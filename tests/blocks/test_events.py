@@ -1,10 +1,9 @@
 """Events and what they make, against what they are said to be."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from laws import lawful, played, refuses
+from memory import most_memory
 from refusals import refused
 
 import stimlib
@@ -204,12 +203,7 @@ def test_a_recording_at_another_rate_keeps_its_waves(ratio):
 
 def test_a_fast_recording_needs_little_memory():
     x = np.ones(20_000)  # at 1 MHz, for 1 kHz: each sample is a sum of 64000
-    tracemalloc.start()
-    try:
-        y = resampled(x, 1, 1e-3)
-        most = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
+    y, most = most_memory(resampled, x, 1, 1e-3)
     assert abs(y[10] - 1.0) < 0.05 and most < 64e6
     assert resampled(np.ones(2), 1, 1e-300).size == 1
 

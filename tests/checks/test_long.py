@@ -6,11 +6,11 @@ import dataclasses as dc
 import hashlib
 import json
 import re
-import tracemalloc
 
 import numpy as np
 import pytest
 from logged import play
+from memory import most_memory
 from refusals import warned
 from trials import pair
 
@@ -304,13 +304,9 @@ def test_memory_is_that_of_a_stretch(tmp_path, monkeypatch):
         path = tmp_path / f"{seconds}.wav"
         proc = stimlib.compile(scene, FS)
         stimlib.files.audio.write(path, proc, motion, seconds, full_scale=60.0)
-        tracemalloc.start()
-        try:
-            report = stimlib.verify(path)
-            peaks.append(tracemalloc.get_traced_memory()[1])
-        finally:
-            tracemalloc.stop()
+        report, most = most_memory(stimlib.verify, path)
         assert report.passed
+        peaks.append(most)
     assert peaks[2] < 1.15 * peaks[1] + 8 * 10_000, peaks
     ends = [s.end for s in report.evidence.stretches()]
     assert ends[:2] == [10_000, 12_500] and ends[-1] == 80_000
