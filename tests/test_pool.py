@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -277,6 +278,13 @@ def test_a_job_that_ends_its_process_is_told_and_the_others_go_on(workers):
     assert outcome(workers, os.getenv, "OMP_NUM_THREADS") == "1"
 
 
+def test_a_warning_in_a_worker_is_not_the_error_of_its_job(monkeypatch, capfd):
+    monkeypatch.setenv("PYTHONWARNINGS", "error")
+    with Pool() as pool:
+        assert outcome(pool, warnings.warn, "no cache", RuntimeWarning) is None
+    assert "RuntimeWarning: no cache" in capfd.readouterr().err
+
+
 class Odd(Exception):
     def __init__(self, a, b):
         super().__init__(f"{a} and {b}")  # its pickle calls it with one argument
@@ -336,6 +344,7 @@ def test_a_result_that_cannot_travel_is_an_error_of_its_job(workers):
 
 TIDY = """
 import time
+import warnings
 try:
     path.touch()
     time.sleep(600)

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -376,6 +377,8 @@ def serve(memory: int | None, idle: float) -> None:
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     _driver = answers, os.getpid()
     signal.signal(signal.SIGTERM, _end)
+    # one about this process, such as of its cache, is not the job's error
+    warnings.simplefilter("default", RuntimeWarning)
     # Windows does not have it, or what is permitted is less already
     with suppress(ImportError, ValueError):
         resource: Any = import_module("resource")
