@@ -24,6 +24,8 @@ def main() -> None:
         _open_streams()
         # its threads wait at full speed between the small matrices of a command
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        # a notebook's, which no picture here needs and its environment alone may have
+        os.environ.pop("MPLBACKEND", None)
         gc.set_threshold(100_000)  # what a start makes stays; searching it takes 6 %
         try:
             from .cli import app_of  # most of the time of a start

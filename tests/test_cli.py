@@ -400,11 +400,14 @@ def test_a_reader_that_goes_away_is_no_defect(words, at_once):
         ("show missing.json", "2>/dev/full", 2, ""),
         ("list --json", ">/dev/full", 2, "error: cannot write what is printed: No space left"),
         ("replay LOG --out é.wav --json", "| cat >/dev/null", 0, ""),
+        ("show wall --draw a.svg", "", 0, ""),
     ],
 )
 def test_streams_that_are_closed_full_or_ascii(tmp_path, log, words, streams, status, says):
     command = f"{sys.executable} -m stimlib {words.replace('LOG', str(log))} {streams}"
     env = os.environ | {"PYTHONIOENCODING": "ascii"}
+    # and a backend for pictures that this environment does not have
+    env["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
     how = {"shell": True, "capture_output": True, "text": True, "cwd": tmp_path, "env": env}
     done = subprocess.run(command, **how)
     assert done.returncode == status, done.stderr
