@@ -8,14 +8,16 @@ import shutil
 import stat
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 from laws import STRESS
-from refusals import warned
+from refusals import refused, warned
 from test_cache import finish, give_runtime, run, runtime_entry, start
 
+from stimlib.errors import SinkError
 from stimlib.system import cache_folder
 from stimlib.targets.llvm import cache
 
@@ -125,13 +127,16 @@ def test_a_folder_that_is_not_private_is_not_used(folder, anew, to, words):
     assert place != folder and not stat.S_IMODE(place.stat().st_mode) & 0o077
 
 
-def test_a_folder_that_others_may_replace_is_not_used(tmp_path, anew):
+def test_a_folder_that_others_may_replace_is_not_used(tmp_path, anew, monkeypatch):
     (tmp_path / "open").mkdir()
     (tmp_path / "open").chmod(0o777)
     anew(tmp_path / "open" / "cache")
     assert warned(
         RuntimeWarning, "everybody may replace the contents of .*open", cache.folder
     ).name.startswith("stimlib-tmp-")
+    monkeypatch.setattr(cache_folder, "_folder", None)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
+    refused(SinkError, "nor can a temporary one .*; set STIMLIB_CACHE", cache.folder)
 
 
 @pytest.mark.parametrize("to", [0o777, 0o770, "a stranger", "a link"])

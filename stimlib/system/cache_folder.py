@@ -21,6 +21,8 @@ from typing import Any
 
 import platformdirs
 
+from ..errors import SinkError
+
 lock = threading.RLock()
 imports: Any = _bootstrap
 
@@ -49,6 +51,11 @@ def folder() -> Path:
     """Return the folder: $STIMLIB_CACHE or the user's cache, or a temporary one.
 
     A RuntimeWarning says why it is temporary.
+
+    Raises
+    ------
+    SinkError
+        There is no folder for temporary files either.
     """
     global _folder
     wanted = chosen()
@@ -119,11 +126,18 @@ def open_to_others(info: os.stat_result) -> str:
 def temporary(wanted: Path, why: OSError) -> None:
     """Use a temporary folder for this process instead, and warn why."""
     global _folder
-    _folder = Path(tempfile.mkdtemp(prefix="stimlib-tmp-"))
+    wrong = f"the cache folder {wanted} cannot be written safely ({why.strerror or why})"
+    try:
+        _folder = Path(tempfile.mkdtemp(prefix="stimlib-tmp-"))
+    except OSError as e:
+        raise SinkError(
+            f"{wrong}, nor can a temporary one ({e.strerror}); set STIMLIB_CACHE to a folder of"
+            " your own"
+        ) from None
     atexit.register(shutil.rmtree, _folder, ignore_errors=True)
     warnings.warn(
-        f"the cache folder {wanted} cannot be written safely ({why.strerror or why}): compiling"
-        f" into {_folder} for this process; set STIMLIB_CACHE to a folder of your own",
+        f"{wrong}: compiling into {_folder} for this process; set STIMLIB_CACHE to a folder of"
+        " your own",
         RuntimeWarning,
         stacklevel=2,
     )
