@@ -49,6 +49,12 @@ def test_a_page_says_what_the_parts_of_a_scene_are():
     }
 
 
+def test_what_is_said_of_a_scene_is_the_same_without_docstrings(monkeypatch):
+    known = about(wall())
+    monkeypatch.setattr(SHIPPED["wall"], "__doc__", None)  # as python -OO has it
+    assert about(wall()) == known and known["fixed"]
+
+
 def test_every_module_of_scenes_is_imported():
     folder = ROOT / "stimlib" / "scenes"
     shipped = {path.stem for path in folder.glob("*.py") if "@shipped(" in path.read_text("utf-8")}
