@@ -111,7 +111,8 @@ class Lut(Table):
     def design(self, fs):
         c = np.zeros((4, len(self.knots) - 1))
         with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("error")  # of a system that scipy cannot solve to its digits
+            # of a system that scipy cannot solve to its digits
+            warnings.simplefilter("error", RuntimeWarning)
             try:
                 if self.kind == "linear":
                     c[2], c[3] = np.diff(self.values) / np.diff(self.knots), self.values[:-1]

@@ -423,18 +423,14 @@ class Sink:
                     left = self._due(self._at, time.monotonic) - time.monotonic()
                     self.pump.write("BEGIN", round((left - self._delay()) * self.rate))
                 self.pump.start(frames, first)
+            if self._refused:
+                why = f"not permitted here: {' and '.join(self._refused)}; the stream may stutter"
+                warnings.warn(f"{why} when the machine is busy", RuntimeWarning, stacklevel=2)
         except BaseException:
             self.close()
             if not self._over.is_set():  # it was closed before it had begun
                 self._finish(time.monotonic() + CLOSE_WITHIN)
             raise
-        if self._refused:
-            warnings.warn(
-                f"not permitted here: {' and '.join(self._refused)}; the stream may stutter when"
-                " the machine is busy",
-                RuntimeWarning,
-                stacklevel=2,
-            )
 
     def _due(self, at: Any, clock: Callable[[], float]) -> float:
         """Return the time of a start on ``time.monotonic``, if it can be kept."""
@@ -596,15 +592,16 @@ class Sink:
             self.pump.write("WAIT", 0)
             if self._started and self._feeder:
                 self._feeder.over.set()
-            if not self._let_it_go(max(0.2, end - 0.3 - time.monotonic())):
-                why = f"{self.device}: the device did not let go; it was left behind, silent"
-                warnings.warn(why, RuntimeWarning, stacklevel=3)
+            gone = self._let_it_go(max(0.2, end - 0.3 - time.monotonic()))
             if self._started:
                 self._finish(end)
             open_sinks.discard(self)
             logger.info(
                 "%s: closed %r%s", self.device, self, f", {self.report()}" if self._started else ""
             )
+            if not gone:  # last of all: the user may have made warnings errors
+                why = f"{self.device}: the device did not let go; it was left behind, silent"
+                warnings.warn(why, RuntimeWarning, stacklevel=3)
 
     def _finish(self, end: float) -> None:
         """End the threads of a started session, and with them the log."""

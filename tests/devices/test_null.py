@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 from devices.servers import Seen, begun, played, until
 from devices.stands import FS, STEADY
-from refusals import refused, warned
+from refusals import refused
 
 import stimlib
 from stimlib import BadValue, FaultError, Input, Param, Scene, SinkError
 from stimlib.devices import NullSink, Sink, null, words
+from stimlib.devices.process import open_sinks
 from stimlib.files.log_reader import read_log
 from stimlib.run.safety import Safety
 from stimlib.scenes import pulse
@@ -228,10 +229,21 @@ def test_close_comes_back_from_a_device_that_hangs(also):
     other = threading.Thread(target=sink.stop if also != "alone" else sink.check)
     other.start()
     until(lambda: sink._stopped or also == "alone")
-    warned(RuntimeWarning, "left behind", sink.close)
+    refused(RuntimeWarning, "left behind", sink.close)  # warnings are errors in tests
     assert sink.pump.state == words.CLOSED and sink._closer.is_alive()
+    assert sink not in open_sinks and not sink._worker.is_alive()
     sink.let_go.set()
     other.join()
+
+
+def test_a_start_whose_warning_is_an_error_leaves_nothing_playing(monkeypatch):
+    monkeypatch.setattr("stimlib.devices.sink.begin_playing", lambda sink: ["real time"])
+    sink = NullSink(STEADY, 1.0)
+    sink.open(FS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        refused(RuntimeWarning, "not permitted here: real time", sink.start)
+    assert sink.pump.state == words.CLOSED and sink not in open_sinks
 
 
 class Dead(Sink):
