@@ -2,6 +2,7 @@
 
 import threading
 
+import numpy  # noqa: F401 - alone, this file would have no BLAS
 from threadpoolctl import threadpool_info
 
 from stimlib.system.linear_algebra import one_thread
