@@ -301,8 +301,11 @@ def test_whole_numbers_of_64_bits_wrap_as_those_of_numpy(target, tmp_path):
 
 
 @on_targets
-def test_a_float_beyond_64_bits_is_the_word_that_numpy_makes_of_it(target, tmp_path):
-    f = of("w[0] = np.uint64(x)")
+@pytest.mark.parametrize(
+    "text", ["w[0] = np.uint64(x)", "o[0] = np.int64(x)", "o[0] = np.int64(x) == x"]
+)
+def test_a_float_beyond_64_bits_is_what_numpy_makes_of_it(text, target, tmp_path):
+    f = of(text)
     walked, rng = made_for(target, f, tmp_path), np.random.default_rng(0)
     edges = [np.nextafter(s * 2.0**k, t) for s in (1, -1) for k in (62, 63, 64) for t in (0, 1e99)]
     scattered = rng.standard_normal(300) * 2.0 ** rng.integers(0, 80, 300)
@@ -311,4 +314,5 @@ def test_a_float_beyond_64_bits_is_the_word_that_numpy_makes_of_it(target, tmp_p
         for run, to in ((f, wanted), (walked, made)):
             with np.errstate(all="ignore"):
                 run(np.float64(x), *to[1:])
-        assert made[-1][0] == wanted[-1][0], x
+        for one, other in zip(made[-2:], wanted[-2:], strict=True):
+            np.testing.assert_array_equal(one, other, f"{x}")

@@ -112,14 +112,20 @@ ST_INLINE int64_t st_abs(int64_t i) { return i < 0 ? (int64_t)(0 - (uint64_t)i) 
 
 ST_INLINE st_words st_as_words(st_floats a) { return st_words_of(a.p, a.n); }
 
-/* A float as a word: of one that is beyond, what numpy makes of it on x86. */
+/* A float as a whole number: of one that is beyond, what numpy makes of it on x86. */
+ST_INLINE int64_t st_to_whole(double x)
+{
+    return fabs(x) < 9223372036854775808.0 ? (int64_t)x : INT64_MIN;
+}
+
+/* The same as a word. */
 ST_INLINE uint64_t st_to_word(double x)
 {
     const double most = 9223372036854775808.0;
     const int high = x >= most;
     if (high)
         x -= most;
-    return (uint64_t)(fabs(x) < most ? (int64_t)x : INT64_MIN) ^ (uint64_t)high << 63;
+    return (uint64_t)st_to_whole(x) ^ (uint64_t)high << 63;
 }
 
 ST_INLINE double st_flush(double x) { return fabs(x) <= 1e-250 ? 0.0 : x; }

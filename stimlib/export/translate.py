@@ -75,9 +75,9 @@ class Printer:
         made = f"({text(x)} != 0)" if kind == "b1" else f"(({C_TYPES[kind]}){text(x)})"
         return Value(made, kind, x.kind == "b1")
 
-    def word(self, x: Value) -> str:
-        """Return a float as a uint64."""
-        return f"st_to_word({text(x)})"
+    def beyond(self, x: Value, kind: str) -> str:
+        """Return a float as a whole number."""
+        return f"st_to_{'word' if kind == 'u8' else 'whole'}({text(x)})"
 
     def computed(self, op: type, x: Value, y: Value, kind: str) -> str:
         """Return x op y, which are of one kind."""

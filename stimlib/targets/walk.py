@@ -467,14 +467,14 @@ def _extreme(op: type) -> Known:
 
 
 def _to(kind: str, of: Callable[[Any], Any]) -> Known:
-    return Known(lambda walk, given: of(given) if plain(given) else cast(walk.b, given, kind))
+    """Return a conversion: of an author's float beyond, what numpy on x86 makes."""
 
+    def convert(walk: Walk, given: Any) -> Any:
+        if plain(given) or kind == "f8" or number(given).kind not in FLOATS or not walk.authors:
+            return of(given) if plain(given) else cast(walk.b, given, kind)
+        return Value(walk.b.beyond(cast(walk.b, given, "f8"), kind), kind)
 
-def _word(walk: Walk, given: Any) -> Any:
-    """Return a uint64: of an author's float beyond, what numpy on x86 makes."""
-    if plain(given) or number(given).kind not in FLOATS or not walk.authors:
-        return np.uint64(given) if plain(given) else cast(walk.b, given, "u8")
-    return Value(walk.b.word(cast(walk.b, given, "f8")), "u8")
+    return Known(convert)
 
 
 WITH_TWINS = types.FunctionType | types.BuiltinFunctionType | type
@@ -485,5 +485,5 @@ BUILTINS = {
 }  # fmt: skip
 TYPES: dict[Any, Known] = {
     abs: Known(_abs), np.float64: _to("f8", float), np.int64: _to("i8", np.int64),
-    np.uint64: Known(_word),
+    np.uint64: _to("u8", np.uint64),
 }  # fmt: skip

@@ -271,12 +271,12 @@ class Builder(ir.IRBuilder):
         )
         return Value(value if value.type == target else self.trunc(value, target), kind, low)
 
-    def word(self, given: Value) -> ir.Value:
-        """Return a float as a uint64: of one beyond, what numpy on x86 makes."""
+    def beyond(self, given: Value, kind: str) -> ir.Value:
+        """Return a float as a whole number: of one beyond, what numpy on x86 makes."""
         most, least = ir.Constant(DOUBLE, 2.0**63), I64(-(2**63))
-        # numpy converts what is below 2**63 as an int64, and what is not after 2**63 is
-        # taken away
-        high = self.fcmp_ordered(">=", given.v, most)
+        # numpy converts what is below 2**63 as an int64, and for a uint64 what is not
+        # after 2**63 is taken away
+        high = self.fcmp_ordered(">=", given.v, most) if kind == "u8" else TRUTH(0)
         value = self.select(high, self.fsub(given.v, most), given.v)
         fits = self.fcmp_ordered("<", known(self, "fabs", value), most)
         whole = self.select(fits, self.fptosi(value, I64), least)
