@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.clocks import PARAMS, ROOT, Instance
+from ..core.clocks import PARAMS, ROOT
 from ..core.graph import Add, Block, Const, Input, Mul, Pick, signals
 from ..core.guard import Guard
 from ..core.loop_code import Cycle
@@ -85,11 +85,8 @@ class Layout:
 
     def gate(self, box: Box) -> tuple[int, ...]:
         """Return the signals that decide whether an ``enabled`` runs."""
-        return self.signals(self.opened(box).args)
-
-    def opened(self, box: Box) -> Instance:
-        """Return the instance that a box encloses."""
-        return self.program.instances[self.program.instances[box.number].args[0]]
+        instances = self.program.instances
+        return self.signals(instances[instances[box.number].args[0]].args)
 
     def signals(self, args: tuple[int, ...]) -> tuple[int, ...]:
         """Return those arguments that are drawn as connections."""
@@ -277,10 +274,9 @@ class Layout:
             return ["loop", " ".join(kinds[:6]) + " \u2026" * (len(kinds) > 6)]
         if isinstance(b, Param):
             return [b.name, f"{b.value:g} {self.unit(i)}".strip()]
-        numbers = []
-        for name, arg in zip(names_of(b), q.args, strict=True):
-            if isinstance(self.program.instances[arg].block, Const):
-                numbers.append(_number(name, self.program.instances[arg].block))
+        given = [self.program.instances[arg].block for arg in q.args]
+        named = zip(names_of(b), given, strict=True)
+        numbers = [_number(name, arg) for name, arg in named if isinstance(arg, Const)]
         if isinstance(b, Guard):
             return [self.names.get(i, "output"), *numbers]
         if b.sign:
@@ -289,12 +285,13 @@ class Layout:
                 numbers = [n.split(" = ")[1] for n in numbers]
                 return [" ".join([b.sign, *numbers])]
             return [b.sign, *numbers]
-        lines = numbers
-        for f in dc.fields(b):  # type: ignore[arg-type]
-            v = getattr(b, f.name)
-            number = f.name not in signals(type(b)) and not f.name.endswith("unit")
-            if number and v is not None and v is not False:
-                lines.append(_field(f.name, v))
+        fields = {f.name: getattr(b, f.name) for f in dc.fields(b)}  # type: ignore[arg-type]
+        lines = numbers + [
+            _field(name, v)
+            for name, v in fields.items()
+            if name not in signals(type(b)) and not name.endswith("unit")
+            if v is not None and v is not False
+        ]
         return [type(b).__name__, *lines[:4], *(["\u2026"] * (len(lines) > 4))]
 
     def ordered(self, i: int) -> bool:

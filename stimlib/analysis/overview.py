@@ -98,7 +98,7 @@ class Signals(NamedTuple):
         found = {b.name for b in reach([self.scene.outputs[output]]) if isinstance(b, Input)}
         names = [n for n in self.scene.inputs if n in found]
         places = [n for n in names if self.unit(n) in PLACES]
-        places.sort(key=lambda n: -len(n) * output.startswith(n))  # x10 of x1 and x10
+        places.sort(key=lambda n: -len(n) * output.startswith(n))  # x10, not x1
         return next(iter(places or (names if len(names) == 1 else ())), None)
 
     def detailed(self) -> list[str]:

@@ -113,8 +113,11 @@ def headline(passed: bool, e: Evidence) -> str:
     """Return the verdict, and what the recording was compared with."""
     parts = [p for p in e.scene.parts if p.given is not None and p.law not in e.unknown]
     known = {p.law: None for p in parts}
-    lawless = [n for n in e.scene.outputs if all(n not in p.outputs.values() for p in parts)]
-    lawless *= all(p.outputs for p in parts)  # the others do not say which are theirs
+    lawless = [
+        n
+        for n in e.scene.outputs
+        if all(p.outputs and n not in p.outputs.values() for p in parts)  # others say no names
+    ]
     free = sum(bool(h.why) for h in e.held)
     against = (
         f"the law{'s' if len(known) > 1 else ''} of {some(list(known))}"
@@ -298,8 +301,7 @@ def _blocks(e: Evidence) -> str:
     unheld = "".join(
         f"<tr><td>{esc(f'{h.block!r}{h.where}')}</td><td>{esc(h.why)}</td></tr>" for h in free
     )
-    if free:
-        unheld = f"<table><tr><th>block</th><th>why not</th></tr>{unheld}</table>"
+    unheld = f"<table><tr><th>block</th><th>why not</th></tr>{unheld}</table>" * bool(free)
     names = "samples", "error over tolerance", "smallest error that is detected"
     numbers = "".join(f'<th class="n">{name}</th>' for name in names)
     return (

@@ -197,15 +197,9 @@ def running(signal: Any) -> Any:
         ).astype(jnp.int32)
     else:
         inside = jnp.cumsum(tiles, axis=1)
-    if tiles.shape[0] == 1:
-        tops = jnp.zeros((1,), signal.dtype)
-    else:
-        # what all tiles before add: again a sum, over one number for each tile
-        tops = (
-            running(inside[:, -1])
-            if tiles.shape[0] > TILE
-            else jnp.cumsum(inside[:, -1]) - inside[:, -1]
-        )
+    last = inside[:, -1]
+    # what all tiles before add: again a sum, over one number for each tile
+    tops = running(last) if last.size > TILE else jnp.cumsum(last) - last
     return (inside - tiles + tops[:, None]).reshape(-1)[: signal.shape[0]]
 
 
@@ -218,18 +212,6 @@ def latest(marks: Any) -> Any:
     # in running
     before = later(lax.cummax(inside[:, -1]), 1, -1)
     return jnp.maximum(inside, before[:, None]).reshape(-1)[: marks.shape[0]]
-
-
-def fir(block, numbers, state, signals, run):
-    """Run the block ``Fir``."""
-    # stored from the oldest on, and filled up with zeros to whole groups
-    taps = numbers.taps[::-1][: int(numbers.order) + 1]
-    return taps_tiles(taps, spread(signals[0], run.n))
-
-
-def grain(block, numbers, state, signals, run):
-    """Run the block ``Grain``."""
-    return taps_tiles(numbers.shape, spread(signals[0], run.n))
 
 
 def modes(block, numbers, state, signals, run):
@@ -267,11 +249,6 @@ def stream_key(run_key: Any, seed: int, stream: int, counter_use: int) -> Any:
     return drawn[0] | (drawn[1] << noise.HALF_WORD)
 
 
-def integers(key: Any, pairs: Any) -> tuple[Any, Any]:
-    """Return the two random words of each pair of a stream, as on any target."""
-    return traced.bind(noise.pair_of_words)(key, pairs)
-
-
 def deviates(key: Any, start: int, count: int, dtype: Any) -> Any:
     """Return the normal deviates start .. start + count - 1 of a stream.
 
@@ -285,7 +262,7 @@ def deviates(key: Any, start: int, count: int, dtype: Any) -> Any:
     radius, turn = (
         short if dtype == jnp.float32 else traced.bind(exact) for short, exact in SHORT_FORMS
     )
-    first, second = integers(key, indices)
+    first, second = traced.bind(noise.pair_of_words)(key, indices)  # as on any target
     # a loop each: one of both, or one that makes the words too, takes a sixth longer
     radii, (cosine, sine) = lax.map(radius, first), lax.map(turn, second)
     radii, cosine, sine = (column.reshape(-1)[:pairs] for column in (radii, cosine, sine))
@@ -394,11 +371,7 @@ def guard(block, numbers, state, signals, run):
 
 def delay(block, numbers, state, signals, run):
     """Run the block ``Delay``."""
-    return (
-        later(spread(signals[0], run.n), min(int(numbers.n), run.n))
-        if numbers.n < run.n
-        else jnp.zeros(run.n)
-    )
+    return later(spread(signals[0], run.n), int(min(numbers.n, run.n)))
 
 
 # Contact: where a history begins ------------------------------------------------------
@@ -757,11 +730,12 @@ LOWERINGS: dict[type[Block], Callable] = {
     ),
     FilteredNoise: pink,
     Modes: modes,
-    Fir: fir,
+    # stored from the oldest on, and filled up with zeros to whole groups
+    Fir: lambda b, p, s, x, run: taps_tiles(p.taps[::-1][: int(p.order) + 1], spread(x[0], run.n)),
     Delay: delay,
     Carrier: carrier,
     Cascade: signalforms.cascade,
-    Grain: grain,
+    Grain: lambda b, p, s, x, run: taps_tiles(p.shape, spread(x[0], run.n)),
     Ring: signalforms.ring,
 }
 LOWERINGS |= {

@@ -97,12 +97,9 @@ class Function:
             )
         }
         self.gates = tuple(self._decisions)
-        self.units = {
-            name: str(instances[index].block.dim)
-            for group in (self.program.inputs, self.program.params)
-            for name, index in group.items()
-        }
-        self.units |= {name: str(block.dim) for name, block in scene.outputs.items()}
+        given = self.program.inputs | self.program.params
+        blocks = {name: instances[i].block for name, i in given.items()} | scene.outputs
+        self.units = {name: str(block.dim) for name, block in blocks.items()}
         self._jitted = jax.jit(self._signals, static_argnames=("n", "wanted"))
 
     def __repr__(self):
