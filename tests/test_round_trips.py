@@ -34,4 +34,3 @@ def test_a_fit_finds_what_made_its_data(name, draws):
             assert SURE[draws] < binom.cdf(held, draws, 0.95), row
         assert abs(row["bias %"]) < 4.5 * row["its error %"] + BIAS * row["spread %"], row
         assert not row["played"] > LATE, row
-        assert name in COMPILED or draws == 20 or row["seconds"] < 1, row
