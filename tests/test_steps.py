@@ -236,6 +236,16 @@ MISTAKES = [
         "@staticmethod\ndef tile(p, s, x, y):\n    x[:] = 0.0  # here\n    return s\n",
         "a tile into its outputs",
     ),
+    (  # where the rehearsal on zeros does not get
+        "@staticmethod\ndef tile(p, s, x, y):\n    if x[0] > 1.0:\n        x[0] = 1.0  # here\n"
+        "    return s\n",
+        "x[0] cannot be set: a step may write only into arrays",
+    ),
+    (
+        ARRAYS + "@staticmethod\ndef tile(p, s, x, y):\n    if x[0] > 1.0:\n"
+        "        p.table[0] += x[0]  # here\n    return s\n",
+        "p.table[0] cannot be set: a step may write only into arrays",
+    ),
     (
         "def design(self, fs):  # here\n    return Gain(10**400), State(0.0)\n" + GOOD,
         "Mine.design: parameters 'gain' is a int; floats",

@@ -522,11 +522,12 @@ def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: typ
         return
     body = ast.parse(text).body[0]
     check(f, tile=name == "tile")
-    p, s, *_ = inspect.signature(f).parameters
+    p, s, *x = inspect.signature(f).parameters
+    read = {p, *x[: len(signals(cls)) - cls.resettable]}
     tuples = {p: ("parameters", fields(p_type)), s: ("state", fields(s_type))}
     new = f"the new state {s_type.__name__}(..)" if fields(s_type) else s
     for at, why in chain(
-        _faults_of_fields(body, tuples), _faults_of_ends(body, cls, f, s_type, new)
+        _faults_of_fields(body, tuples, read), _faults_of_ends(body, cls, f, s_type, new)
     ):
         refuse(getattr(at, "lineno", 1) + offset, why)
 
@@ -551,11 +552,23 @@ def _faults_of_form(cls: Any, name: str, f: Any, s_type: type) -> Iterator[str]:
         yield f"it takes ({', '.join(given)}) and must take {name}({form})"
 
 
-def _faults_of_fields(body: ast.AST, tuples: dict[str, tuple[str, tuple[str, ...]]]) -> Faults:
-    """Yield fields of parameters or state that are set, or do not exist."""
+def _faults_of_fields(
+    body: ast.AST, tuples: dict[str, tuple[str, tuple[str, ...]]], read: set[str]
+) -> Faults:
+    """Yield fields of parameters or state that are set, or do not exist.
+
+    Also elements of what may only be read, which the rehearsal sees only if it gets
+    there.
+    """
     nodes = list(ast.walk(body))
     stored = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
     for node in nodes:
+        if (
+            isinstance(node, ast.Subscript)
+            and isinstance(node.ctx, ast.Store)
+            and getattr(getattr(node.value, "value", node.value), "id", "") in read - stored
+        ):
+            yield node, f"{ast.unparse(node)} cannot be set: {_REMEDIES['read-only']}"
         if not isinstance(node, ast.Attribute):
             continue
         if isinstance(node.ctx, ast.Store):

@@ -65,19 +65,20 @@ def _set_within(node: ast.FunctionDef) -> frozenset[str]:
     """Return the variables that are set in a loop or a branch, loops' own left out."""
     # A loop's own variable is a register, unless it is used behind its loop or set
     # elsewhere: then it is memory, like all others that are set here.
-    found = set[str]()
     inner = [n for part in node.body if isinstance(part, OPEN) for n in ast.walk(part)]
     loops = [n for n in inner if isinstance(n, ast.For)]
     own = {id(n.target) for n in loops}
-    for n in inner:
-        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store) and id(n) not in own:
-            found.add(n.id)
+    found = {
+        n.id
+        for n in inner
+        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store) and id(n) not in own
+    }
     for name in {n.target.id for n in loops if isinstance(n.target, ast.Name)}:
-        inside = {id(v) for n in loops if getattr(n.target, "id", "") == name for v in ast.walk(n)}
-        uses = [n for n in ast.walk(node) if isinstance(n, ast.Name) and n.id == name]
         mine = [n for n in loops if getattr(n.target, "id", "") == name]
+        inside = {id(v) for n in mine for v in ast.walk(n)}
+        uses = {id(n) for n in ast.walk(node) if isinstance(n, ast.Name) and n.id == name}
         nested = any(m is not n and m in ast.walk(n) for m in mine for n in mine)
-        if nested or any(id(n) not in inside for n in uses):  # behind, or set elsewhere too
+        if nested or uses - inside:  # behind, or set elsewhere too
             found.add(name)
     return frozenset(found)
 
