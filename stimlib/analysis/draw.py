@@ -228,7 +228,7 @@ class Ink:
         for b in level.boxes:
             if not b.inner:
                 self.block(b)
-            if b.number not in p.names and b.number not in given:
+            if b.number not in (*p.program.outputs.values(), *given):
                 x, y = p.out(b)
                 self.word(x + 0.04, y - 0.055, p.unit(b.number), SMALL, PALE, "left", halo=ground)
         for b in level.boxes:

@@ -63,7 +63,6 @@ class Layout:
 
     def __init__(self, program: Program):
         self.program = program
-        self.names = {i: name for name, i in program.outputs.items()}
         # of several outputs of a clock, the first has its box
         closes = [(i, q.args[0]) for i, q in enumerate(program.instances) if q.kind == "close"]
         first = {gate: i for i, gate in reversed(closes)}
@@ -277,8 +276,10 @@ class Layout:
         given = [self.program.instances[arg].block for arg in q.args]
         named = zip(names_of(b), given, strict=True)
         numbers = [_number(name, arg) for name, arg in named if isinstance(arg, Const)]
-        if isinstance(b, Guard):
-            return [self.names.get(i, "output"), *numbers]
+        if isinstance(b, Guard):  # equal outputs are one block
+            equal = [name for name, at in self.program.outputs.items() if at == i]
+            more = f" and {len(equal) - 3} more" * (len(equal) > 3)
+            return [" = ".join(equal[:3]) + more or "output", *numbers]
         if b.sign:
             # the order does not matter, so the field's name does not
             if numbers and isinstance(b, Mul | Add):

@@ -25,7 +25,7 @@ from stimlib.blocks import (
     white_noise,
 )
 from stimlib.core.program import lower
-from stimlib.scenes import squeeze
+from stimlib.scenes import squeeze, tone
 
 
 def nested() -> Scene:
@@ -132,6 +132,8 @@ def test_same_bytes_every_time(tmp_path, suffix, magic, name):
     ("y", "words", "last"),
     [
         (abs(Input("x")), ["x", "| |", "y"], "every sample"),
+        (tone(channels=2), ["freq", "Carrier"], "signal0 = signal1"),
+        (tone(channels=5), ["freq", "Carrier"], "signal0 = signal1 = signal2 and 2 more"),
         (
             sum(enabled(white_noise(k), by=Input("x") > k) for k in range(7)),
             ["x", "White", "y"],
@@ -141,7 +143,7 @@ def test_same_bytes_every_time(tmp_path, suffix, magic, name):
     ],
 )
 def test_words_stand_in_the_picture_from_the_left(y, words, last):
-    svg = draw(Scene({"y": y})).svg
+    svg = draw(y if isinstance(y, Scene) else Scene({"y": y})).svg
     _, _, width, height = map(float, re.search('viewBox="([^"]+)"', svg)[1].split())
     found = re.findall(r"<!-- (.+) -->\s*<g [^>]*translate\(([\d.-]+) ([\d.-]+)\)", svg)
     across = {word: float(x) for word, x, _ in found}
