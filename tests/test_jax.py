@@ -242,6 +242,13 @@ def test_every_scene_equals_the_reference(dtype_name):
     agrees(agreement(c.scene, c.motion(), c.fs, dtype=dtype, seed=3), TOLERANCE[dtype])
 
 
+def test_products_of_float32_keep_its_digits_where_others_are_shorter_by_default():
+    """As on accelerators, which multiply float32 with 7 or 10 bits unless asked."""
+    scene = Scene({"y": b.pink_noise(1.0, seed=7, f_low=10.0)})
+    with jax.default_matmul_precision("BF16_BF16_F32"):
+        agrees(agreement(scene, {}, 8000.0, n=N, dtype="float32"), TOLERANCE["float32"])
+
+
 def test_every_deviate_of_float32_is_the_reference_rounded():
     a = agreement(Scene({"y": b.white_noise(3)}), {}, 8000.0, n=64, dtype="float32")
     assert a.worst < 1e-6, a

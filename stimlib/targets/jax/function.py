@@ -173,7 +173,8 @@ class Function:
         wide = jax.config.read("jax_enable_x64")
         if not wide and _traced((params, motion, key, gates)):
             raise BadValue(NARROW)
-        with jax.enable_x64(True):
+        # or an accelerator multiplies float32 with ten bits, or seven
+        with jax.enable_x64(True), jax.default_matmul_precision("highest"):
             if motion is not None and not isinstance(motion, Mapping):
                 motion, n = self._rows(motion, n)
             params = _named("params", "parameter", params, self.params)
