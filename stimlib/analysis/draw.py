@@ -170,33 +170,17 @@ def _render(layout: Layout, suffix: str) -> bytes:
 
     with plain_style(svg_hashsalt="stimlib", font_family=["DejaVu Sans"]):
         width = max(layout.x[-1] + layout.wide[-1] + MARGIN, 3.0)
-        legend = _legend(layout.program, width)
-        height = layout.top.height + 2 * MARGIN + 0.3 + ROW * (len(legend) - 1)
-        figure = Figure(figsize=(width, height), dpi=150)
+        figure = Figure(dpi=150)
         axes = figure.add_axes((0, 0, 1, 1))
-        axes.set(xlim=(0, width), ylim=(height, 0))
         axes.axis("off")
         ink = Ink(layout, axes)
         ink.level(layout.top)
-        ink.legend(legend, height - MARGIN)
+        height = ink.legend(layout.top.height + MARGIN + 0.3, width) + MARGIN
+        axes.set(xlim=(0, width), ylim=(height, 0))
+        figure.set_size_inches(width, height)
         memory = io.BytesIO()
         figure.savefig(memory, format=suffix[1:], metadata=FORMATS[suffix])
     return memory.getvalue()
-
-
-def _legend(program: Program, width: float) -> list[list[tuple[float, int, str]]]:
-    """Return left edge, clock and words of each entry, in rows of at most a width."""
-    rows: list[list] = [[]]
-    x = MARGIN
-    for clock, name in [*enumerate(program.clocks)][not program.params :]:
-        when = program.runs[clock] if name.startswith("segment") else " while its gate is open"
-        word = ("parameters", "every sample", f"{name}: only{when}")[min(clock, 2)]
-        wide = 0.27 + width_of(word, SMALL)
-        if rows[-1] and x + wide > width:
-            rows, x = [*rows, []], MARGIN
-        rows[-1].append((x, clock, word))
-        x += wide + 0.28
-    return rows
 
 
 class Ink:
@@ -206,13 +190,19 @@ class Ink:
         self.layout, self.axes = layout, axes
         self.instances: list[Instance] = layout.program.instances
 
-    def legend(self, rows: list[list[tuple[float, int, str]]], bottom: float) -> None:
-        """Draw rows of the colours of clocks and their words, the last lowest."""
-        for up, row in enumerate(reversed(rows)):
-            for x, clock, word in row:
-                y = bottom - ROW * up
-                self.rectangle(x, y - 0.07, 0.2, 0.13, _colour(clock), INK, 3)
-                self.word(x + 0.27, y, word, SMALL, PALE, "left")
+    def legend(self, y: float, width: float) -> float:
+        """Write the clocks in rows of at most a width; return where the last is."""
+        x, program = MARGIN, self.layout.program
+        for clock, name in [*enumerate(program.clocks)][not program.params :]:
+            when = program.runs[clock] if name.startswith("segment") else " while its gate is open"
+            word = ("parameters", "every sample", f"{name}: only{when}")[min(clock, 2)]
+            wide = 0.27 + width_of(word, SMALL)
+            if MARGIN < x > width - wide:
+                x, y = MARGIN, y + ROW
+            self.rectangle(x, y - 0.07, 0.2, 0.13, _colour(clock), INK, 3)
+            self.word(x + 0.27, y, word, SMALL, PALE, "left")
+            x += wide + 0.28
+        return y
 
     def level(self, level: Level, ground: str = "white", given: tuple[int, ...] = ()) -> None:
         """Draw all blocks that run on one clock, on a background colour.
