@@ -454,18 +454,16 @@ def curve(ax: Any, t: np.ndarray, y: np.ndarray, **style: Any) -> None:
     ax.plot(t[some], y[some], **({"lw": 0.7} | style))
 
 
-def extremes(y: np.ndarray, step: int, inside: Any = True) -> Any:
+def extremes(y: np.ndarray, step: int) -> np.ndarray:
     """Return where a signal is smallest and largest in each interval of some samples.
 
-    So no extreme value of what is inside is lost; of two samples or less all are
-    returned.
+    So no extreme value is lost; of two samples or less all are returned.
     """
     if step < 3:
-        return slice(None)
-    rows = np.full((2, -(-y.size // step) * step), np.inf)
-    rows[:, : y.size] = np.where(inside, [y, -y], np.inf)
-    places = rows.reshape(2, -1, step).argmin(axis=2) + step * np.arange(rows.shape[1] // step)
-    return np.unique(places)
+        return np.arange(y.size)
+    tiles = np.pad(y, (0, -y.size % step), mode="edge").reshape(-1, step)
+    places = np.array([tiles.argmin(axis=1), tiles.argmax(axis=1)])
+    return np.unique(places + step * np.arange(len(tiles)))
 
 
 def _axes(ax: Any, name: str, unit: str, most: int = 4, over: str = "1") -> None:
@@ -520,7 +518,9 @@ def _over_position(
     back = round(0.01 * s.fs) + 1  # 10 ms: the codes of an encoder go to and fro
     inward = x > np.r_[np.full(min(back, x.size), x[0]), x[:-back]]
     inside = (x >= within[0]) & (x <= within[1])
-    some = extremes(y, int(inside.sum()) // 3000, inside)
+    at = np.flatnonzero(inside)
+    # with the sample behind each pass, which is not drawn and parts it from the next
+    some = np.union1d(at[extremes(y[at], at.size // 3000)], np.flatnonzero(np.diff(inside)) + 1)
     for mask, label, style in (
         (~inward, "back, or held", {"lw": 3, "color": "0.75", "zorder": 3 if by_itself else 1}),
         (inward, "forwards", {"lw": 0.8, "color": OUTPUT}),
