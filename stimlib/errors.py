@@ -526,10 +526,6 @@ def _is_number(v: Any, of: Any, parts: tuple) -> bool:
     return isinstance(v, kind) and not isinstance(v, bool)
 
 
-def _is_array(v: Any, of: Any, parts: tuple) -> bool:
-    return _numbers(v, "biufc") and hasattr(v, "__len__")
-
-
 def _is_signal(v: Any, of: Any, parts: tuple) -> bool:
     """Return whether a value other than a block is a number, numpy scalars included."""
     return _is_number(v, float, ()) or (getattr(v, "ndim", 1) == 0 and _numbers(v))
@@ -540,7 +536,7 @@ RULES: dict[Any, Callable[[Any, Any, tuple], bool]] = {
     Literal: lambda v, of, parts: isinstance(v, str) and v in parts,
     Annotated: lambda v, of, parts: _fits(v, parts[0]) and parts[1].holds(v),
     "Block": _is_signal,
-    "ndarray": _is_array,
+    "ndarray": lambda v, of, parts: _numbers(v, "biufc") and hasattr(v, "__len__"),
 }
 """For each type or its name, the test of a value; `_is_of` for all others."""
 RULES[bool] = lambda v, of, parts: type(v).__name__ in ("bool", "bool_")

@@ -111,12 +111,12 @@ def main(place, folder, workers):
     for at, (name, old, new) in enumerate(json.load(sys.stdin)):
         os.makedirs(os.path.join(folder, str(at)))
         os.chdir(os.path.join(folder, str(at)))
-        if place in ONE_PROCESS:
-            said = in_a_process(both, place, old, new, workers)
-        else:
-            said = in_a_process(before, place, old, workers) or in_a_process(
-                after, place, new, workers
-            )
+        said = (
+            in_a_process(both, place, old, new, workers)
+            if place in ONE_PROCESS
+            else in_a_process(before, place, old, workers)
+            or in_a_process(after, place, new, workers)
+        )
         print(json.dumps([name, said]), flush=True)
 
 

@@ -97,10 +97,8 @@ def test_reference_pages_show_their_pages_of_the_gallery():
     """All of a family of blocks, and the one of a scene."""
     for page in (p for p in PAGES if p.parent.name in ("blocks", "scenes") and p.stem != "index"):
         own = [f.stem for f in (ROOT / "examples" / "gallery" / page.parent.name).glob("plot_*.py")]
-        if page.parent.name == "blocks":
-            own = [n for n in own if n.split("_")[1] == page.stem]
-        else:
-            own = [n for n in own if n == f"plot_{page.stem}"]
+        whole = page.parent.name == "scenes"
+        own = [n for n in own if (n[5:] if whole else n.split("_")[1]) == page.stem]
         shown = (
             page.read_text("utf-8").partition("\n.. shown::\n\n")[2].partition("\n\n")[0].split()
         )

@@ -276,10 +276,11 @@ def params_of(items: list[str], scene: Scene) -> dict[str, float]:
     values = {}
     units = {name: str(param.dim) for name, param in scene.params.items()}
     for name, text in pairs(items, "--set", "NAME=VALUE").items():
-        if name in units and len(text.split()) > 1:
-            values[name] = amplitude(text, units[name])
-        else:
-            values[name] = number(text, f"--set {name}={text}")
+        values[name] = (
+            amplitude(text, units[name])
+            if name in units and len(text.split()) > 1
+            else number(text, f"--set {name}={text}")
+        )
     need("--set", values, units, "parameter")
     return values
 

@@ -150,10 +150,11 @@ def response(
             where = f"{b!r} on the way from {source!r} to {output!r}"
             if isinstance(b, Subsystem):
                 raise SceneError(f"{where} runs on its own clock, so it has no response")
-            if isinstance(b, Cycle):
-                after = _around(b, b.parts(*design[i]), fs, z, parts, numbers)
-            else:
-                after = b.through(design[i][0], fs, z, parts, numbers)
+            after = (
+                _around(b, b.parts(*design[i]), fs, z, parts, numbers)
+                if isinstance(b, Cycle)
+                else b.through(design[i][0], fs, z, parts, numbers)
+            )
             if after is None and steepest:
                 after = b.steepest(fs, z, parts, numbers)
             if after is None:

@@ -276,10 +276,11 @@ def _log_elliptic(x: FloatArray, k1: float, sign: int) -> FloatArray:
     s = math.pi * _agm(1.0, math.sqrt((1 - k1) * (1 + k1))) / _agm(1.0, k1)
     j = np.arange(math.ceil(40 / s) + 1)[:, None]
     above, below = -s * (j + x), -s * (j + 1 - x)
-    if sign < 0:
-        factors = np.log(-np.expm1(above)) - np.log(-np.expm1(below))
-    else:
-        factors = np.log1p(np.exp(above)) - np.log1p(np.exp(below))
+    factors = (
+        np.log(-np.expm1(above)) - np.log(-np.expm1(below))
+        if sign < 0
+        else np.log1p(np.exp(above)) - np.log1p(np.exp(below))
+    )
     return -math.log(k1) / 2 - s * (1 - 2 * x) / 4 + np.sum((1 - 2 * (j % 2)) * factors, axis=0)
 
 

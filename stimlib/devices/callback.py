@@ -478,16 +478,6 @@ def produce_at(c, n, lost, start):
         count(c[HISTOGRAM], now(c) - begun)
 
 
-def aim(c, d, n):
-    """Let a motion of time be where it would be if the session d began in time."""
-    late = max(0, min(c[FADE_AT], c[END]) + d[SKIP])
-    if d[MOTION] == TIMED:  # as far as its columns are there
-        late = min(late, max(0, load(d, M_WRITE) - n))
-    if d[END] == d[TABLE_N]:
-        d[END] = max(1, d[END] - late)
-    store(d, SKIP, late)
-
-
 def follow(c, d, begins, n, lost, start):
     """Add the frames of the session d, which follows this one, to those of the block.
 
@@ -498,8 +488,13 @@ def follow(c, d, begins, n, lost, start):
     d[CONNECTED], d[IN_STRIDE] = c[CONNECTED], c[IN_STRIDE]
     if d[CALLS] == 0:
         store(d, WAIT, load(c, WAIT))
-        if begins < n:
-            aim(c, d, n)
+        if begins < n:  # a motion of time is where it would be if the session began in time
+            late = max(0, min(c[FADE_AT], c[END]) + d[SKIP])
+            if d[MOTION] == TIMED:  # as far as its columns are there
+                late = min(late, max(0, load(d, M_WRITE) - n))
+            if d[END] == d[TABLE_N]:
+                d[END] = max(1, d[END] - late)
+            store(d, SKIP, late)
     while begins < n:
         m = min(n - begins, CHUNK)
         if d[MOTION] == SIGNALS:

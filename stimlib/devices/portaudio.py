@@ -109,12 +109,12 @@ class PortAudioSink(Sink):
         self.name = int(name) if number else name  # type: ignore[arg-type]
         self.latency = latency
         self._stream: Any = None
-        if isinstance(self.motion, Signals):
-            if ports := [s.connect for s in self.motion.inputs.values() if s.connect is not None]:
-                raise BadValue(
-                    f"portaudio: a device has input channels in their order, no port {ports[0]!r}"
-                    " to connect"
-                )
+        signals = self.motion.inputs.values() if isinstance(self.motion, Signals) else ()
+        for port in (s.connect for s in signals if s.connect is not None):
+            raise BadValue(
+                f"portaudio: a device has input channels in their order, no port {port!r} to"
+                " connect"
+            )
 
     def _open(self) -> None:
         sd = sounddevice()

@@ -74,8 +74,7 @@ def _socket(
     except (OSError, OverflowError, TypeError, ValueError) as e:
         made.close()
         why = getattr(e, "strerror", "a host is a name, and a port is a number from 0 to 65535")
-        shown = repr(f"{host}:{port}")[1:-1]
-        raise SinkError(f"{what}: {shown} cannot be {done}: {why}") from e
+        raise SinkError(f"{what}: {repr(host)[1:-1]}:{port} cannot be {done}: {why}") from e
     return made
 
 

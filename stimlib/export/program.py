@@ -187,10 +187,11 @@ class Writer:
         self.blocks.append("\n".join([f"/* {said(q.block)} */", head, "{", *lines, "}", ""]))
         if self.single:
             in_single("\n".join([*self.unit.functions[known:], self.blocks[-1]]))
-        if contact is None:
-            call = f"b{i}(m, 0, n{q.clock});"
-        else:
-            call = self.resettable(i, q.clock, self.fields[first:], s, contact, outputs)
+        call = (
+            f"b{i}(m, 0, n{q.clock});"
+            if contact is None
+            else self.resettable(i, q.clock, self.fields[first:], s, contact, outputs)
+        )
         self.body.append(call if q.clock <= ROOT else f"if (n{q.clock} > 0) {call}")
 
     def resettable(

@@ -151,13 +151,12 @@ def full_scales(scene: Scene, fs: float, ranges: Mapping[str, Range]) -> dict[st
 @lru_cache(1)
 def _swept(scene: Scene, fs: float, ranges: tuple[Range, ...]) -> Rendering:
     """Return one second of a scene in which every input sweeps its range."""
-    motion: dict[str, Any] = {}
-    for name, (low, high) in zip(scene.inputs, ranges, strict=True):
-        motion[name] = (
-            np.ones(round(fs))
-            if name == "contact"
-            else sinusoid((high - low) / 2, 1.0, (high + low) / 2, -math.pi / 2)
-        )
+    motion: dict[str, Any] = {
+        name: np.ones(round(fs))
+        if name == "contact"
+        else sinusoid((high - low) / 2, 1.0, (high + low) / 2, -math.pi / 2)
+        for name, (low, high) in zip(scene.inputs, ranges, strict=True)
+    }
     with warnings.catch_warnings():
         # that a sweep of a whole pad is faster than a hand
         warnings.simplefilter("ignore", RuntimeWarning)

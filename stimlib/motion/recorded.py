@@ -433,10 +433,9 @@ def recording(
     if missing != "refuse":
         found, notes = filled(table, found, missing, gap)
         read += notes
-    if reports == "always":
-        held, gaps = check_gaps(table, found, gap)
-    else:
-        held, gaps = hold_silences(found, period, gap)
+    held, gaps = (
+        check_gaps(table, found, gap) if reports == "always" else hold_silences(found, period, gap)
+    )
     whole, jumps = joined(table, held, max_speed)
     step = Contact(held.t, np.append(whole, held.contact[-1]), f"{spec}.contact")
     duration, has_lifts = float(found.t[-1]), not bool(found.contact.all())

@@ -142,14 +142,14 @@ def row_keys(plan: Plan, table: Table, digests: Mapping[str, bytes]) -> Any:
     pa = arrow()
     n = table.num_rows
     seeds = table["seed"].to_numpy() if "seed" in table.column_names else np.zeros(n, np.uint64)
-    columns = [_words(pa.array(seeds))]
-    if "motion" in table.column_names:
-        columns.append(_digests(table["motion"].combine_chunks(), digests))
-    else:
-        columns.append(np.tile(np.frombuffer(digests[""], np.uint8), (n, 1)))
-    for name in sorted((*plan.roles.live, *plan.roles.arguments)):
-        columns.append(_words(table[name].combine_chunks()))
-    records = np.concatenate(columns, axis=1)
+    moved = (
+        _digests(table["motion"].combine_chunks(), digests)
+        if "motion" in table.column_names
+        else np.tile(np.frombuffer(digests[""], np.uint8), (n, 1))
+    )
+    names = sorted((*plan.roles.live, *plan.roles.arguments))
+    columns = (_words(table[name].combine_chunks()) for name in names)
+    records = np.concatenate([_words(pa.array(seeds)), moved, *columns], axis=1)
     shared = hashlib.blake2b(bytes.fromhex(plan.key), digest_size=KEY)
 
     def key(record: bytes) -> bytes:

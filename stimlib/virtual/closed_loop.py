@@ -408,18 +408,15 @@ class ClosedLoop:
     def __str__(self):
         """Say in sentences what happened."""
         amplitude, rate = self.cycle
-        lines = [f"{self.device!r} in {self.hand!r}, {self.t.size / self.fs:g} s at {self.fs:g} Hz"]
-        if self.settles:
-            lines.append(f"the device comes to rest at {1e3 * self.position[-1]:.3g} mm")
-        else:
-            lines.append(
-                f"the device does not come to rest: {1e3 * amplitude:.3g} mm at {rate:.3g} Hz"
-            )
-        lines.append(f"contact began {counted(self.contacts, 'time')}")
-        lines.append(
+        lines = [
+            f"{self.device!r} in {self.hand!r}, {self.t.size / self.fs:g} s at {self.fs:g} Hz",
+            f"the device comes to rest at {1e3 * self.position[-1]:.3g} mm"
+            if self.settles
+            else f"the device does not come to rest: {1e3 * amplitude:.3g} mm at {rate:.3g} Hz",
+            f"contact began {counted(self.contacts, 'time')}",
             f"the scene gave {1e3 * self.given:.3g} mJ more than it had got; the hand did"
-            f" {1e3 * self.work[-1]:.3g} mJ in all"
-        )
+            f" {1e3 * self.work[-1]:.3g} mJ in all",
+        ]
         if power := self.told["power"]:
             lines.append(
                 f"it is active on purpose, {1e3 * power:.3g} mW: {1e3 * self.beyond:.3g} mJ"
@@ -435,8 +432,10 @@ class ClosedLoop:
             lines.append(
                 "the hardware: " + ", ".join(f"{n} {what}" for what, n in hardware.items())
             )
-        for name, at in self.told["faults"].items():
-            lines.append(f"{name} was not finite at sample {at} ({at / self.fs:g} s), and ended")
+        lines += [
+            f"{name} was not finite at sample {at} ({at / self.fs:g} s), and ended"
+            for name, at in self.told["faults"].items()
+        ]
         return "\n".join(lines)
 
 

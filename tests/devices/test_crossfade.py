@@ -296,7 +296,7 @@ def test_the_fade_in_which_both_play_is_counted_once(ahead, end, kind, monkeypat
         # up to there the other had played, or it ended
         assert made.since == (1300 if end == 1300 else max(made.at, 840))
         assert 4 * y[-1] == pytest.approx(3 * (2000 - 160 - 1) / FS, abs=1e-6)
-        assert timed or made.pump.read("END") == 4000 - made.since
+        assert timed or made.pump.read("END") == 4000 - made.since, "of a recording"
         # of 2000 frames, the first 160 rise
         assert _ending([sink, made]) == f"played {(2000 - 160) / FS:.4g} s, nothing lost"
 

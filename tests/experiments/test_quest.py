@@ -179,10 +179,11 @@ def curves(kind):
 
 def probability(rows, values, level):
     v = dict(zip(rows, values, strict=True))
-    if "deviation" in v:
-        shape = norm.cdf(level, v["mean"], v["deviation"])
-    else:
-        shape = 1 - math.exp(-((level / v["mean"]) ** v["slope"]))
+    shape = (
+        norm.cdf(level, v["mean"], v["deviation"])
+        if "deviation" in v
+        else 1 - math.exp(-((level / v["mean"]) ** v["slope"]))
+    )
     low = v.get("guess", v["lapse"])
     return min(max(low + (1 - low - v["lapse"]) * shape, 1e-10), 1 - 1e-10)
 

@@ -210,10 +210,11 @@ def _archive(data: bytes, chance: Random) -> bytes:
 def _elements(data: bytes, chance: Random) -> bytes:
     """Of XML: a text is another, or a tag goes."""
     text = data.decode(errors="replace")
-    if chance.randrange(3):
-        found, new = r"(?<=>)[^<>]+(?=<)", chance.choice([*NUMBERS, *TEXTS])
-    else:
-        found, new = r"<[^<>]*>", ""
+    found, new = (
+        (r"(?<=>)[^<>]+(?=<)", chance.choice([*NUMBERS, *TEXTS]))
+        if chance.randrange(3)
+        else (r"<[^<>]*>", "")
+    )
     at = chance.choice([*re.finditer(found, text)] or [re.search("$", text)])
     return (text[: at.start()] + new + text[at.end() :]).encode(errors="replace")
 

@@ -343,10 +343,8 @@ def test_a_motion_beyond_the_travel_is_a_warning_and_a_line_of_the_report(
         (one, "x1", lambda t: np.interp(t, *table.values())),
     ):
         given = stimlib.render, scene, dict.fromkeys(scene.inputs, motion), 8000, 0.37
-        if beyond:
-            y = warned(RuntimeWarning, f"{name} moves by .* beyond the travel of 0.04", *given)
-        else:
-            y = given[0](*given[1:])
+        told = f"{name} moves by .* beyond the travel of 0.04"
+        y = warned(RuntimeWarning, told, *given) if beyond else given[0](*given[1:])
         numbers = stimlib.verify(scene, y.motion, y).evidence.numbers
         assert any("beyond the travel of 0.04 m" in n for n in numbers) == beyond
 

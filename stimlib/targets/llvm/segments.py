@@ -236,8 +236,7 @@ def _take(form: Form, number: int, lines: list[str], after: list[str]) -> None:
     operand, at = sum(len(one.signals) for one in form.parts[:number]), 0
     if number:
         behind = sum(len(one.signals) for one in form.parts) + 2 * (number - 1)
-        lines.append(f"P{suffix} = _sl.at(P, A[{behind}])")
-        lines.append(f"S{suffix} = _sl.at(S, A[{behind + 1}])")
+        lines += [f"{v}{suffix} = _sl.at({v}, A[{behind + k}])" for k, v in enumerate("PS")]
     lines += [f"C{suffix} = _sl.as_u8(P{suffix})", f"Z{suffix} = _sl.as_u8(S{suffix})"]
     # Where a number lies is known as soon as the form is; where a state lies is a sum,
     # because sizes of arrays are among the numbers: a delay of any length has one
