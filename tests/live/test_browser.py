@@ -606,15 +606,17 @@ COMPUTED = {
         send("down", 12, 20, 0.7);
         field.tick(0);
         send("cancel", 13);
+        for (const t of [20, 21]) send("rawupdate", t, t);
         for (const repeat of [false, true, true]) field.key({ key: "Enter", repeat }, true);
+        field.tick(0);
         for (const type of ["pen", "touch"]) { // of a finger 0 is not known
-          send("down", 14, 30, 0, type);
-          send("up", 15, 30, 0, type);
+          send("down", 24, 30, 0, type);
+          send("up", 25, 30, 0, type);
         }
         canvas.remove();
         return said; })()""",
         [
-            *([0.1, 0, 0], [0.2, pytest.approx(0.7), 1], [0.2, 0, 0], [0.2, 0.5, 1]),
+            *([0.1, 0, 0], [0.2, pytest.approx(0.7), 1], [0.2, 0, 0], [0.2, 0, 0], [0.2, 0.5, 1]),
             *([0.3, p, on] for p, on in ((0, 1), (0, 0), (0.5, 1), (0, 0))),
         ],
     ),

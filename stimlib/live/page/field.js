@@ -59,6 +59,7 @@ export class Field {
   }
 
   put(finger, u, v, p, on, t = performance.timeOrigin + performance.now()) {
+    this.hover.late = null; // which is older, and would lift the finger
     this.fingers.set(finger, { u, v, p, on });
     this.say({ do: "move", finger, u, v, p, on, t });
     this.dirty = true;
@@ -83,7 +84,6 @@ export class Field {
     const finger = lowest(new Set([...this.held.values()].map(h => h.finger)));
     if (this.held.has(e.pointerId) || e.button > 0 || finger === undefined) return;
     this.held.set(e.pointerId, { finger, t: 0 });
-    this.hover.late = null; // or it would lift the finger
     try { this.canvas.setPointerCapture(e.pointerId); } catch { /* it has left already */ }
     this.report(e, 1);
   }
