@@ -6,6 +6,7 @@ import math
 from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -424,12 +425,10 @@ def deformation(
     if several[0] != several[1] or (several[0] and not 1 <= len(distance) == len(depth)):
         raise BadValue("deformation: give as many depths as distances, for at least one indenter")
     pairs = zip(distance, depth, strict=True) if several[0] else [(distance, depth)]
-    dents = [Dent(as_block(rho), as_block(d), radius) for rho, d in pairs]
-    total: Block = dents[0]
+    dents: list[Block] = [Dent(as_block(rho), as_block(d), radius) for rho, d in pairs]
     if join == "deepest":
-        for d in dents[1:]:
-            total = maximum(total, d)
-        return total
+        return reduce(maximum, dents)
+    total = dents[0]
     reached = dents[0] > 0.0
     for d in dents[1:]:
         total, reached = total + d, reached + (d > 0.0)

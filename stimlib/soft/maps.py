@@ -130,7 +130,6 @@ def image(
             f"{path}: a map needs at least two rows and two columns of pixels; this picture has"
             f" {rows} and {columns}"
         )
-    width = design_value(f"{path}: width", "float", width)
     if height is None:
         height = width * (rows - 1) / (columns - 1)
     return table_of(str(path), grey[::-1], width, height)
