@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -67,23 +68,18 @@ RINGS = {
 }
 
 
-class Native:
-    """The functions of ``callback.py``: their addresses, and what Python calls."""
+@cache
+def native() -> SimpleNamespace:
+    """Return the functions of ``callback.py`` that Python calls, and all addresses."""
+    from ..targets.llvm.cache import load
 
-    def __init__(self) -> None:
-        from ..targets.llvm.cache import load
-
-        self.addresses = load(*PUMP).addresses
-        for form, functions in ((ctypes.CFUNCTYPE, BLOCKS), (ctypes.PYFUNCTYPE, RINGS)):
-            for name, arguments in functions.items():
-                setattr(self, name, form(_I, _P, *arguments)(self.addresses[name]))
-
-    if TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Callable[..., int]: ...
-
-
-native = cache(Native)
+    addresses = load(*PUMP).addresses
+    called = {
+        name: form(_I, _P, *arguments)(addresses[name])
+        for form, functions in ((ctypes.CFUNCTYPE, BLOCKS), (ctypes.PYFUNCTYPE, RINGS))
+        for name, arguments in functions.items()
+    }
+    return SimpleNamespace(addresses=addresses, **called)
 
 
 # The compiled pump and its memory -----------------------------------------------------

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import BadValue, From0, public
+from ..errors import BadValue, From0, Several, public
 from .model import Plate
 from .patch import Patch
 
@@ -26,7 +26,7 @@ class Placement(NamedTuple):
 
 @public
 def best_patches(
-    model: Plate, patch: Patch | None = None, mode: int = 0, points: int = 9, gap: From0 = 3e-3
+    model: Plate, patch: Patch | None = None, mode: int = 0, points: Several = 9, gap: From0 = 3e-3
 ) -> list[Placement]:
     """Return all positions of four patches on a grid, best first.
 
@@ -73,8 +73,6 @@ def best_patches(
     """
     patch = Patch.duraact(0.0, 0.0) if patch is None else patch
     bare = replace(model, patches=())
-    if points < 2:
-        raise BadValue(f"best_patches: points = {points!r} must be 2 or more")
     c = bare.solved(mode + 1)[1][mode]
     middle = (
         float(bare.shape(mode, bare.length / 2, bare.width / 2)) / bare.solved(mode + 1)[0][mode]
