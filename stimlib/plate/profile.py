@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import scipy
 
 from ..errors import BadValue, counted, public
 from .model import Plate
@@ -101,7 +100,8 @@ class _ModeFit:
 
     def shape(self, places: np.ndarray, p: np.ndarray) -> np.ndarray:
         """Return the mode's shape; p[1] is log kappa where it is fitted."""
-        CubicSpline = scipy.interpolate.CubicSpline
+        from scipy.interpolate import CubicSpline
+
         row = self.rows[0]
         if self.fitted:
             row = CubicSpline(np.log(KAPPAS), self.rows)(np.log(np.exp(p[1])))
@@ -109,6 +109,8 @@ class _ModeFit:
 
     def __call__(self, knots: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the fitted table of places and displacements."""
+        from scipy.optimize import least_squares
+
         self._check(knots, d)
         at = knots + self.origin
 
@@ -118,7 +120,7 @@ class _ModeFit:
 
         low, high = [-SHIFT, np.log(KAPPAS[0])], [SHIFT, np.log(KAPPAS[-1])]
         n = 1 + self.fitted
-        found = scipy.optimize.least_squares(
+        found = least_squares(
             relative,
             [0.0, np.log(15.0)][:n],
             bounds=(low[:n], high[:n]),
