@@ -26,6 +26,8 @@ def main() -> None:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         # a notebook's, which no picture here needs and its environment alone may have
         os.environ.pop("MPLBACKEND", None)
+        if os.environ.get("COLUMNS") == "0":  # in which Rich prints nothing, not even errors
+            del os.environ["COLUMNS"]
         gc.set_threshold(100_000)  # what a start makes stays; searching it takes 6 %
         try:
             from .cli import app_of  # most of the time of a start

@@ -405,7 +405,7 @@ def test_a_reader_that_goes_away_is_no_defect(words, at_once):
 )
 def test_streams_that_are_closed_full_or_ascii(tmp_path, log, words, streams, status, says):
     command = f"{sys.executable} -m stimlib {words.replace('LOG', str(log))} {streams}"
-    env = os.environ | {"PYTHONIOENCODING": "ascii"}
+    env = os.environ | {"PYTHONIOENCODING": "ascii", "COLUMNS": "0"}
     # and a backend for pictures that this environment does not have
     env["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
     how = {"shell": True, "capture_output": True, "text": True, "cwd": tmp_path, "env": env}

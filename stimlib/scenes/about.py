@@ -146,19 +146,12 @@ def _entries(name: str) -> Iterator[tuple[list[str], list[str]]]:
 
 def sections(function: Callable[..., Any]) -> dict[str, str]:
     """Return the sections of a numpydoc docstring by their titles."""
-    parts = re.split(r"^(\w[\w ]*)\n-{3,}\n", docstring(function), flags=re.M)
+    # python -OO has taken it away, but not from the source
+    text = inspect.getdoc(function) or ast.get_docstring(
+        ast.parse(inspect.getsource(function)).body[0]  # type: ignore[arg-type]
+    )
+    parts = re.split(r"^(\w[\w ]*)\n-{3,}\n", text or "", flags=re.M)
     return {"Parameters": "", "References": ""} | dict(zip(parts[1::2], parts[2::2], strict=True))
-
-
-def docstring(function: Callable[..., Any]) -> str:
-    """Return the docstring of a function of stimlib, also under ``python -OO``.
-
-    That takes docstrings away, so it is read from the source.
-    """
-    if text := inspect.getdoc(function):
-        return text
-    tree: Any = ast.parse(inspect.getsource(function)).body[0]
-    return ast.get_docstring(tree) or ""
 
 
 def _line(text: str) -> str:
