@@ -15,7 +15,7 @@ window.looks = {
     const ratio = (a, b) => (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
     let least = [99, ""];
     for (const e of document.querySelectorAll("body *")) {
-      const text = [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim()) || e.matches("input[type=text], select");
+      const text = [...e.childNodes].some(n => n.nodeType === 3 && n.data.trim()) || e.matches("input.number, select");
       if (!text || !e.checkVisibility() || e.matches("option, noscript")) continue;
       const found = ratio(light(numbers(getComputedStyle(e).color)), light(behind(e)));
       if (found < least[0]) least = [found, e.outerHTML.slice(0, 100)];

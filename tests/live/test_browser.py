@@ -101,7 +101,8 @@ def place(page: Page, u: float, v: float) -> tuple[float, float]:
     """
     page.js("document.querySelector('#field').scrollIntoView({block: 'center'})")
     (x, y, *_), box = page.box("#field"), live(page, "live.field.box")
-    return x + box["x"] + u * box["w"], y + box["y"] + (1 - v) * box["h"]
+    # within its border
+    return x + 1 + box["x"] + u * box["w"], y + 1 + box["y"] + (1 - v) * box["h"]
 
 
 def press(page: Page, u: float, v: float, pointer: str = "mouse", force: float = 0.0) -> None:

@@ -6,22 +6,28 @@ import { pretty } from "./scales.js";
 const element = (parent, tag, more = {}) => Object.assign(parent.appendChild(document.createElement(tag)), more);
 
 function numeric(parent, id, value, low, high) {
-  const field = element(parent, "input", { type: "text", inputMode: "decimal", id, value: `${value}` }); // of 0,5 a field of numbers may make 05
+  const field = element(parent, "input", { className: "number", inputMode: "decimal", id, value: `${value}` }); // type number may make 05 of 0,5
   if (low !== undefined) Object.assign(field, { min: `${low}`, max: `${high}` });
   return field;
+}
+
+/** Why what is typed is not taken; the focus stays where it is, as the next key may stop the stimulus. */
+function mark(field, why) {
+  field.setCustomValidity(why);
+  field.title = why;
 }
 
 /** What is typed, inside its limits, a comma for a point, too; null where it is no number, or 1,250, which may be either of two. */
 function typed(field) {
   const text = field.value.trim(), v = /^[+-]?[1-9]\d{0,2},\d{3}$/.test(text) ? NaN : +(text.replace(",", ".") || NaN);
-  field.setCustomValidity(Number.isFinite(v) ? "" : "Type a number, such as 0.5");
-  if (!field.reportValidity()) return null;
+  mark(field, Number.isFinite(v) ? "" : "This is no number; type one such as 0.5");
+  if (field.title) return null;
   const low = field.min === "" ? -Infinity : +field.min, high = field.max === "" ? Infinity : +field.max;
   return Math.min(high, Math.max(low, v));
 }
 
 const plain = v => `${+v.toPrecision(6)}`;
-const put = (field, v) => { field.value = plain(v); field.setCustomValidity(""); };
+const put = (field, v) => { field.value = plain(v); mark(field, ""); };
 
 /** A slider, a number and a reset for each of hello's params. Returns a function that shows values {name: value}. */
 export function parameters(params, parent, say) {
