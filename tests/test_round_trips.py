@@ -1,8 +1,7 @@
 """Block, data, fit, block: every fit finds what made its data, with noise.
 
-In make stress all cases, 200 draws each, as docs/explanation/fits.rst has them; else a
-tenth of the draws, of the cases that take less than a second each; those that JAX
-compiles take 4 to 8.
+In make stress all cases: 200 draws each, and 20 of those that JAX compiles, which take
+4 to 8 s a draw; else 20 draws of those that it does not.
 """
 
 import importlib
@@ -19,7 +18,9 @@ sys.path.remove(BENCHMARKS)  # it has modules with the names of folders of tests
 CASES = fits.cases()
 COMPILED = {name for name in CASES if name.startswith("scene")} | {"frame"}  # by JAX, each draw
 DRAWS = [(name, 20) for name in CASES if name not in COMPILED]
-DRAWS += [pytest.param(name, 200, marks=pytest.mark.stress) for name in CASES]
+DRAWS += [
+    pytest.param(name, 20 if name in COMPILED else 200, marks=pytest.mark.stress) for name in CASES
+]
 SURE = {20: 1e-4, 200: 1e-3}  # that a right interval holds the truth as seldom as is refused
 LATE = 1e-8  # of what is played, of the peak
 BIAS = 0.25  # of the spread: an interval around such a middle still holds 94 %
