@@ -64,6 +64,7 @@ for name in ("no_proxy", "NO_PROXY"):
 
 # Pictures: in the style of matplotlib, not of whoever runs the tests.
 os.environ["MATPLOTLIBRC"] = os.devnull
+os.environ.pop("MPLBACKEND", None)  # such as that of a notebook, which is not here
 
 # Signals: a shell's background jobs and nohup ignore some, and what is started here
 # would inherit that and never end.
