@@ -139,8 +139,8 @@ class Copies(Sequence[Any]):
         >>> proc = stimlib.compile(scene, fs=1000, target="python")
         >>> runs = proc.many(seeds=range(3))
         >>> runs.set("a", [1.0, 2.0, 3.0])
-        >>> runs[2].params
-        {'a': 3.0}
+        >>> runs[2].params["a"]
+        3.0
         """
         one = isinstance(value, str) or length(value) is None
         values = [value] * len(self) if one else self._each(value, f"set({name!r}): values")

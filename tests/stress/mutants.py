@@ -142,9 +142,8 @@ def texts(cls: type) -> Iterator[Mutant]:
                     f" {ast.unparse(part)[:60]}"
                 )
                 static = isinstance(inspect.getattr_static(owner, name), staticmethod)
-                yield Mutant(
-                    kind, text, owner, name, staticmethod(made[name]) if static else made[name]
-                )
+                wrong = made[f.__name__]  # a step may be a function of another name
+                yield Mutant(kind, text, owner, name, staticmethod(wrong) if static else wrong)
 
 
 def wires(cls: type) -> Iterator[Mutant]:
