@@ -115,16 +115,43 @@ class Words(Block):
 
 
 @dataclass(frozen=True, eq=False)
-class Turns(Block):
+class Own(Block, abstract=True):
     x: Block
 
     def design(self, fs):
         return (), P(0.0)
 
+
+@dataclass(frozen=True, eq=False)
+class Turns(Own):
     @staticmethod
     def step(p, s, x):
         n = 1.0 + s.a
         return x * n, P(a=n)
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs(Own):
+    @staticmethod
+    def step(p, s, x):
+        one, two = 2.0 * x, 3.0 * x
+        return one * s.a + two, P(s.a + 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Adds(Own):
+    @staticmethod
+    def step(p, s, x):
+        n = s.a
+        n += 1.0
+        return x * n, P(n)
+
+
+@dataclass(frozen=True, eq=False)
+class Signs(Own):
+    @staticmethod
+    def step(p, s, x):
+        return x * s.a, P(1.0 - s.a)
 
 
 def test_what_needs_float64_is_refused_by_name(tmp_path):
@@ -135,7 +162,10 @@ def test_what_needs_float64_is_refused_by_name(tmp_path):
         (Scene({"y": near}), "more than 0.001 of its peak 1e-05, first after Sub.Mul."),
         (Scene({"y": k * k * near}), "first after Sub.Mul.", ("k", 1.0)),
         (Scene({"y": elapsed() * x}), "Time..: in float32 a count ends at 2.24"),
-        (Scene({"y": Turns(x)}), "Turns.step: in float32 a count ends at 2.24"),
+        *(
+            (Scene({"y": cls(x)}), f"{cls.__name__}.step: in float32 a count ends at 2.24")
+            for cls in (Turns, Pairs, Adds)
+        ),
         (Scene({"y": Words(x)}), "Words.tile: 64-bit words take the room of two float32"),
         (Scene({"y": friction(x, 20.0)}), "ElastoPlastic.*: 1e.100 is beyond float32"),
     ):
@@ -143,6 +173,7 @@ def test_what_needs_float64_is_refused_by_name(tmp_path):
         error = refused(SceneError, says, export_c, scene, 1000, tmp_path, way, **how)
         assert not list(tmp_path.iterdir()), error
         assert ".py:" not in str(error) or "test_export_float32.py:" in str(error)
+    export_c(Scene({"y": Signs(x)}), 1000, tmp_path, way, **NARROW)  # which does not grow
 
 
 def test_differences_of_both_signs_count():

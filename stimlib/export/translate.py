@@ -366,8 +366,7 @@ class Translator(Walk):
     def _Call(self, node: Any) -> Any:
         f = self.value(node.func)
         given = [*node.args, *(k.value for k in node.keywords)] * hasattr(f, "_fields")
-        values = (self.written.get(getattr(x, "id", ""), x) for x in given)
-        if self.unit.single and any(map(counts, values)):
+        if self.unit.single and any(counts(self.meant(x)) for x in given):
             raise Unknown("in float32 a count ends at 2^24 (export in doubles)")
         return super()._Call(node)
 
@@ -445,7 +444,18 @@ class Translator(Walk):
             x = self.held(x)
         for target in node.targets:
             self.assign(target, x)
-            self.written[getattr(target, "id", "")] = node.value
+            self.written[getattr(target, "id", "")] = self.meant(node.value)
+
+    def _AugAssign(self, node: Any) -> None:
+        super()._AugAssign(node)
+        name = getattr(node.target, "id", "")
+        self.written[name] = self.meant(ast.BinOp(ast.Name(name), node.op, node.value))
+
+    def meant(self, node: Any) -> Any:
+        """Return a value, or a sum of two, with what was given to its names."""
+        if isinstance(node, ast.BinOp):
+            return ast.BinOp(self.meant(node.left), node.op, self.meant(node.right))
+        return self.written.get(node.id, node) if isinstance(node, ast.Name) else node
 
     def set(self, name: str, x: Any) -> None:
         """Set a variable: where its kind changes and no branch does it, a new one."""
@@ -490,6 +500,6 @@ def now(x: Any) -> bool:
 
 def counts(node: Any) -> bool:
     """Return whether a new value is one of the state and a constant, as of a clock."""
-    plus = isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
-    kinds = {type(node.left), type(node.right)} if plus else set()
-    return kinds == {ast.Attribute, ast.Constant}
+    sides = (type(node.left), type(node.right)) if isinstance(node, ast.BinOp) else ()
+    plus = sides == (ast.Attribute, ast.Constant) and isinstance(node.op, ast.Add | ast.Sub)
+    return plus or (sides == (ast.Constant, ast.Attribute) and isinstance(node.op, ast.Add))

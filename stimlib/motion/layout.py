@@ -366,7 +366,8 @@ def decimal_sign(data: bytes, start: int, separator: str) -> str:
 
     def cells(sign: str) -> Iterator[str]:
         form = re.compile(cell.replace(",", re.escape(sign)).encode(), re.M | re.I)
-        return (c[1].decode() for c in form.finditer(data, start) if sign.encode() in data)
+        found = form.finditer(data, start) if sign.encode() in data else ()  # far sooner
+        return (c[1].decode() for c in found)
 
     for sign in ",." if separator == ";" else ",":
         if not all(map(THOUSANDS.fullmatch, cells(sign))):
