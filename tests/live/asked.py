@@ -46,6 +46,17 @@ RATED = Rate(
 )
 
 
+@contextmanager
+def silent(running):
+    """Let a server say nothing until the block ends, however long that takes."""
+    over = threading.Event()
+    running.asking._loop.call_soon_threadsafe(over.wait)
+    try:
+        yield
+    finally:
+        over.set()
+
+
 def every(**other):
     """Training, a rest, feedback, a replay, familiarisation, a reference, and every
     kind of question: four trials.

@@ -2,12 +2,11 @@
 
 import dataclasses
 import json
-import time
 from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from live.asked import FOLDER
+from live.asked import FOLDER, silent
 from live.drawn import outputs_of, seen
 from live.test_asking_browser import awaited, opened, over, press
 from live.test_drawing import shown
@@ -127,9 +126,9 @@ def test_an_avatar_is_beside_the_pen_and_takes_all_levels_of_its_pressure(browse
         px = page.js(f"field.cam.to({x1}, {y1}, 0)[0] - field.cam.to(0.08, 0.06, 0)[0]")
         assert px == pytest.approx(-15 * 96 / 25.4, abs=1.0)
         # what is done while the server is silent is known afterwards
-        running.asking._loop.call_soon_threadsafe(time.sleep, 2.0)
-        page.until("document.body.classList.contains('away')")
-        page.mouse("Released", *place(page, 0.08, 0.06), "pen")
+        with silent(running):
+            page.until("document.body.classList.contains('away')")
+            page.mouse("Released", *place(page, 0.08, 0.06), "pen")
         until(lambda: running.asking._inputs.fingers[0][3] == 0.0)
         press(page, awaited(running, page, number), "1")
         over(page)
