@@ -269,8 +269,9 @@ def title_of(rendering: Rendering) -> str:
     """Return what a picture shows: the scene, its parameters and the sample rate."""
     params = rendering.scene.params
     # in the unit that was stated: Hz and rad/s are the same dimension
-    numbers = [f"{k} = {v:g} {pretty(params[k].unit)}" for k, v in rendering.params.items()]
-    said = [*(part.law for part in rendering.scene.parts), *map(str.strip, numbers)]
+    units = {k: f" {pretty(p.unit)}".removesuffix(" 1").rstrip() for k, p in params.items()}
+    numbers = [f"{k} = {v:g}{units[k]}" for k, v in rendering.params.items()]
+    said = [*(part.law for part in rendering.scene.parts), *numbers]
     more = [f"and {len(said) - MOST} more"] * (len(said) > MOST)
     return ", ".join([*said[:MOST], *more, f"{rendering.fs:g} Hz"])
 

@@ -132,8 +132,9 @@ def test_an_input_that_comes_out_again_is_drawn_once_and_an_angle_is_a_position(
     assert [ax.get_title() for ax in fig.axes[5:]] == titles
     assert fig.get_suptitle() == "2000 Hz"
     w = stimlib.Param("w", 158.04, "rad/s") * stimlib.Param("A", 1.0)
+    w *= stimlib.Param("B", 1.0, "1")
     fig = figure(stimlib.render(stimlib.Scene({"_y1": w, "_y2": 2 * w}), {}, FS, 0.1))
-    assert fig.get_suptitle() == "w = 158.04 rad/s, A = 1, 2000 Hz"
+    assert fig.get_suptitle() == "w = 158.04 rad/s, A = 1, B = 1, 2000 Hz"
     assert [t.get_text().strip() for t in fig.axes[0].get_legend().get_texts()] == ["_y1", "_y2"]
 
 
