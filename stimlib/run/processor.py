@@ -302,7 +302,10 @@ class Processor:
 
     @property
     def params(self) -> Mapping[str, float]:
-        """The parameters, read-only: ``set`` changes them. In a ramp, where it ends."""
+        """The parameters, read-only: ``set`` changes them. In a ramp, where it ends.
+
+        A dict, for JSON or a pickle, is ``dict(proc.params)``.
+        """
         return MappingProxyType(self._params)
 
     @property
