@@ -63,6 +63,10 @@ LESS = -1
 def recovers(v):
     return recovers(v)
 
+def clipped(numbers):
+    numbers[0] = 1.0
+    return 0.0
+
 def powered(v):
     return v**2  # powered
 
@@ -245,6 +249,16 @@ MISTAKES = [
         ARRAYS + "@staticmethod\ndef tile(p, s, x, y):\n    if x[0] > 1.0:\n"
         "        p.table[0] += x[0]  # here\n    return s\n",
         "p.table[0] cannot be set: a step may write only into arrays",
+    ),
+    (
+        ARRAYS + "@staticmethod\ndef tile(p, s, x, y):\n    table = p.table\n    if x[0] > 1.0:\n"
+        "        table[0] += x[0]  # here\n    return s\n",
+        "table[0] cannot be set: a step may write only into arrays",
+    ),
+    (
+        "@staticmethod\ndef tile(p, s, x, y):\n    if x[0] > 1.0:\n"
+        "        y[0] = clipped(x[1:])  # here\n    return s\n",
+        "clipped: numbers[0] cannot be set: a step may write only into arrays",
     ),
     (
         "def design(self, fs):  # here\n    return Gain(10**400), State(0.0)\n" + GOOD,

@@ -527,7 +527,7 @@ def check_block(cls: Any, code: types.CodeType | None, p_type: type, s_type: typ
     tuples = {p: ("parameters", fields(p_type)), s: ("state", fields(s_type))}
     new = f"the new state {s_type.__name__}(..)" if fields(s_type) else s
     for at, why in chain(
-        _faults_of_fields(body, tuples, read), _faults_of_ends(body, cls, f, s_type, new)
+        _faults_of_fields(body, tuples, read, names(f)), _faults_of_ends(body, cls, f, s_type, new)
     ):
         refuse(getattr(at, "lineno", 1) + offset, why)
 
@@ -553,22 +553,38 @@ def _faults_of_form(cls: Any, name: str, f: Any, s_type: type) -> Iterator[str]:
 
 
 def _faults_of_fields(
-    body: ast.AST, tuples: dict[str, tuple[str, tuple[str, ...]]], read: set[str]
+    body: ast.AST,
+    tuples: dict[str, tuple[str, tuple[str, ...]]],
+    read: set[str],
+    known: dict[str, Any],
 ) -> Faults:
     """Yield fields of parameters or state that are set, or do not exist.
 
     Also elements of what may only be read, which the rehearsal sees only if it gets
-    there.
+    there: by its name, one other name, or in a helper.
     """
-    nodes = list(ast.walk(body))
-    stored = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    nodes: list[Any] = list(ast.walk(body))
+    stored = [n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+    read = read.difference(stored)
+    read |= {
+        name
+        for n in nodes
+        if isinstance(n, ast.Assign)
+        and _of(n.value) in read
+        and stored.count(name := getattr(n.targets[0], "id", "")) == 1
+    }
     for node in nodes:
         if (
             isinstance(node, ast.Subscript)
             and isinstance(node.ctx, ast.Store)
-            and getattr(getattr(node.value, "value", node.value), "id", "") in read - stored
+            and _of(node.value) in read
         ):
             yield node, f"{ast.unparse(node)} cannot be set: {_REMEDIES['read-only']}"
+        if (helper := _helper(node, known)) and helper is _target(node.func, known):
+            takes = zip(node.args, inspect.signature(helper).parameters, strict=False)
+            mine = {name for given, name in takes if _of(given) in read}
+            faults = _faults_of_fields(ast.parse(source(helper)), {}, mine, names(helper))
+            yield from ((node, f"{helper.__name__}: {why}") for _, why in faults)
         if not isinstance(node, ast.Attribute):
             continue
         if isinstance(node.ctx, ast.Store):
@@ -582,6 +598,11 @@ def _faults_of_fields(
             what, fields = tuples[who]
             there = f"the {what} {', '.join(fields)}" if fields else f"no {what}"
             yield node, f"{who}.{node.attr} is not there: design gives {there}"
+
+
+def _of(node: Any) -> str:
+    """Return the name that a node is, or of which it is an attribute or a part."""
+    return getattr(getattr(node, "value", node), "id", "")
 
 
 def _faults_of_ends(body: ast.AST, cls: Any, f: Any, s_type: type, new: str) -> Faults:
