@@ -78,7 +78,10 @@ class Following(Sink):
         self._begun_log = super()._make_log()  # first: it takes the time of a disk
         # a motion in real time must not wait, or it would lag behind from then on
         timed = isinstance(self.motion, Recorded | Scripted)
-        self.at = self.before.pump.index + timed * round(AHEAD * self.rate)
+        self.at = min(
+            self.before.pump.index + timed * round(AHEAD * self.rate),
+            self.before.pump.read("END"),  # where the other begins, if that comes first
+        )
         self._since = self.before.since + self.at
         self.motion = later(self.motion, self._since, self.rate)
 
