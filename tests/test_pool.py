@@ -16,7 +16,7 @@ from laws import STRESS, mostly
 from refusals import refused
 from waiting import until
 
-from stimlib.system import pool as module
+from stimlib.system import cache_folder, pool as module
 from stimlib.system.pool import JobFailed, Pool, TimedOut, WorkerDied, spread
 
 WORK = """
@@ -278,11 +278,13 @@ def test_a_job_that_ends_its_process_is_told_and_the_others_go_on(workers):
     assert outcome(workers, os.getenv, "OMP_NUM_THREADS") == "1"
 
 
-def test_a_warning_in_a_worker_is_not_the_error_of_its_job(monkeypatch, capfd):
+def test_a_warning_about_a_worker_is_not_the_error_of_its_job(monkeypatch, tmp_path, capfd):
+    """One of the job is, where warnings are errors."""
     monkeypatch.setenv("PYTHONWARNINGS", "error")
     with Pool() as pool:
-        assert outcome(pool, warnings.warn, "no cache", RuntimeWarning) is None
-    assert "RuntimeWarning: no cache" in capfd.readouterr().err
+        assert outcome(pool, cache_folder.temporary, tmp_path, OSError("full")) is None
+        assert isinstance(outcome(pool, warnings.warn, "log of 0", RuntimeWarning), RuntimeWarning)
+    assert "RuntimeWarning: the cache folder" in capfd.readouterr().err
 
 
 class Odd(Exception):

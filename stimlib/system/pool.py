@@ -377,8 +377,8 @@ def serve(memory: int | None, idle: float) -> None:
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     _driver = answers, os.getpid()
     signal.signal(signal.SIGTERM, _end)
-    # one about this process, such as of its cache, is not the job's error
-    warnings.simplefilter("default", RuntimeWarning)
+    # that about this process is not the job's error; others are, where the user says so
+    warnings.filterwarnings("default", "the cache folder ", RuntimeWarning)
     # Windows does not have it, or what is permitted is less already
     with suppress(ImportError, ValueError):
         resource: Any = import_module("resource")
