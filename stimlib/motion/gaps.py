@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..errors import counted
 from .cells import Missing
 from .pchip import cubics
 from .reports import Reports
@@ -34,13 +35,15 @@ def filled(table: TableFile, s: Reports, how: Missing, longest: float) -> tuple[
         before, after = there[k], there[np.where(touch[there[high]] == touch, high, low)]
         length = np.maximum(s.t[after], s.t) - np.minimum(s.t[before], s.t)
         touching, alone = lost & s.contact, touch[before] != touch
-        length[alone] = 0.0
+        length[alone], lone = 0.0, int((touching & alone).sum())
         bridged = float(length[touching].max(initial=0.0))
         contact = contact & ~(lost if how == "gap" else touching & alone)
         for i in np.flatnonzero(touching & (length > longest) & (how != "gap")):
-            problem = f"{name} is missing for {length[i]:.6g} s, longer than {longest:.6g} s"
-            remedy = f'say missing="gap", or max_gap={bridged * 1.001:.4g} to bridge it'
-            raise table.error(problem, remedy, s.rows[i])
+            raise table.error(
+                f"{name} is missing for {length[i]:.6g} s, longer than {longest:.6g} s",
+                f'say missing="gap", or max_gap={bridged * 1.001:.4g} to bridge it',
+                s.rows[i],
+            )
         values = row[before]
         if how == "interpolate":
             c = cubics(s.t[there], row[there], np.diff(touch[there]) == 0)[:, k]
@@ -48,7 +51,10 @@ def filled(table: TableFile, s: Reports, how: Missing, longest: float) -> tuple[
             values = ((c[0] * u + c[1]) * u + c[2]) * u + c[3]
         row[lost] = values[lost]
         done = {"gap": "no contact", "hold": "held", "interpolate": "interpolated"}[how]
-        notes.append(f"{name}: {lost.sum()} missing numbers, {done}, {bridged:.4g} s at most")
+        notes.append(
+            f"{name}: {lost.sum()} missing numbers, {done}, {bridged:.4g} s at most"
+            + f"; no contact in {counted(lone, 'report')} of touches without a number" * (lone > 0)
+        )
     if not contact.any():
         raise table.error("a number is missing in every row", "use another column")
     return replace(s, contact=contact), notes
