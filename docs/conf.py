@@ -2,6 +2,7 @@
 fonts, no badges.
 """
 
+import logging
 import re
 import sys
 from pathlib import Path
@@ -19,6 +20,9 @@ import stimlib
 
 sys.path.insert(0, str(Path(__file__).parent))  # shown.py, played.py
 from played import Played
+
+# a11y_pygments gives the root logger a handler for INFO, which has what is compiled
+logging.getLogger("stimlib").setLevel(logging.WARNING)
 
 project = "stimlib"
 author = "the stimlib authors"

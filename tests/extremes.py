@@ -24,7 +24,7 @@ from stimlib.core import steps
 from stimlib.core.graph import Block, reach, signals
 from stimlib.errors import StimlibError
 
-SECONDS, BYTES, WORK = 30, 8 << 30, 1e9
+SECONDS, BYTES, WORK = 300, 8 << 30, 1e9
 RATES = 1e-3, 0.3, 50.0, 8000.0, 1234567.8, 1e9
 FLOATS = (
     *(
