@@ -252,8 +252,8 @@ MISTAKES = [
     ),
     (
         ARRAYS + "@staticmethod\ndef tile(p, s, x, y):\n    table = p.table\n    if x[0] > 1.0:\n"
-        "        table[0] += x[0]  # here\n    return s\n",
-        "table[0] cannot be set: a step may write only into arrays",
+        "        row = table[1:]\n        row[0] += x[0]  # here\n    return s\n",
+        "row[0] cannot be set: a step may write only into arrays",
     ),
     (
         "@staticmethod\ndef tile(p, s, x, y):\n    if x[0] > 1.0:\n"

@@ -561,18 +561,14 @@ def _faults_of_fields(
     """Yield fields of parameters or state that are set, or do not exist.
 
     Also elements of what may only be read, which the rehearsal sees only if it gets
-    there: by its name, one other name, or in a helper.
+    there: by its name, another name, or in a helper.
     """
     nodes: list[Any] = list(ast.walk(body))
     stored = [n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
     read = read.difference(stored)
-    read |= {
-        name
-        for n in nodes
-        if isinstance(n, ast.Assign)
-        and _of(n.value) in read
-        and stored.count(name := getattr(n.targets[0], "id", "")) == 1
-    }
+    named = [(getattr(n.targets[0], "id", ""), n.value) for n in nodes if isinstance(n, ast.Assign)]
+    for _ in named:  # a name of a name, however they are nested
+        read |= {name for name, v in named if _of(v) in read and stored.count(name) == 1}
     for node in nodes:
         if (
             isinstance(node, ast.Subscript)
