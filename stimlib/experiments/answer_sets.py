@@ -37,7 +37,10 @@ def answers_of(where: str, given: Any) -> tuple[Sequence[ArrayLike], float | Non
 
 def missing(value: Any) -> bool:
     """Return whether a cell of a table is empty: None, nan, or pandas' NA."""
-    return value is None or type(value).__name__ == "NAType" or bool(value != value)
+    if value is None or type(value).__name__ == "NAType":
+        return True
+    differs = value != value
+    return isinstance(differs, bool | np.bool_) and bool(differs)  # an array is not missing
 
 
 def chance_of(where: str, given: Any) -> float | None:

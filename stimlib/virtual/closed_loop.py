@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import dataclasses as dc
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -486,7 +486,13 @@ def margin(
 
     def settles(value: float) -> bool:
         made = trials(value)
-        return all(trial.settles for trial in ([made] if isinstance(made, ClosedLoop) else made))
+        several = list(made) if isinstance(made, Iterable) else [made]
+        if not several or not all(hasattr(one, "settles") for one in several):
+            raise BadValue(
+                f"margin: trials({value:g}) gave {made!r:.80}: return what try_on does, or a list"
+                " of them"
+            )
+        return all(trial.settles for trial in several)
 
     good, bad = (low, high) if settles(low) else (high, low)
     if settles(bad) or not settles(good):

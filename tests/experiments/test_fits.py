@@ -708,7 +708,7 @@ def test_a_table_of_answers_is_taken_whole():
         assert fit.guess == chance and not fit.comparison
     for given in (None, np.nan, pandas.NA):
         assert repr(psychometric(rows | {"chance": [given] * 6})) == repr(plain)
-    for given in ("0.5", "free", "shared", [0.5], True, 1.0, -0.1, np.inf):
+    for given in ("0.5", "free", "shared", [0.5], np.array([0.5, 0.5]), True, 1.0, -0.1, np.inf):
         wrong = rows | {"chance": [given] * 6}
         refused(BadValue, "chance = .* must be a number", psychometric, wrong)
     mixed = rows | {"chance": [0.5] * 3 + [None] * 3}

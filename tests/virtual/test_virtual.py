@@ -245,6 +245,8 @@ def test_a_device_ends_where_its_first_number_is_not_finite():
 def test_margins_and_devices_that_are_none(tmp_path):
     alive = try_on(springy(10.0), Device(0.1, 1.0), push=kick)
     refused(BadValue, "choose ends that differ", margin, lambda _: alive, 1.0, 2.0)
+    for given in (0.5, [], [1.0]):  # no trials
+        refused(BadValue, "return what try_on does", margin, lambda _, v=given: v, 1.0, 2.0)
     # it ends where no number is in between
     assert margin(lambda v: [SimpleNamespace(settles=v <= 0.3)], 0.0, 1.0, rel=1e-17) == 0.3
     refused(BadValue, "give both, or neither", Device, 0.1, 0.1, compliance=1e-3)
