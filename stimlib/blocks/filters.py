@@ -285,13 +285,15 @@ class Filter(Cascade):
 
 
 def _level(y: Filter) -> float:
-    """Return the gain at 0 Hz of a filter that passes 0 Hz.
+    """Return the gain at 0 Hz of a filter.
 
-    For even orders, the pass-band ripple starts at its minimum.
+    With an even order, a band with ripples begins at their minimum there.
     """
-    return (
-        10 ** (-y.ripple / 20) if y.kind in ("chebyshev1", "elliptic") and y.order % 2 == 0 else 1.0
-    )
+    passes = y.band in ("lowpass", "bandstop")
+    ripples = y.kind == "elliptic" or (passes and y.kind == "chebyshev1")
+    if ripples and y.order % 2 == 0:
+        return 10 ** (-(y.ripple if passes else y.attenuation) / 20)
+    return float(passes)
 
 
 @public
@@ -407,6 +409,7 @@ def highpass(
         x,
         onset,
         lambda u: Filter(u, "highpass", cutoff, None, order, kind, ripple, attenuation),
+        _level,
     )
 
 
@@ -461,6 +464,7 @@ def bandpass(
         x,
         onset,
         lambda u: Filter(u, "bandpass", low, high, order, kind, ripple, attenuation),
+        _level,
     )
 
 
