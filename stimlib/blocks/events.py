@@ -346,6 +346,7 @@ class Count(Block):
     """The running sum of all event heights."""
 
     event: Block
+    begins_early = False
 
     def design(self, fs):
         return (), Total(0.0)
@@ -358,7 +359,7 @@ class Count(Block):
 
 @public
 def count(event: Block | float) -> Block:
-    """Return the running sum of the heights of all events.
+    """Return the running sum of the heights of all events from sample 0 on.
 
     Parameters
     ----------
@@ -393,6 +394,7 @@ class SampleAndHold(Block):
 
     x: Block
     event: Block
+    begins_early = False
 
     def design(self, fs):
         return (), Total(0.0)
@@ -416,7 +418,7 @@ def sample_and_hold(x: Block | float, event: Block | float) -> Block:
     Returns
     -------
     Block
-        In the unit of x; 0 before the first event.
+        In the unit of x; 0 before the first event from sample 0 on.
 
     Raises
     ------

@@ -69,6 +69,12 @@ HAND = {  # block, rows of its inputs or a number of samples, samples worked out
         [0, 0, 0.6, 0.6, 0.0],
     ),
     "none before sample 0": (b.count(b.every(0.01)), 2, [1, 1]),
+    "no count before sample 0": (b.count(b.rising(b.elapsed(), -0.0015)), 2, [0, 0]),
+    "no hold before sample 0": (
+        b.sample_and_hold(1.0, b.rising(b.elapsed(), -0.0015)),
+        2,
+        [0, 0],
+    ),
     "times at the nearest sample": (
         b.at([0.0, 0.0104, 0.0106, 0.0107]),
         20,
