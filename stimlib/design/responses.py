@@ -134,14 +134,15 @@ def differentiator(passband: float | None, order: int | None, tol: float) -> Law
     """Return the law of a differentiator, up to its pass edge.
 
     It is i 2 pi f, delayed by order/2 samples. By default the edge is 0.45 fs and the
-    order 2 round(64 fs/8000).
+    order 2 round(64 fs/8000), from 2 to 8192.
     """
 
     def top(fs):
         return passband or 0.45 * fs
 
     def straight(H, f, fs):
-        return H * np.exp(1j * np.pi * f * (order or 2 * round(64 * fs / 8000)) / fs)
+        usual = min(max(2 * round(64 * fs / 8000), 2), 8192)
+        return H * np.exp(1j * np.pi * f * (order or usual) / fs)
 
     text = f"i 2 pi f behind half its order, within {tol:g}"
     return Law(

@@ -273,6 +273,13 @@ def test_the_papers_filter_has_order_128_at_8_khz():
     np.testing.assert_allclose(h[:129], -h[128::-1], atol=1e-18)
 
 
+@pytest.mark.parametrize(("fs", "passband", "tol"), [(50.0, 5.0, 0.64), (1e6, 2e4, 1e-6)])
+def test_a_default_order_at_either_end_is_that_of_its_law(fs, passband, tol):
+    proc = compiled(lambda: b.differentiator(X, passband, tol=tol), fs)
+    (law,) = proc.scene.outputs["y"].laws(fs)
+    assert law.error(lambda f: proc.response("y", "x", f), fs) <= tol
+
+
 @pytest.mark.parametrize("fs", [400, 1000, 2000])
 def test_a_recommended_pass_band_is_one_that_works(fs):
     e = refused(BadValue, "such as", stimlib.compile, stimlib.scenes.squeeze(), fs, "python")
