@@ -2,6 +2,7 @@
 what is printed.
 """
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -282,11 +283,32 @@ def test_what_does_not_fit_the_sample_rate_is_found_when_compiling(make, words):
         assert all(w in str(error) for w in words), error
 
 
-def test_the_order_an_error_names_is_enough():
-    scene = Scene({"y": blocks.differentiator(n, 100.0)})
-    error = refused(BadValue, "use order=", stimlib.compile, scene, 1000, "python")
-    order = int(str(error).partition("order=")[2].partition(",")[0])
-    stimlib.compile(Scene({"y": blocks.differentiator(n, 100.0, order=order)}), 1000, "python")
+ENOUGH = [  # a block of a number that is refused, how the error names one that is not
+    (lambda v: blocks.differentiator(n, 100.0, order=v), r"use order=(\d+)", 8, 1000),
+    (lambda v: blocks.differentiator(n, 1000.0, order=64, tol=v), r"or tol=(\S+)", 1e-6, 8000),
+    (lambda v: blocks.pinking(n, 0.1, v), r"which reach (\S+) dB", 1e-8, 48000),
+    (
+        lambda v: blocks.springpot(n, 1.0, 0.5, "gl-downsampled", horizon=v),
+        r"at most (\S+)",
+        500.0,
+        44100,
+    ),
+    (
+        lambda v: blocks.friction(x, 1.0, law="lugre", static=0.8, damping=1.0, viscosity=v),
+        r"= (\S+) N s/m",
+        0.0,
+        1000,
+    ),
+]
+
+
+@pytest.mark.parametrize(("make", "words", "first", "fs"), ENOUGH)
+def test_the_number_an_error_names_is_enough(make, words, first, fs):
+    def designed(v):
+        return [block.design(fs) for block in reach([make(v)])]
+
+    error = refused(BadValue, words, designed, first)
+    designed(type(first)(re.search(words, str(error))[1]))
 
 
 def test_filters_on_noise_longer_than_the_lead():

@@ -173,7 +173,7 @@ class Differentiator(Fir):
             raise BadValue(
                 f"differentiator: order {order} at fs = {fs:g} Hz has a relative error of"
                 f" {d.error:.1e} up to {passband:g} Hz, above tol = {self.tol:g}; use order={need},"
-                f" or tol={d.error:.1g}"
+                f" or tol={1.1 * d.error:.2g}"
             )
         return line(d.taps)
 

@@ -559,8 +559,8 @@ def friction(
         if law == "lugre" and passive and viscosity < damping * (ratio - 1):
             raise BadValue(
                 f"friction: this LuGre gives energy at some speeds: viscosity = {viscosity:g} must"
-                f" be at least damping (static/mu - 1) = {damping * (ratio - 1):g} N s/m; or set"
-                " passive=False, to reproduce a paper"
+                f" be at least damping (static/mu - 1) = {float(damping * (ratio - 1))!r} N s/m; or"
+                " set passive=False, to reproduce a paper"
             )
         curve = x, limit, contact, ratio - 1, speed
         most = ratio * limit

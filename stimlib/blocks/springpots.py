@@ -548,7 +548,7 @@ class Downsampled(Method):
             raise BadValue(
                 f"springpot: gl-downsampled keeps the whole history, {n:.9g} samples for horizon ="
                 f" {self.horizon:g} s at {fs:g} Hz; give the longest contact as horizon, at most"
-                f" {LONGEST / fs:.6g}"
+                f" {0.999 * LONGEST / fs:.4g}"
             )
         p = DownsampledParams(
             binomials(self.order, POINTS + 1), math.pow(fs, self.order), self.order

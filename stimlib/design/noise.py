@@ -231,8 +231,8 @@ def noise_modes(fs: float, f_low: float, tol_db: float, slope: float = 1.0) -> N
     if modes.error_db > tol_db:
         raise BadValue(
             f"noise_modes: tol_db = {tol_db:g} dB from {f_low:g} Hz to 0.45 fs at fs = {fs:g} Hz"
-            f" takes more than {MAX_SECTIONS} sections, which reach {modes.error_db:.3g} dB: raise"
-            " tol_db to that, or raise f_low"
+            f" takes more than {MAX_SECTIONS} sections, which reach {1.01 * modes.error_db:.3g} dB:"
+            " raise tol_db to that, or raise f_low"
         )
     while n > 1 and (fewer := _minimax_modes(w_low, n - 1, slope)).error_db <= tol_db:
         n, modes = n - 1, fewer
