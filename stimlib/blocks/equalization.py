@@ -10,10 +10,11 @@ import numpy as np
 
 from ..core.graph import Block, Const, as_block
 from ..core.maths import where
-from ..core.pointwise import clip, maximum
+from ..core.pointwise import Where, clip, maximum
 from ..errors import BadValue, counted, one_of, public, said_as
 from ..system import safe_files
 from ..system.limits import limits
+from .events import in_unit_of
 from .impedance import with_unit
 from .movement import Over, PlaceState
 from .tables import KINDS, OUTSIDE, lut
@@ -167,7 +168,8 @@ def equalize(
         Largest absolute value of ``signal``, live or not; needed for "scale" unless the
         signal is a number.
     contact : Block
-        At re-contact x[n-1] = x[n].
+        Where it is not above 0, x is not looked at, and is no fault; at re-contact
+        x[n-1] = x[n].
     kind : {"linear", "pchip", "cubic", "polynomial"} or callable, optional
         Interpolation; default: one polynomial for up to 6 knots, a cubic spline beyond.
         A function makes a finer table out of knots and displacements, which a cubic
@@ -217,7 +219,10 @@ def equalize(
         )
     kind = kind or ("polynomial" if knots.size <= 6 else "cubic")
     x, y, contact = as_block(x), as_block(signal), as_block(contact)
-    middle = Midpoint(x, contact)
+    middle: Block = Midpoint(x, contact)
+    low, high = (in_unit_of(x, float(v)) for v in knots[[0, -1]])
+    if outside == "error":  # off contact x is not looked at, and no fault
+        middle = Where(contact, middle, low)
     table = lut(middle, knots, d, kind, "error" if outside == "error" else "hold")
     lowest = smallest(table, knots)
     if not lowest > 0:
@@ -229,9 +234,6 @@ def equalize(
         peak = Const(abs(y.value), y.unit)
     y = y * (float(d.max()) / table)
     if outside == "zero":
-        low, high = (
-            Const(float(v), "" if str(x.dim) == "1" else str(x.dim)) for v in knots[[0, -1]]
-        )
         y = y * (middle >= low) * (middle <= high)
     most = None if peak is None else with_unit(peak, str(y.dim)) * (float(d.max()) / lowest)
     return within(y, limit, headroom, most)

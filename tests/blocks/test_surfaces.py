@@ -145,6 +145,13 @@ def test_outside_the_table():
     assert proc.fault == ("y", 3)
 
 
+def test_a_place_off_contact_is_no_fault():
+    """Not the 0 that nobody touches, nor what the device says there."""
+    gain = equalize(X, (KNOTS + 0.01, mode(KNOTS)), outside="error", contact=Input("c"))
+    y = run(gain, [0.0, 0.2, 0.06, 0.06, 0.2], c=[0, 0, 1, 1, 0])
+    np.testing.assert_allclose(y[2:4], 1.0)
+
+
 def test_clip_holds_each_sample_at_the_limit():
     v, block = 375 * WAVE, equalize(X, PROFILE, 400.0, signal=VOLTS)
     free, y = run(equalize(X, PROFILE, signal=VOLTS), v=v), run(block, v=v)
