@@ -270,6 +270,7 @@ def carrier(
 # turns, so it keeps its digits for days.
 TURN = 2.0**64
 MOST = TURN - 2.0**11
+UNREAD = U(2**64 - 1)  # above any mark
 WAVEFORMS = ("triangle", "sawtooth", "square", "pulse")
 
 
@@ -443,7 +444,7 @@ TrainParams = namedtuple("TrainParams", "high low top")
 
 # State of `PulseTrain` between samples.
 #   phase  from the middle between two pulses
-#   mark   where the pulse of this period lies
+#   mark   where the pulse of this period lies; UNREAD before sample 0
 TrainState = namedtuple("TrainState", "phase mark wait")
 
 
@@ -454,8 +455,9 @@ def passed(s, inc, later):
     """
     after = s.phase + where(s.wait > NONE, NONE, inc)
     wraps = after < s.phase
-    mark = where(wraps, later, s.mark)
-    first = where(s.mark >= s.phase, where(wraps, 1.0, where(s.mark < after, 1.0, 0.0)), 0.0)
+    own = where(s.mark == UNREAD, later, s.mark)
+    mark = where(wraps, later, where(s.wait > NONE, s.mark, own))
+    first = where(own >= s.phase, where(wraps, 1.0, where(own < after, 1.0, 0.0)), 0.0)
     second = where(wraps, where(mark < after, 1.0, 0.0), 0.0)
     return first + second, TrainState(after, mark, where(s.wait > NONE, s.wait - ONE, NONE))
 
@@ -481,7 +483,7 @@ class PulseTrain(Event):
 
     def design(self, fs):
         return TrainParams(*two_words(Fraction(2**64) / Fraction(fs)), fs / 2), TrainState(
-            NONE, U(1 << 63), U(lead(fs) if self.autonomous else 0)
+            NONE, UNREAD, U(lead(fs) if self.autonomous else 0)
         )
 
     @staticmethod
@@ -509,8 +511,8 @@ def pulse_train(rate: Block | float, jitter: Block | float = 0.0) -> Block:
     Parameters
     ----------
     rate : float or Block
-        In Hz; a signal is held in 0 .. fs/2.  The first event is half a period after
-        sample 0.
+        In Hz; a signal is held in 0 .. fs/2.  Without jitter the first event is half a
+        period after sample 0.
     jitter : float or Block
         Which part of a period an event is late, from -1/2 to 1/2 (held there); read
         once for each, where its period begins. ``0.1 * white_noise(seed=1)`` makes it

@@ -67,6 +67,8 @@ HAND = {
         1000,
         np.isin(np.arange(1000), np.floor((np.arange(30) + 0.5) * 1000 / 30)),
     ),
+    "late pulses, the first too": (b.pulse_train(125.0, 0.25), 100, np.arange(100) % 8 == 6),
+    "early pulses, the first too": (b.pulse_train(125.0, -0.5), 100, np.arange(100) % 8 == 0),
 }
 
 

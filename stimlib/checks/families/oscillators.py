@@ -24,11 +24,10 @@ def _pulse_train(b, fs, x, y):
     jitter = np.clip((0.5 + np.nan_to_num(x[1])) * 2.0**64, 0.0, 2.0**64 - 2.0**11).astype(
         np.uint64
     )
-    # where this period began; at first that of the period before
+    # where this period began; the first one at sample 0
     last = np.maximum.accumulate(np.where(wraps, n, -1))
-    first, known = (
-        (jitter[0], isinstance(b.jitter, Const)) if x.past >> 64 else (np.uint64(1 << 63), True)
-    )
+    first = jitter.take(-x.at, mode="clip")
+    known = x.at <= 0 or isinstance(b.jitter, Const)
     now = np.where(last < 0, first, jitter[last])
     mark = np.r_[first, now[:-1]]
     want = ((phase <= mark) & (wraps | (mark < after))) + 1.0 * (wraps & (now < after))
