@@ -9,12 +9,12 @@ from typing import Any
 
 from ..core import pointwise
 from ..core.graph import Block, as_block, constant
-from ..core.maths import floor, where
+from ..core.maths import where
 from ..core.units import unit
 from ..errors import Above0, BadValue, UnitError, public
 from .friction import amount, averaging, held, quantity
 from .impedance import with_unit
-from .movement import Over, PlaceState, gap, sinpi
+from .movement import PI, Over, PlaceState, averaged, sine_of_half_turns
 
 # Walls, detents and buttons from positions alone: each sample is the mean force over
 # the straight way since the last one.
@@ -22,7 +22,6 @@ from .movement import Over, PlaceState, gap, sinpi
 # A mean over the way has the work of the force itself, so nothing is conserved or lost
 # but what the force over place says. Only sums and products are used, no mathematical
 # library.
-PI = 3.141592653589793
 
 
 @public
@@ -256,20 +255,6 @@ def wall(
 # Parameters of detent blocks at a sample rate.
 #   per  1/spacing
 DetentParams = namedtuple("DetentParams", "per")
-
-
-def sine_of_half_turns(h):
-    """Return sin(pi h), h in half turns."""
-    r = h - 2.0 * floor(0.5 * h + 0.5)  # -1 .. 1
-    return sinpi(where(r > 0.5, 1.0 - r, where(r < -0.5, -1.0 - r, r)))
-
-
-def averaged(d):
-    """Return sin(pi d)/(pi d), the effect on a sinusoid of averaging over d periods."""
-    near = abs(d) < 1.0
-    return where(
-        near, 1.0 - gap(where(near, d, 0.0)), sine_of_half_turns(d) / (PI * where(near, 1.0, d))
-    )
 
 
 @dataclass(frozen=True, eq=False)

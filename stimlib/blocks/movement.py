@@ -3,7 +3,9 @@
 from collections import namedtuple
 
 from ..core.graph import NONE, ONE, Block
-from ..core.maths import fma, where
+from ..core.maths import floor, fma, where
+
+PI = 3.141592653589793
 
 # State of blocks that average over position, between samples.
 PlaceState = namedtuple("PlaceState", "last cold")
@@ -60,6 +62,20 @@ def gap(x):
     z = x * x
     q = fma(fma(fma(fma(fma(G10, z, G9), z, G8), z, G7), z, G6), z, G5)
     return z * fma(fma(fma(fma(fma(q, z, G4), z, G3), z, G2), z, G1), z, G0)
+
+
+def sine_of_half_turns(h):
+    """Return sin(pi h), h in half turns."""
+    r = h - 2.0 * floor(0.5 * h + 0.5)  # -1 .. 1
+    return sinpi(where(r > 0.5, 1.0 - r, where(r < -0.5, -1.0 - r, r)))
+
+
+def averaged(d):
+    """Return sin(pi d)/(pi d), the effect on a sinusoid of averaging over d periods."""
+    near = abs(d) < 1.0
+    return where(
+        near, 1.0 - gap(where(near, d, 0.0)), sine_of_half_turns(d) / (PI * where(near, 1.0, d))
+    )
 
 
 def regular(duty):

@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 
 from ..core import units as un
-from ..core.graph import NONE, ONE, Block, Const, as_block, in_unit, scratch
+from ..core.graph import NONE, ONE, Block, Const, as_block, in_unit, scratch, unitless
 from ..core.maths import as_float, floor, fma, where, words
 from ..core.parameter import Param
 from ..core.program import lead
@@ -109,13 +109,9 @@ class Carrier(Block):
 
     def check(self):
         one_of("carrier: rectify", self.rectify, RECTIFY)
-        f = self.freq
-        if isinstance(f, (Const, Param)) and not f.value >= 0:
-            raise BadValue(f"{self.rated} = {f.value!r} Hz must be 0 or above")
+        check_freq(self.rated, self.freq)
 
-    def units(self, *u):
-        in_unit(self.rated, self.freq, u[0], "Hz")
-        return un.ONE
+    units = unitless
 
     def resting(self, contact):
         # a frequency that is NaN must be heard, as it is of a product with 0
@@ -290,7 +286,7 @@ OscillatorParams = namedtuple("OscillatorParams", "high low top waveform")
 def check_freq(name: str, f: Block) -> None:
     """Raise BadValue if a frequency is below 0, and UnitError if it is not in Hz."""
     if isinstance(f, (Const, Param)) and not f.value >= 0:
-        raise BadValue(f"{name} = {f.value:g} Hz must be 0 or above")
+        raise BadValue(f"{name} = {f.value!r} Hz must be 0 or above")
     in_unit(name, f, f.dim, "Hz")
 
 

@@ -14,7 +14,7 @@ from ..core.units import unit
 from ..design.noise import octaves
 from ..errors import Above0, BadValue, public
 from ..system.limits import limits
-from .movement import Over, PlaceState, gap, sinpi
+from .movement import Over, PlaceState, averaged, sine_of_half_turns
 from .noise import noise_key, pair_of_words
 
 # Each sample is the mean over the movement. Only sums, products and square roots are
@@ -317,24 +317,6 @@ def spatial_noise(
 
 
 # Gratings -----------------------------------------------------------------------------
-PI = math.pi
-
-
-def sine_of_turns(t):
-    """Return sin(2 pi t), t in turns."""
-    x = 2.0 * (t - floor(t + 0.5))
-    return sinpi(where(x > 0.5, 1.0 - x, where(x < -0.5, -1.0 - x, x)))
-
-
-def sinc(d):
-    """Return sin(pi d)/(pi d) for d >= 0.
-
-    It is the factor by which averaging over d periods reduces a sinusoid.
-    """
-    near = where(d < 1.0, d, 1.0)
-    return where(d < 1.0, 1.0 - gap(near), sine_of_turns(0.5 * d) / (PI * where(d < 1.0, 1.0, d)))
-
-
 # Parameters of `Grating` at a sample rate.
 #   per    periods in a unit of length
 #   start  phase in turns
@@ -372,7 +354,7 @@ class Grating(Over):
     def design(self, fs):
         wavelength, depth, phase = self.parts.T
         with np.errstate(over="ignore"):
-            p = GratingParams(depth.copy(), 1 / wavelength, phase / (2 * PI))
+            p = GratingParams(depth.copy(), 1 / wavelength, phase / (2 * math.pi))
         if not np.isfinite(p.per).all():
             raise BadValue(
                 f"grating: wavelength = {wavelength.min():g} is too short to compute with; check"
@@ -385,9 +367,9 @@ class Grating(Over):
         before = where(s.cold > 0.0, u, s.last)
         middle, way, y = 0.5 * (before + u), abs(u - before), u - u
         for i in range(p.depth.size):
-            y = y + p.depth[i] * sine_of_turns(middle * p.per[i] + p.start[i]) * sinc(
-                way * p.per[i]
-            )
+            y = y + p.depth[i] * sine_of_half_turns(
+                2.0 * (middle * p.per[i] + p.start[i])
+            ) * averaged(way * p.per[i])
         return y, PlaceState(u, 0.0)
 
 

@@ -226,8 +226,8 @@ REFUSED = [
     (lambda: b.oscillator(100, onset=-0.1), "oscillator: onset = -0.1 must be a number, 0 or"),
     (lambda: b.oscillator(-1.0, onset=0.1), "freq = -1.0 .*or above"),
     (b.oscillator(500, onset=0.1), "fit below fs/2 = 500|freq .*500 Hz"),
-    (lambda: b.oscillator(-1.0, "square"), "oscillator: freq = -1 .*or above"),
-    (lambda: b.oscillator(Param("f", -1.0, "Hz"), "square"), "oscillator: freq = -1 .*or above"),
+    (lambda: b.oscillator(-1.0, "square"), "oscillator: freq = -1.0 .*or above"),
+    (lambda: b.oscillator(Param("f", -1.0, "Hz"), "square"), "oscillator: freq = -1.0 .*or above"),
     (lambda: b.oscillator(100, "square", duty=1.0), "duty = 1 must .*below 1"),
     (lambda: b.oscillator(X, "square"), r"freq Input\('x'\) \[1\] must .*by .*'Hz'", UnitError),
     (
