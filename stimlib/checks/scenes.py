@@ -69,7 +69,8 @@ def scene_law(e: Evidence) -> list[Check]:
 def _sums(e: Evidence) -> Iterator[Check]:
     """Check outputs against the sum of what laws give for their terms."""
     for name, y in zip(e.scene.outputs, e.y, strict=True):
-        found = [(*k[1][1:], *e.wanted.pop(k)()) for k in [*e.wanted] if k[0] == name != k]
+        terms = [k for k in e.wanted if isinstance(k, tuple) and k[0] == name]
+        found = [(*k[1][1:], *e.wanted.pop(k)()) for k in terms]
         if found and len(found) < found[0][1]:
             e.skipped.append(
                 f"{name}: no law here for {found[0][1] - len(found)} of its {found[0][1]} terms,"

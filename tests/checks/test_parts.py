@@ -395,6 +395,18 @@ def test_an_output_of_which_a_law_of_ones_own_says_nothing_is_listed():
     assert f"extra: {__name__}.doubled returns nothing for it" in report.evidence.skipped
 
 
+def initials(x, p, fs):
+    return {"f": 2 * x["x"], "force": 3 * x["x"]}
+
+
+@pytest.mark.parametrize("size", [1.0, 1e10])  # with a tolerance below 1, and above
+def test_an_output_may_be_called_as_another_begins(size):
+    scene = Scene({"f": 2 * Input("x"), "force": 3 * Input("x")}, law=initials)
+    report = verified(scene, {"x": sinusoid(size, 3.0)})
+    assert report.passed and [*report.spectra()] == ["f", "force"]
+    assert report.evidence.skipped == []
+
+
 def test_a_law_that_is_written_again_is_the_new_one():
     made = []
     for factor in (1.0, 2.0):
