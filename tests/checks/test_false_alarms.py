@@ -327,6 +327,12 @@ CORRECT = {
         {"fs": 500, "seconds": 0.5},
         "",
     ),
+    "a thousand events, of which two coincide": (
+        lambda: Scene({"y": b.at(np.r_[np.arange(1000) / 1000, 0.05])}),
+        {},
+        {"fs": 1000, "seconds": 0.1},
+        "At",
+    ),
     "an impact while the velocity still falls": (
         s.impact,
         {"x": np.r_[np.full(50, 5e-3), -1e-6, np.full(100, 1e-6)]},
