@@ -118,6 +118,7 @@ FILES = {
     "own.py": OWN,
     "pen.py": PEN,
     "pen.csv": "t_s,pos_mm,force_N\n0,1,0\n0.01,2,5\n0.02,3,9\n",
+    "pen(1).trc": "t_s\tpos_mm\n0\t1\n0.01\t2\n0.02\t3\n",
     "lift.csv": "t_s,pos_mm,contact\n0,1,1\n0.01,2,1\n0.02,3,0\n",
     "grip.csv": GRIP,
     "tablet.csv": "t_ms;x_mm\n0;1,0\n8;1,5\n8;2,0\n16;2,5\n24;3,0\n",
@@ -328,6 +329,7 @@ ALL = f"{LISTED}, ready"
         ("play tone --quiet --full-scale forc=1", "--full-scale: there is no output 'forc';"),
         (f"play tone --quiet {HAND}", "the scene has no input: leave it out"),
         (f"{PLAY} --motion x3=still()", "its inputs are x1, x2"),
+        (f"{PLAY} --motion x1=a() --motion x1=b()", "x1=b(): x1 is given twice"),
         ("play squeeze --quiet --motion minimum_jerk(depht=1)", "there is no argument 'depht'"),
         (f"play own.py:two {HAND} --fast --full-scale 2", "--full-scale force=..,place=.."),
         (f"play own.py:two {HAND} --fast --full-scale force=50", "no value for place; give"),
@@ -652,12 +654,21 @@ def rendered(*motion, scene="scene"):
     return json.loads(Path("a.wav.json").read_text())["motion"]
 
 
-@pytest.mark.parametrize("recorded", ["--motion pen.csv", "--motion x=pen.csv"])
+@pytest.mark.parametrize("recorded", ["pen.csv", "x=pen.csv", "pen(1).trc"])
 def test_a_recording_goes_with_a_generator_in_either_order(here, recorded):
-    told = rendered(recorded, MAP_X, HELD)
-    assert told == rendered(HELD, recorded, MAP_X)
-    assert told["x"].startswith("recording('pen.csv', {'x': 'pos_mm*1e-3'}")
+    told = rendered("--motion", recorded, MAP_X, HELD)
+    assert told == rendered(HELD, "--motion", recorded, MAP_X)
+    file = recorded.removeprefix("x=")
+    assert told["x"].startswith(f"recording('{file}', {{'x': 'pos_mm*1e-3'}}")
     assert told["press"].startswith("sinusoid(amplitude=0.5")
+
+
+def test_the_own_motion_of_an_input_goes_before_that_of_its_group(here):
+    first, both = "--motion x1=sinusoid(0.01,1)", "--motion x=sinusoid(0.001,5)"
+    for words in (f"{first} {both}", f"{both} {first}"):
+        ran(f"render squeeze {words} --seconds 0.1 --full-scale 50 --out a.wav")
+        told = json.loads(Path("a.wav.json").read_text())["motion"]
+        assert [told[x].partition(",")[0][-5:] for x in ("x1", "x2")] == ["=0.01", "0.001"]
 
 
 def test_two_recordings_and_the_contact_of_one(here):

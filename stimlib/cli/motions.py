@@ -279,7 +279,7 @@ def _contact(recordings: Sequence[Recording]) -> Any:
 
 def _is_file(text: str) -> bool:
     # "data (1).csv" is one; any other text with a bracket is a call
-    known = r"\.(csv|tsv|txt|dat|npz|mat|c3d|xdf|xdfz)(\.gz)?\Z"
+    known = r"\.(csv|tsv|txt|trc|dat|npz|mat|c3d|xdf|xdfz)(\.gz)?\Z"
     return bool(re.search(known + r"|\A[^(]*\.[a-z]\w*\Z", text.lower()))
 
 
@@ -287,28 +287,28 @@ def _assigned(motion: Sequence[str], inputs: Sequence[str]) -> tuple[dict[str, s
     """Return the --motion of each named input, and the --motion of all others."""
     from ..motion.text import served_by
 
-    own: dict[str, str] = {}
+    given: dict[str, str] = {}
     of_all = ""
     for text in motion:
         name, _, spec = (part.strip() for part in text.partition("="))
-        names = [n for n in inputs if served_by(n, [name], inputs)]
-        own |= dict.fromkeys(names, spec)
-        if names:
-            continue
-        if not of_all:
+        if name in given:
+            raise BadValue(f"--motion {text}: {name} is given twice; give it once")
+        if any(served_by(n, [name], inputs) for n in inputs):
+            given[name] = spec
+        elif not of_all:
             of_all = text
-            continue
-        for other in (of_all, text):
-            if re.match(r"\w+\s*=", other):
-                raise BadValue(
-                    f"--motion {other}: the scene has no input of that name; its inputs are"
-                    f" {', '.join(inputs)}"
-                )
-        raise BadValue(
-            f"--motion {of_all} and {text}: both are of all inputs; say of which each is, such as"
-            f" {inputs[0]}={text}"
-        )
-    return own, of_all
+        else:
+            for other in (of_all, text):
+                if re.match(r"\w+\s*=", other):
+                    raise BadValue(
+                        f"--motion {other}: the scene has no input of that name; its inputs are"
+                        f" {', '.join(inputs)}"
+                    )
+            raise BadValue(
+                f"--motion {of_all} and {text}: both are of all inputs; say of which each is, such"
+                f" as {inputs[0]}={text}"
+            )
+    return {n: given[by] for n in inputs if (by := served_by(n, given, inputs))}, of_all
 
 
 def _check_map(
