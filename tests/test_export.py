@@ -1,5 +1,6 @@
 """Export to C99: the same bits as the processor, from every block of the table."""
 
+import ctypes
 import json
 import os
 import re
@@ -382,6 +383,24 @@ def test_the_command_exports_and_says_how_to_compile(tmp_path):
     ran([*words, "--out", tmp_path, "--peak", "5"], 2, "--full-scale is missing")
     said = ran([*words, "--out", tmp_path, "--float32"]).stdout
     assert "error of float32 in force: rms" in said and same(tmp_path, "wall", 800)
+
+
+@pytest.mark.parametrize("name", "abc")
+def test_parameters_of_a_processor_are_set_in_c_as_in_python(name, tmp_path):
+    """Any of them; at once, along a ramp, and along a ramp from where a jump ends."""
+    way = "void put(void *r, int k, double v, double n) { stimlib_set_processor(r, k, v, n); }"
+    (tmp_path / "put.c").write_text(f'#include "stimlib.h"\n{way}\n')
+    words = [*GCC, "-shared", "-fPIC", "-I", INCLUDE, "put.c", "-o", "put.so"]
+    subprocess.run(words, cwd=tmp_path, check=True)
+    put = ctypes.CDLL(str(tmp_path / "put.so")).put
+    put.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_double, ctypes.c_double]
+    scene = Scene({"y": Param("a", 1.0) + 10.0 * Param("b", 1.0) + 100.0 * Param("c", 1.0)})
+    c, python = stimlib.compile(scene, 1000), stimlib.compile(scene, 1000)
+    for settings in ([(7.0, 0)], [(3.0, 4)], [(5.0, 0), (9.0, 3)], [(9.0, 3), (5.0, 0)]):
+        for value, samples in settings:
+            put(c.address[1], list(c.params).index(name), value, samples)
+            python.set(name, value, samples / 1000)
+        np.testing.assert_array_equal(c.process(5), python.process(5))
 
 
 STANDALONE = """

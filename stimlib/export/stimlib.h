@@ -18,11 +18,12 @@ typedef void (*stimlib_set)(void *run, int parameter, double value, double sampl
    not finite is not taken. */
 static inline void stimlib_set_processor(void *run, int parameter, double value, double samples)
 {
-    int64_t *q = (int64_t *)(intptr_t)((int64_t *)run)[13] + 4 * parameter;
-    const double left = samples >= 1.0 ? samples : 1.0;
+    int64_t *q = (int64_t *)(intptr_t)((int64_t *)run)[13] + 8 * parameter;
+    const double left = samples > 1.0 ? samples : 0.0; /* a jump is there at once */
     if (value - value != 0.0 || parameter < 0 || parameter >= ((int64_t *)run)[14]) return;
     memcpy(q + 2, &value, 8);
     memcpy(q + 3, &left, 8);
-    q[0] = 1;
+    if (left == 0.0) memcpy(q + 4, &value, 8);
+    q[0] = left == 0.0 || q[0] == 2 ? 2 : 1; /* a ramp begins where a waiting jump ends */
 }
 #endif
