@@ -18,6 +18,7 @@ from refusals import refused
 
 import stimlib
 from stimlib import Block, Input, Scene, SceneError, UnitError, constant
+from stimlib.blocks import fir
 from stimlib.core import steps
 from stimlib.core.loop_code import Cycle
 from stimlib.core.maths import where
@@ -577,3 +578,32 @@ def test_parameters_that_are_whole_or_short_numbers_are_floats_to_the_compiler(t
     for target in ("llvm", "python"):
         y = stimlib.compile(Scene({"y": block(x)}), 1000, target).process(np.full((1, 2), 2.0))
         assert y.tolist() == [[10.0, 10.0]]
+
+
+def above(p, s, x):
+    return x > 0.0, s
+
+
+def whole(p, s, x):
+    return np.int64(where(x > 0.0, 1.5, 0.5)), s
+
+
+def counting(p, s, x):
+    return where(x > 0.0, 1, 0), s
+
+
+@pytest.mark.parametrize("step", [above, whole, counting], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("target", ["llvm", "python", "jax"])
+def test_samples_that_are_comparisons_or_whole_numbers_are_floats(target, step):
+    block = own(step=staticmethod(step))
+    both = block(x) + block(Input("touch"))
+    scene = Scene({"y": both - block(x), "z": fir(block(x), [0.5, 0.25]), "n": -block(x)})
+    proc = stimlib.compile(scene, 1000, target)
+    given = rows(proc, np.array([[1.0, -1.0, 1.0, 1.0], [1.0, 1.0, -1.0, 1.0]]), ["x", "touch"])
+    y = (
+        proc(motion=given)
+        if target == "jax"
+        else dict(zip("yzn", proc.process(given), strict=True))
+    )
+    assert y["y"].tolist() == [1, 1, 0, 1] and y["n"].tolist() == [-1, 0, -1, -1]
+    assert y["z"].tolist() == [0.5, 0.25, 0.5, 0.75]
