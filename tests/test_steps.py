@@ -18,7 +18,7 @@ from refusals import refused
 
 import stimlib
 from stimlib import Block, Input, Scene, SceneError, UnitError, constant
-from stimlib.blocks import fir
+from stimlib.blocks import fir, loop
 from stimlib.core import steps
 from stimlib.core.loop_code import Cycle
 from stimlib.core.maths import where
@@ -578,6 +578,21 @@ def test_parameters_that_are_whole_or_short_numbers_are_floats_to_the_compiler(t
     for target in ("llvm", "python"):
         y = stimlib.compile(Scene({"y": block(x)}), 1000, target).process(np.full((1, 2), 2.0))
         assert y.tolist() == [[10.0, 10.0]]
+
+
+@pytest.mark.parametrize("zero", [0, np.int64(0), np.float32(0.0)], ids=lambda v: type(v).__name__)
+@pytest.mark.parametrize("target", ["llvm", "python", "jax"])
+def test_a_state_that_begins_with_a_whole_or_short_number_is_a_float(target, zero):
+    def step(p, s, x):
+        return s.y + 0.1 * x, State(s.y + 0.1 * x)
+
+    summing = own(design=lambda self, fs: ((), State(zero)), step=staticmethod(step))
+    looped = loop(lambda last: 0.5 * last + summing(last + x))
+    proc = stimlib.compile(Scene({"y": summing(x), "z": looped}), 1000, target)
+    given = np.ones((1, 4))
+    y = [*proc(motion=given).values()] if target == "jax" else proc.process(given)
+    assert np.abs(y[0] - [0.1, 0.2, 0.3, 0.4]).max() < 1e-12
+    assert np.abs(y[1] - [0.1, 0.26, 0.466, 0.7156]).max() < 1e-12
 
 
 def above(p, s, x):

@@ -487,6 +487,7 @@ def designed(block: Block, fs: float) -> tuple[Any, Any]:
     # of the library's own, tests check it: it takes a third of a program's start
     if block.definition is cls and not ours(cls):
         check_block(cls, getattr(cls.tile or cls.step, "__code__", None), *map(type, pair))
+        pair = tuple(unpack(t, pack(t)) for t in pair)  # floats of an author's whole numbers
     return pair
 
 
