@@ -17,7 +17,17 @@ from refusals import refused, warned
 from test_graphs import LENGTH, motion, scenes as generated
 
 import stimlib
-from stimlib import BadValue, Input, Param, Scene, SceneError, UnknownName, blocks as b, scenes
+from stimlib import (
+    BadValue,
+    Block,
+    Input,
+    Param,
+    Scene,
+    SceneError,
+    UnknownName,
+    blocks as b,
+    scenes,
+)
 from stimlib.checks.agreement import Agreement, agreement
 from stimlib.core import maths
 from stimlib.core.graph import Map, registry
@@ -449,6 +459,62 @@ def test_a_step_is_taken_apart():
     delay = b.delay(Input("x"), 3)
     p, s = delay.design(1000.0)
     refused(SceneError, "array as state", recurrence.run_step, delay.step, p, s, [x], 5)
+
+
+class Turns(NamedTuple):
+    turns: float
+
+
+class Count(NamedTuple):
+    n: float
+    none: float
+
+
+HASH = np.uint64(11)
+
+
+def truncated(p, s, x):  # no function that is linear in the state
+    turns = s.turns + 1.7 * x
+    return turns - np.int64(turns), Turns(turns - np.int64(turns))
+
+
+def repeated(p, s, x):
+    for k in range(np.int64(p.n)):
+        x = x * 0.5 + k
+    return where(1.0 / p.none > p.n, x, 0.0), s
+
+
+def hashed(p, s, x):
+    return maths.as_float(maths.bits(x) * np.uint64(0x9E3779B97F4A7C15) >> HASH), s
+
+
+def counted(p, s, x):
+    return maths.as_float(maths.bits(where(x > 0.0, 1, 0)) >> HASH), s
+
+
+def flushed(p, s, x):
+    y = maths.flush(1.0 / x)
+    return where(y > 2.0, 2.0, y), s
+
+
+def far(p, s, x):
+    return maths.sin(x * 2147483648.0) + maths.cos(x * 2147483648.0), s
+
+
+@pytest.mark.parametrize("step", [truncated])
+def test_steps_of_authors_mean_what_they_mean_to_the_interpreter(step):
+    numbers = Count(3.0, 0.0), Turns(0.0) if step is truncated else ()
+    members = {"__annotations__": {"x": Block}, "__module__": __name__}
+    members |= {"step": staticmethod(step), "design": lambda self, fs: numbers}
+    block = dataclass(frozen=True, eq=False)(type("Author", (Block,), members))(Input("x"))
+    x = np.random.default_rng(2).standard_normal(300)
+    x[[3, 70]] = 0.0
+    scene = Scene({"y": block})
+    with np.errstate(over="raise", divide="raise"):
+        got = stimlib.compile(scene, 1000, "jax")(motion={"x": x})["y"]
+    wanted = stimlib.compile(scene, 1000, "python").process(x[None])[0]
+    np.testing.assert_allclose(got, wanted, rtol=1e-12, atol=1e-12)
+    assert np.ptp(wanted) > 0.5
 
 
 def test_every_name_of_maths_has_a_twin():

@@ -54,7 +54,7 @@ def degrees(jaxpr: Any, given: list[int]) -> list[int]:
             out = degrees(inner.jaxpr, x)
         elif not any(x):
             out = [FREE] * len(e.outvars)
-        elif name in _PASSIVE:
+        elif name in _PASSIVE and jnp.issubdtype(e.outvars[0].aval.dtype, jnp.floating):
             out = [max(x)]
         elif name == "mul":
             out = [min(sum(x), CURVED)]
