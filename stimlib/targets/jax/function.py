@@ -174,7 +174,11 @@ class Function:
         if not wide and _traced((params, motion, key, gates)):
             raise BadValue(NARROW)
         # or an accelerator multiplies float32 with ten bits, or seven
-        with jax.enable_x64(True), jax.default_matmul_precision("highest"):
+        with (
+            jax.enable_x64(True),
+            jax.default_matmul_precision("highest"),
+            np.errstate(all="ignore"),  # of numbers that are known
+        ):
             if motion is not None and not isinstance(motion, Mapping):
                 motion, n = self._rows(motion, n)
             params = _named("params", "parameter", params, self.params)

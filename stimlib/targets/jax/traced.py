@@ -120,10 +120,10 @@ TWINS: dict[str, Any] = {
 )  # fmt: skip
 
 NAMESPACE = types.SimpleNamespace(**TWINS, SILENT=SILENT, TINY=TINY, F=F)
+# what is known stays known, such as the end of a range
 TYPES = {
-    np.uint64: lambda x: jnp.asarray(x).astype(jnp.uint64),
-    np.int64: lambda x: jnp.asarray(x).astype(jnp.int64),
-    np.float64: lambda x: jnp.asarray(x).astype(jnp.float64),
+    kind: lambda x, kind=kind: x.astype(kind) if isinstance(x, jax.Array) else kind(x)
+    for kind in (np.uint64, np.int64, np.float64)
 }
 
 
