@@ -501,7 +501,7 @@ def far(p, s, x):
     return maths.sin(x * 2147483648.0) + maths.cos(x * 2147483648.0), s
 
 
-@pytest.mark.parametrize("step", [truncated, repeated, hashed])
+@pytest.mark.parametrize("step", [truncated, repeated, hashed, counted, flushed, far])
 def test_steps_of_authors_mean_what_they_mean_to_the_interpreter(step):
     numbers = Count(3.0, 0.0), Turns(0.0) if step is truncated else ()
     members = {"__annotations__": {"x": Block}, "__module__": __name__}

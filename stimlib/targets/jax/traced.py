@@ -77,13 +77,16 @@ def _divide(primals, tangents):
     )
 
 
-floor, exp, sin, cos, tanh, where = jnp.floor, jnp.exp, jnp.sin, jnp.cos, jnp.tanh, jnp.where
+floor, exp, tanh, where = jnp.floor, jnp.exp, jnp.tanh, jnp.where
+sin, cos = (
+    lambda x, f=f: where(abs(x) <= maths.MOST_SIN, f(x), jnp.nan) for f in (jnp.sin, jnp.cos)
+)
 
 
 def flush(x):
     """Return x, or 0 where it is too small to matter, with the derivative of x."""
     # subtracted as a constant: the derivative stays that of the number
-    return x - lax.stop_gradient(jnp.where(abs(x) <= SILENT, x, 0.0 * x))
+    return x - lax.stop_gradient(jnp.where(abs(x) <= SILENT, x, 0.0))
 
 
 def settle(x):
@@ -98,7 +101,7 @@ def as_float(u):
 
 def bits(x):
     """Return the bits of float64 numbers."""
-    return lax.bitcast_convert_type(x, jnp.uint64)
+    return lax.bitcast_convert_type(jnp.asarray(x, jnp.float64), jnp.uint64)
 
 
 def unbits(u):
