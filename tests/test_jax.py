@@ -378,7 +378,11 @@ def test_a_live_number_may_be_a_row():
     gathered onto the gate's clock.  A fault fades on the way.
     """
     A, x = Param("A", 1.0), np.random.default_rng(0).standard_normal(600)
-    scene = Scene({"y": A * Input("x"), "z": b.enabled(A * b.white_noise(1), by=Input("x"))})
+    noise = b.enabled(A * b.white_noise(1), by=Input("x"))
+    gated = b.enabled(b.enabled(A, by=b.white_noise(2)) - A, by=Input("x") > -0.5)
+    alone = b.enabled(A, by=Input("x"))
+    outputs = {"y": A * Input("x"), "z": noise, "gated": gated, "alone": alone}
+    scene = Scene(outputs | {"late": b.segment(alone, 0.01)})
     proc = stimlib.compile(scene, 8000)
     x[300] = np.nan
     proc.set("A", 2.0, ramp=0.05)

@@ -309,7 +309,7 @@ class _Signals:
                 _tail(self.signal(instance.args[1], instance.child), end - first),
                 (first, size - end),
             )
-        by, inside = self.opened[instance.child], self.value[instance.args[1]]
+        by, inside = self.opened[instance.child], self.signal(instance.args[1], instance.child)
         if jnp.ndim(inside):
             inside = inside[self.early * self.instances[instance.args[1]].autonomous + running(by)]
         return jnp.where(by, inside, 0.0)
