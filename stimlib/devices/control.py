@@ -191,5 +191,15 @@ class ControlLoop(Sink):
 
     gone = "a period has not ended for {:g} s: zeros were written."
 
+    def _close(self) -> None:
+        """End the loop; where it hangs, write zeros from this thread."""
+        self.pump.write("STATE", words.CLOSED)
+        if self._thread:
+            self._thread.join(min(self.silent_for, 0.5))
+            if self._thread.is_alive() and not self._hangs:
+                self._hangs = True
+                self._put(np.zeros_like(self._frames))
+        super()._close()
+
     def _latency(self) -> float:
         return (self.block or 1) / self.rate

@@ -1084,20 +1084,28 @@ class Sink:
         )
 
     def _work(self) -> None:
-        looked, ended = time.monotonic(), None
+        self._looked, ended = time.monotonic(), None
+        while not self._over.wait(0.001 if self.pump.hurried else 0.01):
+            if self._next is not None and self.finished:
+                # the block of its last frames is committed before the next call
+                ended = ended or (time.monotonic(), self.pump.read("CALLS"))
+                if self.pump.read("CALLS") > ended[1] + 1 or time.monotonic() > ended[0] + 1:
+                    break  # its log is whole; the device goes on
+            self._logged(self._turn)
+        if not self._logged(self._recorder.end, self.report):
+            self._recorder.end(self.report)  # without a log, but markers are sent
+
+    def _turn(self) -> None:
+        self._recorder.drain()
+        self._keep_time()
+        seen, self._looked = self._looked, time.monotonic()
+        # at most: a process that was stopped has heard no call either
+        self._watch_device(min(self._looked - seen, 0.05))
+
+    def _logged(self, work: Callable[..., None], *given: Any) -> bool:
+        """Do this, and return whether it could; if not, log and session end."""
         try:
-            while not self._over.wait(0.001 if self.pump.hurried else 0.01):
-                if self._next is not None and self.finished:
-                    # the block of its last frames is committed before the next call
-                    ended = ended or (time.monotonic(), self.pump.read("CALLS"))
-                    if self.pump.read("CALLS") > ended[1] + 1 or time.monotonic() > ended[0] + 1:
-                        break  # its log is whole; the device goes on
-                self._recorder.drain()
-                self._keep_time()
-                seen, looked = looked, time.monotonic()
-                # at most: a process that was stopped has heard no call either
-                self._watch_device(min(looked - seen, 0.05))
-            self._recorder.end(self.report)
+            work(*given)
         except BaseException as e:  # a full disk, a log that fails
             self._fail(e, what="the log cannot be written")
             self.pump.write("WAIT", 0)  # for room in it
@@ -1108,9 +1116,8 @@ class Sink:
             if isinstance(writer, LogWriter):
                 with suppress(SinkError):  # as told: its files end with what they have
                     writer.close()
-            while not self._over.wait(0.01):
-                self._recorder.drain()
-            self._recorder.end(self.report)  # without a log, but markers are sent
+            return False
+        return True
 
     # What a device fills in -----------------------------------------------------------
     def _aim(self) -> None:

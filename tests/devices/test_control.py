@@ -107,6 +107,39 @@ def test_a_read_that_hangs_is_written_zeros_by_the_watchdog(follows):
     assert made.written[-1][0] == 0.0
 
 
+class FullLog(Seen):
+    def delivered(self, frames):
+        if len(self.frames) > 20:
+            raise OSError("full")
+        super().delivered(frames)
+
+
+@pytest.mark.parametrize(("watchdog", "log"), [(10.0, None), (0.5, FullLog())])
+@pytest.mark.filterwarnings("ignore:control loop. the device did not let go")
+def test_a_read_that_hangs_is_written_zeros_at_a_close_and_behind_a_log_that_failed(watchdog, log):
+    """Where the watchdog would come after the close; where the log has ended."""
+    gate, hangs = threading.Event(), threading.Event()
+
+    def read():
+        if hangs.is_set() or made.error:
+            gate.wait(60)
+        return [0.02]
+
+    made = loop(read, watchdog=watchdog, log=log)
+    made.open(1000)
+    made.start(60.0)
+    until(lambda: made.error or (made.written and made.written[-1][0] > 1.9 and not log))
+    hangs.set()
+    if log is None:
+        time.sleep(0.1)
+        made.close()
+    until(lambda: made.written[-1][0] == 0.0)
+    assert not gate.is_set()
+    gate.set()
+    made.close()
+    assert made.written[-1][0] == 0.0
+
+
 @pytest.mark.parametrize(
     ("read", "says"),
     [
