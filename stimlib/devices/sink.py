@@ -548,8 +548,8 @@ class Sink:
             end = time.monotonic() + self.pump.fade / self.rate + 0.8
             seen, since = -1, time.monotonic()
             while not self.finished and time.monotonic() < end:
-                if self.pump.index != seen:
-                    seen, since = self.pump.index, time.monotonic()
+                if (calls := self.pump.read("CALLS")) != seen:  # fades have no samples
+                    seen, since = calls, time.monotonic()
                 if self._device_gone or time.monotonic() - since > 2 * LONGEST_BLOCK:
                     break  # no callback comes any more: nothing can be faded
                 time.sleep(0.002)

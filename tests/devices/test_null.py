@@ -255,6 +255,13 @@ class Dead(Sink):
         pass
 
 
+def test_a_close_in_the_last_fade_waits_for_its_end():
+    """It is of whole blocks, and has no samples."""
+    with begun(clocked(STEADY, Safety(1.0, fade=0.5)), 0.1, block=1600) as sink:
+        until(lambda: sink.pump.index == 800)
+    assert sink.report().fall == 4000
+
+
 def test_a_device_that_never_calls_is_lost_or_closed(monkeypatch):
     with begun(Dead(STEADY, 1.0)) as sink:
         sink.close()
