@@ -307,7 +307,12 @@ def modulated(
     t, v = np.array(shape).T
     inner = [x[np.searchsorted(x, t[0], "right") : np.searchsorted(x, t[-1])] for x, _ in lines]
     grid = np.unique(np.concatenate([t, *inner]))
-    if device.power != 1.0 or (inner[0].size and v.min() < 1.0):  # not straight
+    # where a sharpness that is no step reaches 0 or 1
+    far = given["HapticSharpness"] + np.interp(grid, *lines[1]) - np.array([[0.0], [1.0]])
+    i, n = np.nonzero((far[:, 1:] * far[:, :-1] < 0.0) & (np.diff(grid) > 2 * JUMP))
+    edges = grid[n] + np.diff(grid)[n] * far[i, n] / (far[i, n] - far[i, n + 1])
+    grid = np.unique(np.append(grid, edges))
+    if device.power != 1.0 or (v.min() < 1.0 and np.ptp(np.interp(grid, *lines[0]))):  # curved
         few_enough(grid, "$.Pattern")
         k = np.arange(FINER * (grid.size - 1) + 1) / FINER
         grid = np.interp(k, np.arange(grid.size), grid)

@@ -18,7 +18,7 @@ from stimlib.blocks import at, grain, loop, oscillator, ring, rising, timeline, 
 from stimlib.errors import BadValue, FaultError, SceneFileError, UnitError
 from stimlib.files import PatternDevice, read_pattern, write_pattern
 from stimlib.files.pattern_analysis import analysed, analytic, loss
-from stimlib.files.pattern_text import INTENSITY, read_ahap, read_hjif
+from stimlib.files.pattern_text import INTENSITY, SHARPNESS, read_ahap, read_hjif
 
 ROOT = Path(__file__).parents[2]
 FILES = ROOT / "tests" / "patterns"
@@ -131,6 +131,21 @@ READ = {  # a file, or the items of an AHAP, and its samples at times t; how nea
             * wave(t, 0, MIDDLE)
         ),
         4e-3,  # of 16 lines
+    ),
+    "a curve as long as its event": (
+        [
+            happens(**PARAMETERS, AttackTime=0.4, _for=0.8),
+            curved(INTENSITY, (0.0, 1.0), (0.8, 0.0)),
+        ],
+        lambda t: line(t, (0, 0), (0.4, 1), (0.8, 1)) * (1 - t / 0.8) * wave(t, 0, MIDDLE),
+        4e-3,  # of 16 lines
+    ),
+    "sharpness is clamped along a curve": (
+        [
+            happens(HapticSharpness=0.3, _for=0.8),
+            curved(SHARPNESS, (0.0, -0.7), (0.8, 0.9)),
+        ],
+        lambda t: line(t, (0, 1), (0.8, 1)) * wave(t, 0, [(0.2, 65), (0.7, 300), (0.8, 300)]),
     ),
     "dynamic parameters step and sharpness is clamped": (
         [
