@@ -113,7 +113,8 @@ def series(
     )
     if missing != "refuse":
         touch = _touch_known(touch, missing)
-        shared(t, x)
+        if repeats in (None, "last"):  # otherwise each row counts by itself
+            shared(t, x)
     start = float(t[0])
     t -= start
     found = Reports(tuple(wanted), t, x, touch == 1, rows, flag, 0, start, tuple(notes), facts)
@@ -390,13 +391,21 @@ def _repeats(table: TableFile, s: Reports, how: str | None) -> Reports:
     first = np.flatnonzero(~again)
     last = np.append(first[1:], len(s.t)) - 1
     if how == "mean":
-        each = np.diff(np.append(first, len(s.t)))
-        x = np.array([np.add.reduceat(row / np.repeat(each, each), first) for row in s.x])
+        x = np.array([_means(row, first) for row in s.x])
         touch = np.logical_and.reduceat(s.contact, first)
         return replace(s, t=s.t[first], x=x, contact=touch, rows=s.rows[first], repeats=count)
     return replace(
         s, t=s.t[last], x=s.x[:, last], contact=s.contact[last], rows=s.rows[first], repeats=count
     )
+
+
+def _means(row: Array, first: Rows) -> Array:
+    """Return the mean of the numbers from each place to the next; NaN where none is."""
+    lost = np.isnan(row)
+    count = np.add.reduceat(~lost, first, dtype=int)
+    each = np.repeat(count, np.diff(np.append(first, len(row))))
+    with np.errstate(invalid="ignore"):
+        return np.add.reduceat(np.where(lost, 0.0, row / each), first) / (count > 0)
 
 
 def _check_equal(table: TableFile, s: Reports, again: Mask) -> None:

@@ -308,6 +308,22 @@ def test_missing_numbers_in_every_row_and_in_equal_rows():
     assert recording(given, {"x": "x"}, missing="hold").info["repeats"] == 1
 
 
+@pytest.mark.parametrize(
+    ("repeats", "every", "x"),
+    [
+        ("spread", 0.01, [0, 1, 2, 3, 4, 5, 6, 7, 7]),
+        ("mean", 0.03, [1, 4, 7]),
+        ("last", 0.03, [2, 5, 7]),
+    ],
+)
+def test_missing_numbers_among_rows_of_one_time(repeats, every, x):
+    rows = lost(np.arange(9), 1, 4, 6, 8)
+    given = table(np.repeat([0.0, 0.03, 0.06], 3), rows)
+    how = {"repeats": repeats, "missing": "interpolate", "max_speed": None}
+    r = recording(given, {"x": "x"}, **how)
+    assert r.motion["x"](every * np.arange(len(x))) == pytest.approx(x)
+
+
 def test_what_a_missing_number_is_not(tmp_path):
     for word in "NaN -nan NULL None <NA> #NA #N/A --".split():
         r = recording(table(T, lost(X, 7, by=word)), {"x": "x"}, missing="hold")
