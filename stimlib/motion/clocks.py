@@ -83,14 +83,18 @@ def fitted(
     return even, _facts(slope - 1, t - even)
 
 
-def evened(table: TableFile, t: Array, rate: float, rows: Rows) -> tuple[Array, Mapping[str, Any]]:
+def evened(
+    table: TableFile, t: Array, rate: float, rows: Rows, at: Rows
+) -> tuple[Array, Mapping[str, Any]]:
     """Return times at an even rate, which is fitted to the time stamps.
 
+    ``at`` has the place of each row among those that came, with a time or without.
     Rows are counted anew after a silence. Where a clock was set back, it is taken to
     have gone on by one period. A step back of jitter, which the next rows make good, is
     left to the fit.
     """
-    steps, shift = np.diff(t), np.zeros(len(t))
+    # of rows without a time each takes a period
+    steps, shift = np.diff(t) - (np.diff(at) - 1) / rate, np.zeros(len(t))
     silence = max(LOST[0] / rate, LOST[1])
     if 2 * np.count_nonzero(steps < 0) > len(steps):
         raise table.error("time goes back in most rows", "reverse them, or use another column")
@@ -99,10 +103,10 @@ def evened(table: TableFile, t: Array, rate: float, rows: Rows) -> tuple[Array, 
         steps[back] = 1 / rate
     set_back = [(int(rows[i]), float(1 / rate - shift[i])) for i in np.flatnonzero(shift)]
     t = t + np.cumsum(shift)
-    first = np.append(0, 1 + np.flatnonzero(np.diff(t) > silence))
+    first = np.append(0, 1 + np.flatnonzero(steps > silence))
     each = np.diff(np.append(first, len(t)))
     mean = np.repeat(np.add.reduceat(t, first) / each, each)
-    k = np.arange(len(t)) - np.repeat(first + (each - 1) / 2, each)
+    k = at - np.repeat(np.add.reduceat(at, first) / each, each)
     period = float(k @ (t - mean)) / max(float(k @ k), 1.0)
     if not abs(period * rate - 1) <= MOST_DRIFT:
         found = f"{1 / period:.6g} Hz" if period > 0 else "no rate at all"

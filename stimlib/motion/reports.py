@@ -99,7 +99,9 @@ def series(
         notes.append(f"{counted(int(np.sum(~known)), 'row')} without a time left out")
         t, x, touch, rows = t[known], x[:, known], touch[known], rows[known]
     used = {flag, *(name for e in (time, *second, *wanted.values()) for name in e.columns)}
-    t, x, facts = _times(table, t, x, rows, how, [*second, time], chosen, used)
+    t, x, facts = _times(
+        table, t, x, rows, np.flatnonzero(known), how, [*second, time], chosen, used
+    )
     if "drift" in facts:
         notes.append(
             f"times fitted: drift {1e6 * facts['drift']:+.4g} ppm, residual"
@@ -327,6 +329,7 @@ def _times(
     t: Array,
     x: Array,
     rows: Rows,
+    at: Rows,
     how: Clock,
     clocks: Sequence[Expression],
     chosen: Mask | None,
@@ -341,7 +344,7 @@ def _times(
     first, wraps = unwrapped(table, x[0] if many else t, rows, clocks[0], how.wrap)
     facts: dict[str, Any] = {"wraps": wraps} if how.wrap is not None else {}
     if how.rate is not None:
-        t, found = evened(table, first, how.rate, rows)
+        t, found = evened(table, first, how.rate, rows, at)
         return t, x, facts | {**found}
     back = np.flatnonzero(first[1:] < first[:-1])
     if len(back):

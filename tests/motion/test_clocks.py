@@ -137,6 +137,10 @@ def test_an_even_rate_is_fitted_to_the_stamps():
         r = recording(table(silent), reports="on_change", **how)
         assert np.ptp(r.motion["x"]._knots[[199, 201]]) == pytest.approx(gap + period, abs=6e-4)
         refused(RecordingError, "a file that lacks rows", recording, table(short), **how)
+    # rows without a time are left out, and have come
+    given = table(lost(jittered(T), *range(100, 109), 250))
+    r = recording(given, {"x": "x"}, rate=250, missing="interpolate")
+    assert error_of(r) < 3e-5 and r.info["reports"] == 390
     coarse = np.floor(T * 50) / 50  # five rows in each packet
     refused(RecordingError, "repeats=", recording, table(coarse), {"x": "x"})
     r = recording(table(coarse), {"x": "x"}, rate=250)
