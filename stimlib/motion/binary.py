@@ -21,7 +21,7 @@ from ..system.limits import limits
 from ..system.packages import package
 from .layout import unpacked
 from .npz import EQUAL, batches_of
-from .rows import Batch, Known, reading, table_error
+from .rows import LOST, Batch, Known, reading, table_error
 
 # names, number of rows, batches, and what was skipped or assumed
 Read = tuple[tuple[str, ...], int, Callable[[], Iterator[Batch]], tuple[str, ...]]
@@ -143,7 +143,15 @@ def read_xdf(file: str, data: bytes, known: Known) -> Read:
             raise table_error(file, f"the columns are in {len(chosen)} streams of numbers", remedy)
         wanted = sum(count for count, _ in chunks[chosen[0]])
         limits.check("recording_rows", wanted, f"{file}: rows", RecordingError)
-        (s,) = pyxdf.load_xdf(BytesIO(data), select_streams=chosen)[0]
+        (s,) = pyxdf.load_xdf(BytesIO(data), chosen, dejitter_timestamps=False)[0]
+        stamps, rate = s["time_stamps"], float(s["info"]["nominal_srate"][0])
+        if rate > 0:
+            (s,) = pyxdf.load_xdf(
+                BytesIO(data),
+                chosen,
+                jitter_break_threshold_samples=0,
+                jitter_break_threshold_seconds=_silence(stamps, 1 / rate),
+            )[0]
         rows = len(s["time_stamps"])
         # those beyond the number in the footer are none: liblsl, issue 246
         stated = ((s.get("footer") or {}).get("info") or {}).get("sample_count") or ()
@@ -153,8 +161,23 @@ def read_xdf(file: str, data: bytes, known: Known) -> Read:
         columns = {**channels, "t_s": s["time_stamps"]}
         note = f"stream {(s['info']['name'] or [''])[0]}: "
         note += counted(len(s["clock_times"]), "clock offset")
-        note += " applied, times made even" if s["info"]["effective_srate"] else " applied"
+        note += " applied" + ", times made even" * bool((s["time_stamps"] != stamps).any())
     return tuple(columns), rows, lambda: batches_of(columns.__getitem__, rows), (note,)
+
+
+def _silence(t: np.ndarray, period: float) -> float:
+    """Return a time just below the shortest silence in which rows were lost.
+
+    A program that was late sends the rows of a silence at its end; they were not lost.
+    """
+    late = np.append(0.0, np.cumsum(np.diff(t) - period))
+    lost = []
+    for i in np.flatnonzero(np.diff(t) > max(LOST[0] * period, LOST[1])):
+        silence = t[i + 1] - t[i]
+        then = late[i + 1 :][: LOST[0] + int(silence / period)]
+        if then[0] - then.min() < min((len(then) - 1) * period, silence) / 2:
+            lost.append(silence)
+    return min(lost, default=np.inf) * (1 - 1e-9)
 
 
 def _chunks(file: str, data: bytes) -> tuple[bytes, Chunks]:

@@ -8,14 +8,13 @@ import numpy as np
 from ..errors import BadValue
 from .cells import DAY
 from .expression import Expression, Linear
-from .rows import Array, Rows
+from .rows import LOST, Array, Rows
 from .table import TableFile
 
 COUNTS = 2.0**16, 2.0**24, 2.0**32  # at which counters begin again
 UNITS = 1e-6, 1e-3  # s, of such counts
 NEAR = 50  # median periods between the last report before a wrap and the first after it
 MOST_DRIFT = 0.01  # two clocks differ by less, or the unit of one is wrong
-LOST = 10, 0.1  # periods and s without a row: a silence, where the rows are counted anew
 LEVEL = 15  # rows before and after a step back whose medians show whether it lasts
 
 

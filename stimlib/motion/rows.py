@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 # counts, among some names, the columns that will be used
 Known = Callable[[Sequence[str]], int]
+LOST = 10, 0.1  # periods and s without a row: a silence, where rows at a rate are counted anew
 
 
 class Batch(Protocol):

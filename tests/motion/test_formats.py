@@ -242,6 +242,24 @@ def test_streams_clock_offsets_and_jitter_of_an_xdf_file(tmp_path):
         assert read_table(path).names[:3] == ("t_s", "channel1", "channel2")
 
 
+def test_rows_that_an_xdf_stream_lost_are_no_jitter(tmp_path):
+    """pyxdf spreads the others over a silence, unless it is as long as 500 of them."""
+    pytest.importorskip("pyxdf")
+    path, k = tmp_path / "lab.xdf", np.arange(N)
+    lost = {**TABLE, "t_s": T + 0.5 * (k >= 100)}
+    path.write_bytes(xdf(xdf_of(lost, rate=100.0)))
+    refused(RecordingError, "row 100: a gap of 0.51 s", recording, path, {"x": "x"}, contact=False)
+    found = recording(path, {"x": "x"}, contact=False, max_gap=1.0).motion["x"]
+    assert found(lost["t_s"] - T[0]) == pytest.approx(TABLE["x"], abs=1e-9)
+    late = np.where((k >= 100) & (k < 130), T[130] + 1e-5 * (k - 130), T)
+    packets = T[k // 15 * 15] + 0.15 + 1e-5 * (k % 15)
+    for stamps in (late, packets):  # what a program sent late was not lost
+        path.write_bytes(xdf(xdf_of({**TABLE, "t_s": stamps}, rate=100.0)))
+        found = recording(path, {"x": "x"}, contact=False)
+        assert np.ptp(np.diff(found.motion["x"]._knots)) < 1e-12
+        assert found.info["rate"] == pytest.approx(100, rel=0.01) and "made even" in str(found)
+
+
 @pytest.mark.parametrize(
     ("form", "kind"),
     [("double64", "f8"), ("float32", "f4"), ("int64", "i8")]
