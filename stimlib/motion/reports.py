@@ -220,19 +220,21 @@ def _selected(table: TableFile, where: Mapping[str, Any]) -> Mask:
 
 
 def _equal(table: TableFile, column: str, value: Any) -> Mask:
-    """Return a mask of the cells that equal a text.
-
-    Cells are compared as numbers if the whole column is numeric, otherwise as text.
-    """
+    """Return a mask of the cells that equal a value, as numbers or as text."""
     text = str(value).strip()
     plain = isinstance(value, int | float | np.number | np.bool_)
     number = float(value) if plain else table.number(text)
-    wanted = in_both([] if number is None else [number])
+    wanted = in_both([] if number is None else [number]).tolist()
     try:
         parts = [np.isin(b.numbers([column])[0], wanted) for b in table.batches()]
     except ValueError:
         texts = (b.texts(column) for b in table.batches())
-        parts = [np.array([t.strip() == text for t in batch]) for batch in texts]
+        parts = [
+            np.array(
+                [t.strip() == text or bool(wanted) and table.number(t) in wanted for t in batch]
+            )
+            for batch in texts
+        ]
     return np.concatenate([np.zeros(0, dtype=bool), *parts])
 
 

@@ -172,7 +172,9 @@ def test_where_compares_numbers_as_numbers(csv):
     table = {"t_s": [0, 0.01, 0.02], "x": [1, 2, 3], "on": [False, True, True]}
     table |= {"g": np.float32([0.1, 1.7, 1.7])}
     path = csv("t_s;x;g\n0,0;1;0,1\n0,01;2;1,234\n0,02;3;1,234\n")
-    for source, where in ((table, {"g": 1.7}), (table, {"on": True}), (path, {"g": 1.234})):
+    table |= {"n": ["", 1, 1.0], "id": ["a1", "01", "1.0"]}  # one is missing, one no number
+    chosen = {"g": 1.7}, {"on": True}, {"n": 1}, {"n": "1.0"}, {"id": 1}
+    for source, where in (*((table, where) for where in chosen), (path, {"g": 1.234})):
         assert recording(source, {"x": "x*1e-3"}, where=where).motion["x"](0.0) == 2e-3
 
 
