@@ -66,7 +66,7 @@ class Cells:
         self._numbers = in_both([value for value in found if value is not None])
         self._never = never or {}
         self._day: int | None = None
-        self._timed: bool | None = None  # whether the clock has times of day, as its first row
+        self._timed: bool | None = None  # whether the clock has times of day, as its first cell
         self._form: tuple[bool, ...] = ()  # of the times: with a date, with a zone
 
     def note(self) -> list[str]:
@@ -105,7 +105,9 @@ class Cells:
         texts = batch.texts(column)
         values = np.empty(len(which))
         if column == self._clock and self._timed is None:
-            self._timed = bool(STAMP.fullmatch(texts[which[0]].strip()))
+            cells = (texts[i].strip() for i in which)
+            there = (t for t in cells if t.lower() not in WORDS and t not in self._texts)
+            self._timed = next((bool(STAMP.fullmatch(t)) for t in there), None)
         timed_here = bool(self._timed) and column == self._clock
         for k, i in enumerate(which):
             text = texts[i].strip()

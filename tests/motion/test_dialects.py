@@ -348,6 +348,13 @@ def test_times_of_day(tmp_path, times, start, says):
     assert r.motion["x"]._knots == pytest.approx([0, 0.01, 0.03], abs=1e-9)
 
 
+def test_times_of_day_may_begin_later(tmp_path):
+    text = "t_s,x\n,0\n-,0\n12:30:00.00,1\n12:30:00.01,2\n"
+    how = {"missing": "hold", "sentinels": ("-",), "max_speed": None}
+    r = recording(written(tmp_path / "log.csv", text), {"x": "x"}, **how)
+    assert r.info["start"] == 45_000 and "2 rows without a time left out" in str(r)
+
+
 @pytest.mark.parametrize(
     ("times", "how", "says"),
     [
