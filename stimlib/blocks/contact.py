@@ -127,7 +127,7 @@ class Wall(Over):
     """A wall: the mean force of a spring and a damper over the path inside it.
 
     F(p) = max(0, K p + b v) for p = x - at > 0, with K = k max(0, 1 + c v) and v the
-    mean speed, averaged over the path of p.
+    mean rate of p, averaged over the path of p.
     """
 
     x: Block
@@ -161,8 +161,8 @@ class Wall(Over):
 
     @staticmethod
     def step(p, s, x, k, b, at, c):
-        before = where(s.cold > 0.0, x, s.last) - at
         now = x - at
+        before = where(s.cold > 0.0, now, s.last)
         low, high = where(before < now, before, now), where(before < now, now, before)
         v = p.fs * (now - before)
         K, w = held(k) * held(1.0 + held(c) * v), held(b) * v
@@ -171,7 +171,7 @@ class Wall(Over):
         a = where(low > free, low, free)
         part = where(high > low, (high - a) / (high - low), 1.0)
         y = part * (0.5 * K * (a + high) + w)
-        return where(high > a, y, where(high > free, K * high + w, now - now)), PlaceState(x, 0.0)
+        return where(high > a, y, where(high > free, K * high + w, now - now)), PlaceState(now, 0.0)
 
 
 @public
@@ -198,7 +198,7 @@ def wall(
         Stiffness in N/m, damping in N s/m. A signal below 0 counts as 0. The damper
         makes a step of force at contact.
     at : float or Block
-        Place in m.
+        Place in m.  One that moves is damped as a hand that moves towards it.
     hunt_crossley : float or Block
         Damping c in s/m that grows with the depth, without a step at contact: about 1.5
         (1 - e)/v for a restitution e of an impact at the speed v.  1 + c v counts as 0

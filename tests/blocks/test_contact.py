@@ -108,6 +108,7 @@ LAWFUL = MADE | {
     "no hysteresis": button(X, 2.0, 0.5, 1e-3, 1e-3).pressed,
     "most hysteresis": button(X, 2.0, 0.5, 1e-3, 0.5e-3, contact=ON).pressed,
     "wall of a contact": wall(X, 1e3, 5.0, contact=ON),
+    "wall that moves": wall(X, 1e3, 5.0, 1e-3 * LIVE, 3.0, contact=ON),
     "slips": stick_slip(X, NORMAL, 0.8, 0.3, STIFFNESS, contact=ON),
     "lugre": friction(X, NORMAL, F, K, "lugre", damping=2.0, viscosity=3.0, contact=ON),
     "stribeck": Stribeck(*STRIBECK),
@@ -121,6 +122,12 @@ def test_a_sample_is_the_mean_over_its_way():
     rows = {"x": WAY, "normal": SOME, "v": SOME, "contact": TOUCHING, "k": 800.0 + 600.0 * SOME}
     for block in LAWFUL.values():
         lawful(block, 8000, **rows)
+
+
+def test_a_wall_that_moves_meets_a_hand_as_a_hand_meets_a_wall():
+    rows = {"x": np.full(5, 1e-3), "v": np.array([2e-3, 0.0, 0.0, -1e-3, 0.0])}
+    F = played(wall(X, 1000.0, 2.0, LIVE), rows)
+    np.testing.assert_allclose(F, [0.0, 2.25, 1.0, 3.5, 0.0], atol=1e-12)
 
 
 # Limits -------------------------------------------------------------------------------

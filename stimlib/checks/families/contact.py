@@ -468,10 +468,10 @@ def _detents(b, fs, x, y):
 
 @law("Wall", since=1)
 def _wall(b, fs, x, y):
-    place, k, damping, at, c, contact = x
-    speed = (place - before(place, contact)) * fs
+    depth, k, damping, c, contact = x[0] - x[3], x[1], x[2], x[4], x[5]
+    speed = (depth - before(depth, contact)) * fs
     grown = np.maximum(k, 0) * np.maximum(1 + np.maximum(c, 0) * speed, 0)
-    return near(wall(place, contact, fs, grown, np.maximum(damping, 0), at), 1e-9)
+    return near(wall(depth, contact, fs, grown, np.maximum(damping, 0), 0.0), 1e-9)
 
 
 @law("Button", since=1)
