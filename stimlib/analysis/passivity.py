@@ -18,7 +18,7 @@ from ..core.units import unit
 from ..errors import Above0, BadValue, From0, SceneError, public
 from ..run.processor import Processor
 
-ANGLES = np.r_[np.geomspace(1e-4, 1e-2, 400), np.linspace(1e-2, np.pi, 4000)]  # w T
+ANGLES = np.r_[np.geomspace(1e-6, 1e-2, 800), np.linspace(1e-2, np.pi, 4000)]  # w T
 
 
 @public
@@ -60,7 +60,7 @@ def needed_damping(
 
     Notes
     -----
-    The result is the largest value at 4400 angles w T from 1e-4 to pi. It is necessary
+    The result is the largest value at 4800 angles w T from 1e-6 to pi. It is necessary
     and sufficient for one degree of freedom, a device that is an inertia with a damper,
     and any hand; it is also sufficient for a wall that the hand touches and leaves.
 

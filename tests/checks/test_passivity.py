@@ -17,7 +17,9 @@ from stimlib.blocks import (
     active,
     button,
     constant,
+    delay,
     detents,
+    first_order,
     force_limit,
     friction,
     kelvin_voigt,
@@ -91,6 +93,14 @@ K, T = 1000.0, 1 / 8000
         ),
         (kelvin_voigt(X, 1000.0, 2.0), {"fs": 1000}, 2.0),
         (kelvin_voigt(X, 5000.0, 2.0), {"fs": 1000}, 3.0),
+        *(  # what is late by many samples needs the most where w T is below 1e-4
+            (late, {"fs": 48000} | words, pytest.approx(K * (d + 0.5 / 48000), rel=1e-4))
+            for late, words, d in (
+                (delay(constant(K, "N/m") * X, samples=4800), {}, 0.1),
+                (constant(K, "N/m") * X, {"delay": 0.2}, 0.2),
+                (constant(K, "N/m") * first_order(X, 0.05), {}, 0.05),
+            )
+        ),
         *(  # with a smooth velocity
             (
                 kelvin_voigt(X, 1000.0, 2.0, cutoff=100.0),
