@@ -98,7 +98,7 @@ def needed_damping(
 
 
 @public
-def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], float]:
+def damping_of(proc: Processor, delay: From0 = 0.0) -> dict[tuple[str, str], float]:
     """Return `needed_damping` for each pair of output and input of a scene.
 
     Only forces that depend on a position with a known stiffness are considered.
@@ -117,6 +117,11 @@ def damping_of(proc: Processor, delay: float = 0.0) -> dict[tuple[str, str], flo
     dict of (output, input) to float
         In N s/m, or N m s for a torque over an angle. Pairs that need no damping, or
         whose need cannot be determined, are left out.
+
+    Raises
+    ------
+    BadValue
+        A delay below 0.
 
     Examples
     --------

@@ -147,6 +147,8 @@ def test_show_warns_and_tells_it_as_data(tmp_path):
 )
 def test_numbers_that_make_no_sense_are_refused(words):
     refused(BadValue, "needed_damping: ", needed_damping, lambda f: f + 0j, **words)
+    if "delay" in words:
+        refused(BadValue, "damping_of: delay", needed, wall(X, K), **words)
 
 
 def test_a_response_that_is_not_finite_is_refused():
