@@ -221,6 +221,10 @@ def test_of_a_combined_scene_each_output_has_its_device():
     assert middle == pytest.approx(49.0, abs=0.1)
     assert y.felt("b_voltage").pacinian == pytest.approx(middle, abs=3.0)
     assert y.felt("a_force1").pacinian == pytest.approx(10.4, abs=0.1)
+    # of another motion: neither the scene's mass nor its gain
+    for name, unit, area in (("a_force1", "m/s^2", 2.9e-4), ("b_voltage", "m/s", 1e-4)):
+        assert y.felt(name, unit=unit).level == sensation_level(y[name], FS, unit, area).level
+    assert y.felt("b_voltage", unit="m").level == y.felt("b_voltage").level
     refused(UnknownName, "force3", y.felt, "force3")
     plain = stimlib.Scene({"y": stimlib.constant(1.0, "m") * stimlib.Input("x")})
     y = stimlib.render(plain, {"x": tone(250.0, 1e-6)}, FS)

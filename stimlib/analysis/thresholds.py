@@ -371,7 +371,8 @@ def felt(rendering: Rendering, output: str | None = None, **device: Any) -> Felt
         By default the first.
     **device
         ``unit``, ``area``, ``mass`` and ``gain`` of `sensation_level`, in place of
-        those that a shipped scene states for its output.
+        those that a shipped scene states for its output.  With another unit the mass
+        and gain that it states do not count.
 
     Returns
     -------
@@ -390,4 +391,7 @@ def felt(rendering: Rendering, output: str | None = None, **device: Any) -> Felt
     """
     name = rendering.outputs[0] if output is None else output
     y = rendering[name]  # which knows the names
-    return sensation_level(y, rendering.fs, **device_of(rendering.scene, name) | device)
+    stated = device_of(rendering.scene, name)
+    if device.get("unit", stated["unit"]) != stated["unit"]:  # mass and gain are of another one
+        stated = {word: v for word, v in stated.items() if word == "area"}
+    return sensation_level(y, rendering.fs, **stated | device)
