@@ -30,7 +30,7 @@ from .evidence import SCENES, Asked, Check, Evidence, SceneLaw, asked, worst
 
 OWN_TOL = 1e-9  # of the largest value, where a law of a user's own states none
 SUMMED = 1e-15  # of the sum of sizes, the rounding of each term
-ONWARD = {"squeeze": 0, "bumps": 1, "grating": 1, "wall": 1}
+ONWARD = {"squeeze": 0, "bumps": 1, "grating": 1, "pulse": 1, "tone": 1, "wall": 1}
 """Laws that go on from one stretch of a long recording to the next, and how many
 samples before it they must see.
 """
