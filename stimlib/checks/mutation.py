@@ -325,8 +325,8 @@ def _missed(checks: list[Check], moved: list[str]) -> tuple[str, str]:
     """Return why checks that passed have missed a change of some outputs."""
     if not checks:
         return NO_LAW, ""
-    held = {c.name.split(":")[0] for c in checks}
-    if not any(name.startswith(n) for n in moved for name in held):
+    held = {word.strip(",") for c in checks for word in c.name.split(":")[0].split()}
+    if held.isdisjoint(moved):
         return NO_LAW, f"of {', '.join(moved)}"
     near = max((c for c in checks if c.limit), key=lambda c: c.measured / c.limit, default=None)
     if near is None:

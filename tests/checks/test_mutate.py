@@ -48,8 +48,8 @@ def test_every_number_of_every_block_is_changed():
 
 
 def two(x, p, fs):
-    """Two outputs, each to its own tolerance; nothing of a third."""
-    return {"y": (x["x"], 0.1), "z": (2 * x["x"], 0.4)}
+    """Outputs, each to its own tolerance; nothing of w."""
+    return {"y": (x["x"], 0.1), "z": (2 * x["x"], 0.4), "wide": x["x"]}
 
 
 def test_each_outcome_of_a_mutant():
@@ -60,7 +60,8 @@ def test_each_outcome_of_a_mutant():
     motion, params = {"x": sinusoid(1.0, 20.0, 2.0)}, {"k": 3.0}
 
     def scene(**changed):
-        return Scene({"y": 1.0 * x, "z": 2.0 * x, "w": k * noise} | changed, law=two)
+        outputs = {"y": 1.0 * x, "z": 2.0 * x, "w": k * noise, "wide": 1.0 * x}
+        return Scene(outputs | changed, law=two)
 
     right = stimlib.render(scene(), motion, 1000, 0.1, params, 5)
     for changed, outcome, text in (
