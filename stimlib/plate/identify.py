@@ -120,6 +120,8 @@ class Resonance:
     shape : ndarray, shape (points,)
         The same, 1 where it is largest.
     shape_sd : ndarray, shape (points,)
+        Standard deviations of ``shape``; 0 at the largest, which the others are
+        compared with.
     dof : int
         Degrees of freedom of the noise's estimate.
     delay : float
@@ -292,22 +294,21 @@ def identify(
     slopes = np.array([[pole.real, pole.imag], [b * b - 1, -b * pole.imag / w]]) / w
     sd = np.sqrt(np.diag(slopes @ fit.cov @ slopes.T))
     gain = residues * 2j * pole.imag / w**2 / pole ** QUANTITIES[quantity]
-    largest = gain[np.abs(gain).argmax()]
-    sign = np.sign(largest.real) or 1.0
-    turned = gain * np.exp(-1j * np.angle(largest))
-    real, shape_sd = (
-        turned.real,
-        fit.noise * 2 * abs(pole.imag) / w**2 / abs(pole) ** QUANTITIES[quantity] / abs(largest),
-    )
-    _check_in_phase(turned.imag / abs(largest), IN_PHASE + 5 * shape_sd)
+    top = np.abs(gain).argmax()
+    ratio = gain / gain[top]
+    noise = fit.noise * 2 * abs(pole.imag) / w**2 / abs(pole) ** QUANTITIES[quantity]
+    noise /= abs(gain[top])
+    _check_in_phase(ratio.imag, IN_PHASE + 5 * noise)
+    shape_sd = noise * np.hypot(1.0, ratio.real)  # of a ratio of two that have it
+    shape_sd[top] = 0.0
     return Resonance(
         freq=w / (2 * math.pi),
         q=0.5 / b,
         freq_sd=float(sd[0]) / (2 * math.pi),
         q_sd=float(sd[1]) * 0.5 / b**2,
-        gain=sign * real,
-        shape=real / abs(largest),
-        shape_sd=np.full(real.size, shape_sd),
+        gain=ratio.real * abs(gain[top]) * (np.sign(gain[top].real) or 1.0),
+        shape=ratio.real,
+        shape_sd=shape_sd,
         dof=fit.dof,
         delay=0.0 if fit is still else late + fit.delay,
     )

@@ -61,6 +61,20 @@ def test_many_points_give_a_shape_and_a_better_frequency():
     assert 5e-4 < r.shape_sd[0] < 0.02
 
 
+def test_the_points_of_a_shape_scatter_as_stated():
+    """Also those that are nearly as large as the one that they are compared with."""
+    u, y = sweep()
+    shape = np.array([[1.0], [-0.95], [0.9], [0.3]])
+    rng, noise, found = np.random.default_rng(3), np.std(y) / 30, []
+    for _ in range(min(SWEEPS, 200)):
+        r = identify(u, shape * y + noise * rng.standard_normal((4, y.size)), FS)
+        found.append((r.shape, r.shape_sd))
+    of_shape, told = np.swapaxes(found, 0, 1)
+    assert not told[:, 0].any() and of_shape[:, 0] == pytest.approx(1.0, rel=1e-15)
+    off = (of_shape - shape[:, 0])[:, 1:] / told[:, 1:]
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(1.0, abs=0.1 if SWEEPS > 100 else 0.2)
+
+
 def test_a_delay_between_the_recordings_changes_no_frequency():
     u, y = sweep(rest=0.5)
     assert identify(u, y, FS).delay == 0.0
