@@ -7,21 +7,22 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from ..errors import Above0, BadValue, From0, one_of, public
+from ..errors import Above0, BadValue, From0, Range, one_of, public
 from ..system.linear_algebra import one_thread
 from ..system.packages import package
-from .patch import Host, Patch
+from .patch import SOFTEST, Host, Patch
 from .ritz import HELD, Axis, bending
 
 TERMS = 12  # functions of each axis
 AT_ONCE = 16  # modes that are found together
 TERMS_PATCHED = 22  # the steps of stiffness at patches want more
 LONGEST = 10.0  # m; a larger plate was measured in mm
-SOFTEST = 1e5  # Pa; a softer one was measured in GPa
+LIGHTEST = 10.0  # kg/m^3; a lighter one was weighed in g/cm^3
+Loss = Annotated[float, Range("1/Q of a resonance, above 0 and below 2", lambda v: 0 < v < 2)]
 PAPER_EDGES = {"all": "CCCC", "long": "FCFC", "short": "CFCF"}
 CONFIGURATIONS = {
     "C1": (0.071, 0.0095, False),  # near the free edges
@@ -71,7 +72,7 @@ class Plate:
     in_plane_load : float
         Tension along x in N/m; a frame that presses is below 0.
     damping : float
-        Loss factor 1/Q of all modes.
+        Loss factor 1/Q of all modes, below 2.
     patches : sequence of Patch
         Glued on; they add stiffness and mass, and are driven by one voltage.
     terms : int, optional
@@ -105,7 +106,7 @@ class Plate:
     edges: str = "CFCF"
     clamp_stiffness: From0 | None = None
     in_plane_load: float = 0.0
-    damping: Above0 = 0.01
+    damping: Loss = 0.01
     patches: tuple[Patch, ...] = ()
     terms: int | None = None
 
@@ -113,10 +114,12 @@ class Plate:
         object.__setattr__(self, "patches", tuple(self.patches))
         if not -1 < self.nu < 0.5:
             raise BadValue(f"Plate: nu = {self.nu!r} must be between -1 and 0.5")
-        if max(self.length, self.width) > LONGEST or self.E < SOFTEST:
+        large = max(self.length, self.width) > LONGEST
+        if large or self.E < SOFTEST or self.rho < LIGHTEST:
             raise BadValue(
-                f"Plate: {self.length:g} x {self.width:g} m of E = {self.E:g} Pa is not a plate for"
-                " a finger: sizes are in m, 0.15 for 150 mm, and E in Pa, 70e9 for glass"
+                f"Plate: {self.length:g} x {self.width:g} m of E = {self.E:g} Pa and rho ="
+                f" {self.rho:g} kg/m^3 is not a plate for a finger: sizes are in m, 0.15 for 150"
+                " mm; E is in Pa, 70e9 for glass, and rho in kg/m^3, 2500"
             )
         if self.thickness > 0.1 * min(self.length, self.width):
             raise BadValue(

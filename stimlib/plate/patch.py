@@ -9,6 +9,8 @@ from typing import Protocol
 from ..errors import Above0, BadValue, From0, public
 
 STRONGEST = 1e-8  # m/V; ceramics have 3e-10, single crystals 2e-9
+SOFTEST = 1e5  # Pa; a softer material was measured in GPa
+DENSEST = 1e5  # kg/m^3, of ceramic and covers; 4800 in the patch of the thesis
 VACUUM = 8.8541878128e-12  # permittivity in F/m (CODATA 2018)
 
 
@@ -108,6 +110,14 @@ class Patch:
                 f"Patch: d31 = {self.d31:g} m/V and {self.thickness:g} m through of {self.length:g}"
                 f" x {self.width:g} m make no sheet of ceramic: -180 pm/V is -180e-12, and sizes"
                 " are in m"
+            )
+        volume = self.length * self.width * (self.thickness + 2 * self.cover)
+        soft = min(self.E, self.cover_E) < SOFTEST
+        if soft or self.cover > min(self.length, self.width) or self.mass > DENSEST * volume:
+            raise BadValue(
+                f"Patch: E = {self.E:g} Pa, cover_E = {self.cover_E:g} Pa, a cover of"
+                f" {self.cover:g} m and {self.mass:g} kg make no patch: 62 GPa is 62e9, 0.15 mm is"
+                " 0.15e-3, and 0.5 g is 0.5e-3"
             )
         if self.side not in (1, -1):
             raise BadValue(f"Patch: side = {self.side!r}; 1 is the upper side, -1 the lower")

@@ -182,6 +182,8 @@ def test_a_plate_answers_several_threads_at_once_with_the_same_bits():
         ({"thickness": 0.05}, "not a thin plate"),
         ({"length": 206.0, "width": 147.0, "thickness": 1.4}, "0.15 for 150 mm"),
         ({"E": 70.0}, "70e9 for glass"),
+        ({"rho": 2.5}, "rho in kg/m"),
+        ({"damping": 10.0}, "1/Q of a resonance"),
         ({"nu": 0.6}, "nu = 0.6"),
         ({"edges": "CFXF"}, "four letters"),
         ({"edges": "SFFF"}, "move as a whole"),
@@ -197,6 +199,7 @@ def test_what_makes_no_plate_is_told(more, match):
 
 
 PAPER = Plate.paper()
+PATCH = Patch.duraact(0.02, 0.04)
 
 
 @pytest.mark.parametrize(
@@ -219,6 +222,10 @@ PAPER = Plate.paper()
         (lambda: Patch(0.1, 0.1, 0.0, 0.01, -1e-10, 1e-4), "length = 0.0"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -180, 1e-4), "-180e-12"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 0.2), "sizes are in m"),
+        (lambda: replace(PATCH, E=62.0), "62 GPa is 62e9"),
+        (lambda: replace(PATCH, cover_E=4.0), "62 GPa is 62e9"),
+        (lambda: replace(PATCH, cover=0.15), "0.15 mm is"),
+        (lambda: replace(PATCH, mass=0.5), "0.5 g is 0.5e-3"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -np.inf, 1e-4), "d31 = -inf is not finite"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, side=0), "upper side"),
         (lambda: Patch(0.1, 0.1, 0.02, 0.01, -1e-10, 1e-4, nu=-1.1), "Poisson"),
