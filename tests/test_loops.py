@@ -239,6 +239,30 @@ def test_the_same_samples_as_by_hand():
         np.testing.assert_allclose([swing[0][n], swing[1][n]], [v, a], rtol=1e-12)
 
 
+HZ = constant(100.0, "Hz")
+NOT_EARLY = {
+    "a tap beside the loop": lambda: loop(lambda last: (last + 1.0, HZ))[1],
+    "a loop without its last value": lambda: loop(lambda last: HZ, unit="Hz"),
+    "a gate that never opens": lambda: HZ + b.enabled(loop(lambda last: last + HZ, unit="Hz"), 0.0),
+    "a segment with nothing in it": lambda: HZ + b.segment(constant(0.0, "Hz"), 0.0),
+}
+
+
+@pytest.mark.parametrize("freq", NOT_EARLY.values(), ids=NOT_EARLY)
+@pytest.mark.parametrize("target", ["llvm", "python"])
+def test_a_phase_begins_at_sample_0_where_what_began_there_is_taken_out(target, freq):
+    def samples(f, name=""):
+        both = {"s": b.oscillator(f), "w": b.oscillator(f, "sawtooth"), "p": b.pulse_train(f)}
+        return {name + n: y for n, y in both.items()}
+
+    alone, plain, both = (
+        stimlib.compile(Scene(outputs), 8000, target).process(200)
+        for outputs in (samples(freq()), samples(HZ), samples(HZ, "a") | samples(freq(), "b"))
+    )
+    assert_same(alone, plain)
+    assert_same(both, np.concatenate([plain, plain]))
+
+
 def test_a_loop_begins_at_sample_0_whatever_is_in_it():
     count = loop(lambda n: n + 1.0)
     proc = stimlib.compile(Scene({"n": count, "noisy": count + 0.0 * b.white_noise(1)}), FS)

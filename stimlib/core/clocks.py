@@ -131,14 +131,11 @@ def layout(nodes: list[Node], roots: list[int]):
             continue
         args = tuple(made[needed] for needed in need)
         kind = "close" if closes else _KINDS.get(type(block), kind)
-        autonomous = block.begins_early and all(instances[argument].autonomous for argument in args)
+        # as its design has it: a gate with a loop behind it begins at sample 0
+        autonomous = block.autonomous and all(instances[argument].autonomous for argument in args)
         made[key] = len(instances)
         instances.append(Instance(kind, block, clock, args, autonomous, child))
         todo.pop()
-    for instance in instances:  # a gate with a loop behind it begins with that, at sample 0
-        if instance.kind == "close" and not instance.autonomous:
-            opener = instance.args[0]
-            instances[opener] = instances[opener]._replace(autonomous=False)
     return made, instances, clocks
 
 

@@ -71,7 +71,7 @@ class _Graph:
         self.bodies: dict[int, int] = {}  # of each Last, the number of what it is the last value of
 
     def number(self, block: Block, kids: tuple[int, ...]) -> int:
-        key = (type(block), kids, _numbers(block))
+        key = (type(block), kids, _numbers(block), block.autonomous)
         index = self.numbers.setdefault(key, len(self.nodes))
         if index == len(self.nodes):
             self.nodes.append(Node(block, kids))
