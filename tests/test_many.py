@@ -64,7 +64,7 @@ def test_each_copy_is_a_processor_of_its_own(monkeypatch, threads, block):
 
 
 @both
-def test_one_motion_for_all(target):
+def test_one_motion_for_all(target, tmp_path):
     u = motions(1, 80)
     runs, wanted = made(target), made(target).process(np.repeat(u, 5, axis=0))
     out = np.full((5, 2, 80), np.nan)
@@ -73,6 +73,12 @@ def test_one_motion_for_all(target):
     assert_same(out, wanted)
     assert_same(out[0], out[1], "equal seeds")
     assert not np.any(out[0, 1] == out[2, 1]), "other seeds"
+    mapped = np.memmap(tmp_path / "x", float, "w+", shape=u.shape)
+    mapped[:], copies = u, made(target)
+    assert_same(np.asarray(copies.process(mapped[0])), wanted)
+    kept = np.memmap(tmp_path / "y", float, "w+", shape=out.shape)
+    copies.reset()
+    assert_same(np.asarray(copies.process(u[0], kept)), wanted)
     assert runs.process(np.zeros((2, 0))).shape == (5, 2, 0)
 
 

@@ -57,7 +57,8 @@ class Engine:
 
         def run(turn: np.ndarray, motions: np.ndarray, out: np.ndarray) -> None:
             for copy, engine in enumerate(engines):
-                engine.process(motions[copy % len(motions)], out[copy])
+                # of classes derived from numpy's, such as a mapped file
+                engine.process(np.asarray(motions[copy % len(motions)]), np.asarray(out[copy]))
 
         return run
 
