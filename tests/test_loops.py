@@ -305,6 +305,9 @@ def test_response(name):
         got = np.fft.rfft(impulse_response(proc, out, "x", n))
         H = proc.response(out, "x", np.fft.rfftfreq(n, 1 / FS))
         np.testing.assert_allclose(H, got, atol=1e-11 * np.abs(got).max())
+        f = np.array([[1.0, 10.0], [100.0, 200.0]])
+        each = [[proc.response(out, "x", one) for one in row] for row in f]
+        np.testing.assert_allclose(proc.response(out, "x", f), each, rtol=1e-12)
 
 
 def test_latency():

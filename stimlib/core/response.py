@@ -128,7 +128,7 @@ def response(
     """
     need("response", [output], program.outputs, "output")
     need("response", [source], _sources(program), "input or source")
-    z = np.exp(2j * np.pi * f / fs)
+    z = np.exp(2j * np.pi * f.ravel() / fs)
     start = _sources(program)[source]
     H: dict[int, Any] = {start: np.ones_like(z)}  # of what the source reaches
     value: dict[int, float] = {}  # of what is constant
@@ -160,7 +160,7 @@ def response(
             if after is None:
                 raise SceneError(f"{where} is not linear and time-invariant")
             H[i] = after
-    return np.asarray(H.get(program.outputs[output], np.zeros_like(z)))
+    return np.reshape(H.get(program.outputs[output], np.zeros_like(z)), f.shape)
 
 
 def _value(
