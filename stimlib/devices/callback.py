@@ -280,7 +280,7 @@ def rest(c, n):
     if ahead(c, 0) > 0:
         commands(c, 0)
         if c[MOTION] == LIVE:  # the newest is what it begins with
-            store(c, M_READ, max(c[M_READ], load(c, M_WRITE) - c[M_KEEP]))
+            store(c, M_READ, max(c[M_READ], load(c, M_WRITE) - 1))
     done = min(ahead(c, 0), n)
     c[BEGAN] = c[FRAMES] + ahead(c, 0) + c[LEAD]
     for j in range(c[CHANNELS]):

@@ -18,6 +18,7 @@ from ..errors import shortened
 # rows, each a list, or a dict if its numbers have labels; the sender's time of each in
 # s, or nan if it sends none; and of each rejected row the reason and its beginning
 Rows = tuple[list[Any], list[float], list[tuple[str, str]]]
+MOST = 256  # rows that are taken at once, where more may wait
 REMEDIES = {
     "no numbers": "send numbers only, such as 0.0127, or labels as in x:0.0127",
     "comma between digits": "say what a comma is: comma='separator' or comma='decimal'",

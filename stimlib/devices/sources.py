@@ -20,7 +20,7 @@ import numpy as np
 from ..errors import BadValue, MotionError, Upto1, counted, public, said_as, shortened
 from ..motion.source import check_names, positions, sources_of
 from . import words
-from .rows import REMEDIES
+from .rows import MOST, REMEDIES
 
 
 @public
@@ -385,6 +385,8 @@ class Receiver(threading.Thread):
 
     turns = 0
     rows = 0  # taken
+    # the newest row that came before the session, until that runs; then None
+    _early: list[Any] | None = None
 
     def __init__(self, pump: Any, source: Stream, failed: Callable[..., None]):
         super().__init__(name="stimlib stream", daemon=True)
@@ -411,7 +413,7 @@ class Receiver(threading.Thread):
 
     def run(self) -> None:
         """Receive rows until the session ends; report an error to the session."""
-        heard, patience = time.monotonic(), FIRST
+        heard, patience, self._early = time.monotonic(), FIRST, []
         while not self.over.is_set():
             try:
                 found = self._source.receive(0.02)  # type: ignore[misc]
@@ -458,6 +460,10 @@ class Receiver(threading.Thread):
         self.rejected.update(why for why, _ in refused)
         self.examples = {why: came[:40] for why, came in reversed(refused)} | self.examples
         self.rows += len(taken)
+        if self._early is not None:  # what has waited at a port is old: its newest row counts
+            newest = [*self._early, *taken][-1:]
+            waits = self._pump.state == words.IDLE or len(rows) + len(rejected) >= MOST
+            self._early, taken = (newest, []) if waits else (None, newest)
         left = np.array(taken, np.float64, order="F").T
         while left.size and not self.over.is_set():  # more than the ring holds: the newest count
             left = np.ascontiguousarray(left[:, self._pump.put_motion(left) :])

@@ -26,10 +26,9 @@ from ..core.program import number
 from ..errors import BadValue, SinkError, public, said_as
 from ..system.packages import package
 from .markers import Marker, behind, checked_name
-from .rows import CUT, Rows, osc_messages, osc_text, rows_of, shown_of
+from .rows import CUT, MOST, Rows, osc_messages, osc_text, rows_of, shown_of
 
 Comma = Literal["separator", "decimal"]
-MOST = 256  # datagrams or lines that are taken at once
 LONGEST = 65536  # bytes of a line
 CLAIM, RELEASE, DIRECTION, DATA = 0x708B, 0x708C, 0x40047090, 0x40017086  # of ppdev
 AHEAD = 0.25  # s: a device that is later is none, but a rehearsal without a clock

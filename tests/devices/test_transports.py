@@ -516,6 +516,36 @@ def from_rows(rows, times, **how):
     return stream(receive, scale={}, **how)
 
 
+class Settles(NullSink):
+    """A device that takes a while until it begins, as PulseAudio does."""
+
+    def _start(self):
+        self._let_go.wait(0.3)
+
+
+@pytest.mark.parametrize("made, ahead", [(NullSink, None), (Settles, None), (NullSink, 0.6)])
+def test_a_session_begins_with_the_newest_of_the_rows_that_waited(made, ahead):
+    """At a port since it was opened, while the device began or until its time came;
+    as one column each, seconds of them moved the hand within milliseconds.
+    """
+    batches, k, log = iter([range(256), range(256, 356)]), count(356), Seen()
+
+    def receive(timeout):
+        rows = next(batches, None)
+        if rows is None:
+            time.sleep(0.005)
+            rows = [next(k)]
+        return [[float(row)] for row in rows], [math.nan] * len(rows)
+
+    with made(SPRING, 1e9, motion=stream(receive), log=log, realtime=False) as sink:
+        sink.open(1000)
+        sink.start(0.3, at=ahead and time.monotonic() + ahead)
+        sink.wait()
+    x = np.concatenate(log.x, axis=1)[0]
+    moves = np.flatnonzero(np.diff(x, prepend=0.0))
+    assert x.max() > 0.36 and np.count_nonzero(moves < moves[0] + 30) < 20, x[moves[:30]]
+
+
 def test_rows_that_are_no_numbers_or_beyond_the_limits_are_rejected():
     """A wild row moves nothing; the sender's clock jumps back by an hour."""
     nan, now = float("nan"), time.monotonic()
