@@ -99,7 +99,11 @@ class Following(Sink):
 
     def link(self, at: int) -> None:
         """Let the session begin where the one before begins to fade out."""
-        if isinstance(self.motion, Live) and self.before.pump.live:  # the gain rises with it
+        if (
+            isinstance(self.motion, Live)
+            and self.before.pump.live
+            and not self.before.pump.read("STALE")
+        ):  # the gain rises with it
             # the last position of each input, as the callback holds it
             rows = dict(zip(self.before.proc.inputs, self.before.pump.buffers("HOLD"), strict=True))
             self.pump.put_motion(np.array([[rows.get(n, 0.0)] for n in self.proc.inputs]))

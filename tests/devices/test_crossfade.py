@@ -15,6 +15,7 @@ from stimlib import (
     BadValue,
     FaultError,
     Input,
+    MotionError,
     Param,
     Scene,
     SinkError,
@@ -377,6 +378,18 @@ def test_a_stream_goes_on_from_its_last_row():
     got = np.concatenate(sink.got, axis=1)[0]
     there = np.flatnonzero(got > 0.4999)
     assert got[there[0] : there[-1]].min() > 0.4999 and new.report().rows > 0
+
+
+@pytest.mark.parametrize("rows", [0, 1])
+def test_a_motion_that_has_stayed_away_stays_away(rows):
+    """No force comes back to the last position, and what never moved is an error."""
+    sink = Stepped(SPRING, 4.0, motion=Live(), realtime=False)
+    with pytest.raises(MotionError, match="nothing was pushed"), begun(sink, block=1000):
+        sink.push(np.full((1, rows), 0.5))
+        before = [np.abs(sink.step(1000)).max() for _ in range(3)]
+        made = sink.crossfade(SPRING)
+        assert [sink.step(1000).any() for _ in range(3)] == [False] * 3
+        assert (before[0] > 0.3, before[2]) == (rows > 0, 0.0) and made.report().silent
 
 
 def test_what_cannot_start_leaves_the_session_before_as_it_was(tmp_path):
