@@ -296,7 +296,7 @@ def rise(c, done, n):
     """
     if c[LEAD] > 0:
         commands(c, 0)
-        if c[LEAD] == c[FADE] and c[FADE_AT] > 0:
+        if c[ROSE] == 0 and done < n and c[FADE_AT] > 0:
             event(c, 0, RISE, c[FADE], 0, 0)
     while done < n and c[LEAD] > 0:
         ramp(c, done, (c[FADE] - c[LEAD]) / c[FADE])

@@ -85,6 +85,7 @@ def test_what_waits_can_be_stopped_changed_and_marked():
     assert told[0].time - sink._at == pytest.approx(sink.report().start_error, abs=1e-4)
     assert set(np.concatenate(log.frames)[:, 0]) == {0.5} and log.events[0][:2] == (0, "set")
     assert log.end["start_error"] == sink.report().start_error
+    assert [kind for _, kind, _ in log.events].count("rise") == 1
     sink = NullSink(STEADY, 1.0, realtime=False)
     with begun_at(sink, 100.0):
         until(lambda: sink.pump.read("FRAMES") > 800)
