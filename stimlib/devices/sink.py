@@ -825,6 +825,8 @@ class Sink:
     def mark(self, name: str, value: float = 1.0, sample: int | None = None) -> None:
         """Set a marker, to be sent when its sample has left the device.
 
+        If the session ends before that sample, it is not sent.
+
         Parameters
         ----------
         name : str

@@ -112,6 +112,20 @@ def test_marks_from_outside_are_told_in_the_order_of_samples():
     assert got[2].name == "now" and got[2].sample > 1500 and type(got[0].sample) is int
 
 
+def test_a_marker_that_the_session_does_not_reach_is_not_sent():
+    """Such as the second stimulus of a trial that was stopped in the first."""
+    got = []
+    with begun(NullSink(SCENE, LIMITS, realtime=False, send=got.append), block=64) as s:
+        s.mark("first", sample=100)
+        s.mark("second", sample=10**6)
+        until(lambda: s.pump.index > 200)
+        s.stop()
+        s.mark("end")
+    ours = [(m.name, m.sample) for m in got if m.name != "onset"]
+    assert ours == [("first", 100), ("end", s.pump.index)]
+    assert s.report().markers == len(got)
+
+
 def test_a_marker_in_what_the_device_skipped_is_lost():
     got = []
     with begun(marking(got.append, clocked=True), 0.6, channels=["force"], block=64) as sink:
