@@ -110,7 +110,9 @@ class ControlLoop(Sink):
         self._read, self._write = read, write
         self.silent_for, self._spin = watchdog, spin
         self.misses: deque[tuple[int, int]] = deque(maxlen=MISSES)
-        """First sample and number of each stretch that was lost."""
+        """First sample and number of each stretch that was lost; a session that follows
+        counts its own samples.
+        """
         self._late = np.zeros(2000, np.int64)  # periods by lateness, in steps of 10 us
 
     def lateness(self, *percent: float) -> list[float]:
@@ -168,9 +170,9 @@ class ControlLoop(Sink):
             except BaseException as e:
                 self.newest._fail(e, what="read failed")
                 self._read = None
-        at, before = self.pump.index, self.pump.read("LOST")
+        at, before = pump.index, pump.read("LOST")
         self.pump.block(n, lost * n)
-        if gone := self.pump.read("LOST") - before:
+        if gone := pump.read("LOST") - before:
             self.misses.append((at, gone))
         if not self._hangs:
             self._put(self._frames)

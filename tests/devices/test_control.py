@@ -52,6 +52,20 @@ def test_it_writes_what_the_scene_is_of_what_it_reads(tmp_path):
     assert lost > 50 or written.max() == 10.0
 
 
+def test_what_is_missed_is_told_of_a_session_that_follows():
+    slow = threading.Event()
+    made = loop(lambda: time.sleep(0.03 * slow.is_set()) or [0.01], watchdog=10.0)
+    with begun(made, fs=1000):
+        until(lambda: made.pump.index > 200)
+        new = made.crossfade(SPRING)
+        until(lambda: made.finished and new.pump.index > 200)
+        before, told = new.report().lost, len(made.misses)
+        slow.set()
+        until(lambda: new.report().lost > before + 60)
+        new.stop()
+    assert sum(n for _, n in [*made.misses][told:]) >= new.report().lost - before > 60
+
+
 @pytest.mark.parametrize("block", [1, 4])
 def test_a_block_is_a_period_with_a_row_for_each_output(block):
     made = loop(None, scene=TWO, safety={"force": 6.0, "moment": 2.0})
