@@ -31,6 +31,7 @@ Read = tuple[tuple[str, ...], int, Callable[[], Iterator[Batch]], tuple[str, ...
 HEADER = 128  # bytes
 MATRIX, COMPRESSED = 14, 15  # types of elements
 CLASSES = range(6, 16)  # of arrays of numbers
+OPAQUE = 17  # class of strings, times and tables, which have no shape
 COMPLEX = 0x800  # in the flags of an array
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 SAVE = "save vectors of numbers with save(.., '-v7'), the fields of a struct s with '-struct', 's'"
@@ -57,7 +58,7 @@ def read_mat(file: str, data: bytes, known: Known) -> Read:
                 ((kind, element),) = _elements(element, order, 1)
             name, values = _variable(element, order) if kind == MATRIX else ("", None)
             if values is None:
-                others.append(name)
+                others += [name] * bool(name)  # MATLAB's own have none
                 continue
             limits.check("recording_columns", len(values), f"{file}: columns", RecordingError)
             names = [f"{name}_{k + 1}" if len(values) > 1 else name for k in range(len(values))]
@@ -101,7 +102,7 @@ def _variable(data: bytes, order: str) -> tuple[str, np.ndarray | None]:
     """Return the name of a variable, and its columns if it is a matrix of numbers."""
     parts = _elements(data, order)
     (flags,) = struct.unpack_from(f"{order}I", next(parts)[1])
-    shape = np.frombuffer(next(parts)[1], f"{order}u4").tolist()
+    shape = [] if flags & 0xFF == OPAQUE else np.frombuffer(next(parts)[1], f"{order}u4").tolist()
     name = next(parts)[1].decode()
     if flags & 0xFF not in CLASSES or flags & COMPLEX or len(shape) != 2 or not name:
         return name, None

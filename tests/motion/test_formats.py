@@ -185,10 +185,27 @@ def test_numbers_of_all_types_are_those_of_scipy(tmp_path, kind, packed):
         assert np.array_equal(got, wanted if shape[0] == 1 else wanted.T)
 
 
-def test_a_mat_file_of_the_other_byte_order(tmp_path):
-    def element(kind, data):
-        return struct.pack(">2I", kind, len(data)) + data + bytes(-len(data) % 8)
+def element(kind, data, order=">"):
+    return struct.pack(f"{order}2I", kind, len(data)) + data + bytes(-len(data) % 8)
 
+
+@pytest.mark.parametrize("name", [b"who", b"when", b"started"])
+def test_strings_times_and_tables_of_a_mat_file_are_skipped(tmp_path, name):
+    """They have no shape, and numbers of their own in a variable without a name."""
+    path = tmp_path / "m.mat"
+    scipy.io.savemat(path, {"t_s": T, "x": TABLE["x"]})
+    flags = (6, struct.pack("<2I", 17, 0)), (6, struct.pack("<2I", 9, 0))
+    own = flags[1], (5, struct.pack("<2i", 1, 4)), (1, b""), (2, b"abcd")
+    own = b"".join(element(*part, "<") for part in own)
+    parts = flags[0], (1, name), (1, b"MCOS"), (1, b"datetime"), (14, own)
+    parts = b"".join(element(*part, "<") for part in parts)
+    path.write_bytes(path.read_bytes() + element(14, parts, "<") + element(14, own, "<"))
+    found = recording(path, {"x": "x"}, max_speed=None)
+    assert found.info["read"] == [f"variables skipped: {name.decode()}"]
+    assert len(scipy.io.loadmat(path)["x"][0]) == found.info["reports"] == N
+
+
+def test_a_mat_file_of_the_other_byte_order(tmp_path):
     values = np.array([[1.5, 2.0, -3.0], [4.0, 5.0, 6.0]])
     parts = (6, struct.pack(">2I", 6, 0)), (5, struct.pack(">2i", 3, 2)), (1, b"x")
     data = b"".join(element(*part) for part in (*parts, (9, values.astype(">f8").tobytes())))
