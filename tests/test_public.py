@@ -80,6 +80,18 @@ def resolve(name: str) -> object:
     raise LookupError(name)
 
 
+def test_every_argument_of_a_function_is_in_its_docstring():
+    functions = {n: f for n, f in documented().items() if inspect.isfunction(f)}
+    kinds = inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL
+    absent = []
+    for name, f in functions.items():
+        _, listed, part = (inspect.getdoc(f) or "").partition("Parameters\n----------\n")
+        there = re.findall(r"^(\w+)", part.replace(", ", "\n"), re.M)
+        wanted = [p for p in inspect.signature(f).parameters.values() if p.kind not in kinds]
+        absent += [f"{name}: {p.name}" for p in wanted if listed and p.name not in there]
+    assert absent == [] and len(functions) > 200
+
+
 # Sensible arguments -------------------------------------------------------------------
 FS = 1000.0
 X, Y, U, F, V = Input("x", "m"), Input("y", "m"), Input("u"), Input("f", "N"), Input("v", "m/s")

@@ -330,6 +330,11 @@ def recording(
         silence in contact longer than max_gap is an error. "on_change": the device
         reports changes only, so after more than 2.5 median periods without a report the
         position is held, in contact, until one median period before the next report.
+    repeats : {"last", "mean", "spread"}, optional
+        What several reports with one time stamp are: corrections, of which the last
+        counts; one report, their mean, in contact if all of them are; or reports of a
+        clock that is too coarse, spread evenly up to the next stamp, or over the median
+        time between stamps, if that is shorter. By default they must be equal.
     max_speed : float, None or mapping of input to float or None, m/s
         Largest speed of movement, in each input's unit per second; None for no limit. A
         mapping limits only its inputs, each in its own unit per second.
