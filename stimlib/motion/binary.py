@@ -253,8 +253,9 @@ def read_c3d(file: str, data: bytes, known: Known) -> Read:
     samples, and coordinates are missing between frames.
     """
     c3d = package("c3d", "a C3D file")
-    with reading(file, "C3D", ANEW), warnings.catch_warnings():
+    with reading(file, "C3D", ANEW), warnings.catch_warnings(record=True) as more:
         warnings.simplefilter("ignore")  # it names parameters that files need not have
+        warnings.filterwarnings("always", "incomplete reading of data")
         reader = c3d.Reader(BytesIO(data))
         points, channels = int(reader.point_used), int(reader.analog_used)
         limits.check("recording_columns", 3 * points + channels, f"{file}: columns", RecordingError)
@@ -275,6 +276,7 @@ def read_c3d(file: str, data: bytes, known: Known) -> Read:
             f"{counted(points, 'point')}{_units(reader, 'POINT')},"
             f" {counted(count, 'frame')} at {rate:g} Hz"
         ]
+        notes += ["the file goes on after the last frame that its header states"] * len(more)
         of_channels: dict[str, np.ndarray] = {}
         step = each = 1  # samples of a channel, and rows, in each frame
         if channels:

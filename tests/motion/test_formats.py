@@ -459,6 +459,16 @@ def test_points_and_channels_of_a_c3d_file(tmp_path, order, integer):
     assert np.array_equal(found.motion["x"](at[::STEP][~HIDDEN]), TIP[~HIDDEN, 0] * 1e-3)
 
 
+def test_frames_that_a_c3d_file_does_not_state_are_noted(tmp_path):
+    """As of more than the 65535 that its header can state."""
+    pytest.importorskip("c3d")
+    path = written(tmp_path / "a.c3d", c3d_of(count=N - 50))
+    for wanted in (True, False):
+        found = recording(path, {"f": "Fz"}, max_speed=None)
+        assert any("goes on after the last frame" in note for note in found.info["read"]) == wanted
+        path.write_bytes(c3d_of())
+
+
 def test_c3d_files_of_points_or_channels_alone(tmp_path):
     pytest.importorskip("c3d")
     path = written(tmp_path / "a.c3d", c3d_of(labels=()))
