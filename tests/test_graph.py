@@ -299,6 +299,7 @@ ENOUGH = [  # a block of a number that is refused, how the error names one that 
         0.0,
         1000,
     ),
+    (lambda v: blocks.button(x, drop=1 / 3, back=v).force, r"drop at = (\S+) ", 0.0002, 1000),
 ]
 
 

@@ -385,8 +385,8 @@ class Button(Over):
             )
         if not self.drop * self.at <= self.back <= self.at:
             raise BadValue(
-                f"button: back = {self.back:g} must lie in drop at = {self.drop * self.at:g} .. at"
-                f" = {self.at:g}: above that range the button would supply energy, and below it"
+                f"button: back = {self.back!r} must lie in drop at = {self.drop * self.at!r} .. at"
+                f" = {self.at!r}: above that range the button would supply energy, and below it"
                 " pull the finger"
             )
 

@@ -102,7 +102,7 @@ def resonator(x: Block | float, freq: float, q: float, onset: str = "step") -> B
     tan W), w = 2 pi f/fs.
 
     It rings with a time constant of 1/(fs artanh(tan W)) seconds.  That is q/(pi freq),
-    less a part of 2 W^2/3 where W is small: 7e-6 of it for 158 Hz, q = 20 at 8 kHz, and
+    less a part of 2 W^2/3 where W is small: 6e-6 of it for 158 Hz, q = 20 at 8 kHz, and
     1 % where the width is fs/26.  No filter of this form has both the width and the
     ring of the analogue one: a wide resonance near fs/2 rings shorter, and from a width
     of fs/4 on not at all.
@@ -549,10 +549,9 @@ class Shape(Block):
     width: Above0
 
     def check(self):
-        if self.c.ndim != 2 or not 0 < max(self.c.shape) <= 64:
+        if self.c.ndim != 2 or not 0 < min(self.c.shape) <= max(self.c.shape) <= 64:
             raise BadValue(
-                "mode_shape: c must be a matrix of at most 64 x 64 numbers, got shape"
-                f" {self.c.shape}"
+                f"mode_shape: c must be a matrix of 1 to 64 x 64 numbers, got shape {self.c.shape}"
             )
 
     def units(self, *u):

@@ -18,6 +18,7 @@ from ..core.pointwise import clip, exp, maximum, minimum
 from ..core.units import unit
 from ..errors import Above0, BadValue, UnitError, public
 from ..system.limits import limits
+from .impedance import with_unit
 from .tables import CubicGrid, GridParams, bicubic, lut2
 
 # Stiffness over a place -------------------------------------------------------------
@@ -267,7 +268,7 @@ def indentation(
     for name, v in (("softest", softest), ("hardest", hardest), ("deepest", deepest)):
         design_value(f"indentation: {name}", "Above0", v)
     k = constant(softest, "N/m") + constant(hardest - softest, "N/m") * as_block(S)
-    return minimum(as_block(force) / k, constant(deepest, "m"))
+    return minimum(with_unit(force, "N") / k, constant(deepest, "m"))
 
 
 @public

@@ -229,6 +229,7 @@ def test_depths():
     force, levels = [1, 1, 1, 2, 2, 2, 6.776651, 6.776651 / 3, 9], [0, 0.5, 1, 0, 0.5, 1, 0, 0, 0]
     d = played(b.indentation(Input("a", "N"), Input("b")), force, levels)
     near(1000 * d, [2.5, 1.25, 5 / 6, 5, 2.5, 5 / 3, 15, 5.647209, 15])
+    near(1000 * played(b.indentation(2.0, Input("b")), levels[:3]), [5, 2.5, 5 / 3])
 
 
 RHO = np.array([0, 2.5, 12.5**0.5, 5, 7.5, 10, 12.5, 15])

@@ -194,6 +194,7 @@ def test_the_blocks_do_what_the_model_of_envelopes_says():
     ("ask", "error", "match"),
     [
         (lambda: mode(V, 158.0, 0.4), BadValue, "does not ring"),
+        (lambda: mode_shape(X, Y, [[]], 0.2, 0.1), BadValue, r"mode_shape: c .* shape \(1, 0\)"),
         (lambda: pole_swap(V, 158.0, 10.0, 20.0), BadValue, "below 2 q = 20"),
         (lambda: pole_swap(V, 158.0, 10.0, 4.0, v_max=-1.0), BadValue, "v_max"),
         (lambda: amplifier(X), UnitError, "must be in V"),
