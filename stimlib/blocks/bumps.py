@@ -21,7 +21,6 @@ from .movement import Over, PlaceState, gap, regular, sinpi
 U = np.uint64
 
 WAVEFORMS = ("square", "sine", "sawtooth", "half_sine")
-SAMPLINGS = ("area", "point")
 LEAST = 1e-6
 """Smallest duty of a parameter."""
 
@@ -102,7 +101,7 @@ class Bump(Over, abstract=True):
     sampling: str
 
     def check(self):
-        one_of("bump: sampling", self.sampling, SAMPLINGS)
+        one_of("bump: sampling", self.sampling, ("area", "point"))
         d = self.duty
         if isinstance(d, (Const, Param)) and not 0 < d.value <= 1:
             raise BadValue(f"bump: duty = {d.value!r} must be above 0 and at most 1")

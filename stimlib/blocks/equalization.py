@@ -19,8 +19,6 @@ from .impedance import with_unit
 from .movement import Over, PlaceState
 from .tables import KINDS, OUTSIDE, lut
 
-HEADROOM = ("clip", "scale")
-
 
 @dataclass(frozen=True, eq=False)
 class Midpoint(Over):
@@ -245,7 +243,7 @@ def within(y: Block, limit, headroom: str = "clip", peak=None, name: str = "limi
     It is clipped, or first scaled by limit/peak where the peak is larger. A live limit
     below 0 counts as 0.
     """
-    one_of("headroom", headroom, HEADROOM)
+    one_of("headroom", headroom, ("clip", "scale"))
     if limit is None:
         if headroom != "clip":
             raise BadValue(f"headroom = {headroom!r} needs a limit")

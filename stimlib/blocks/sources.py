@@ -39,9 +39,6 @@ U, INT = np.uint64, np.int64
 ChirpParams = namedtuple("ChirpParams", "fs n a a_low b b_low k c")
 
 
-CHIRPS = ("linear", "exponential")
-
-
 @dataclass(frozen=True, eq=False)
 class Chirp(Block):
     """A chirp: a sine whose frequency changes linearly or exponentially with time.
@@ -57,7 +54,7 @@ class Chirp(Block):
     live = "oscillator(freq) has a frequency that moves"
 
     def check(self):
-        one_of("chirp: kind", self.kind, CHIRPS)
+        one_of("chirp: kind", self.kind, ("linear", "exponential"))
 
     units = unitless
 
