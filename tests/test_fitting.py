@@ -76,6 +76,9 @@ def test_forces_at_uneven_times(alpha, onset):
             got = springpot_force(t, y, 1.0, alpha, onset=onset)
             (ramp, step), held = springpot_kernels(mp.mpf(alpha)), 0
         slopes = [mp.mpf(dy) / mp.mpf(dt) for dy, dt in zip(np.diff(y), np.diff(t), strict=True)]
+        if onset == "step":
+            first = {0.0: y[0], "arms": 17 * y[0]}.get(alpha, math.copysign(math.inf, y[0]))
+            assert got[0] == pytest.approx(first, rel=1e-15)
         for n in range(1, t.size):
             ramps = [ramp(mp.mpf(t[n]) - mp.mpf(v)) for v in t[: n + 1]]
             force = held + mp.fsum(slopes[i] * (ramps[i] - ramps[i + 1]) for i in range(n))

@@ -49,7 +49,7 @@ def springpot_force(
         From 0 (spring) to 1 (dashpot).
     onset : {"steady", "step"}
         Whether y was at its first value before t[0], or jumps there from 0 (the force
-        at that time is then infinite).
+        at that time is then infinite unless alpha is 0).
 
     Returns
     -------
@@ -300,7 +300,7 @@ class Pairs:
                     # 1/Gamma(1 - alpha) falls with the slope 1
                     by = np.where(self.since > 0, -1 / self.since, math.inf)
                 else:
-                    extra = np.exp(-alpha * log) / math.gamma(1 - alpha)
+                    extra = self.since**-alpha / math.gamma(1 - alpha)
                     by = extra * (digamma(1 - alpha) - log)
             value, slope = value + self.jump * extra, slope + self.jump * by
         return value, slope
