@@ -364,6 +364,17 @@ def test_what_a_recording_does_not_tell_has_no_bounds():
     )
 
 
+def test_an_arm_that_relaxes_too_slowly_to_be_seen_keeps_its_stiffness():
+    t, y = a_test(60, last=3.0)
+    f = maxwell_force(t, y, 0.0, [(100.0, 1e6)])
+    exact = fit_generalized_maxwell(t, y, f, arms=1, spring=False)
+    assert exact.arms[0] == pytest.approx((100.0, 1e6), rel=1e-6)
+    noise = 1 + 0.01 * np.random.default_rng(5).standard_normal(t.size)
+    fit = fit_generalized_maxwell(t, y, f * noise, arms=1, spring=False)
+    low, high = fit.intervals["k1"]
+    assert low < 100.0 < high < 1.02 * low and fit.intervals["tau1"][1] > 1e12
+
+
 def test_the_same_input_gives_the_same_bits_and_stays_as_it_is():
     t, y = a_test()
     f = springpot_force(t, y, 300.0, 0.2) * (1 + 0.01 * np.sin(np.arange(t.size) ** 2))

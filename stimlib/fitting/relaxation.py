@@ -555,7 +555,8 @@ def fit_generalized_maxwell(
     since = t[used] - begin
     shortest = max(float(since.min()), float(np.diff(t).min()))
     longest = float(since.max())
-    wide = math.log(longest / shortest) / 2 + math.log(100.0)
+    # further out an arm is a spring or a dashpot to 1e-6, and its time cannot be told
+    wide = math.log(longest / shortest) / 2 + math.log(1e6)
     middle = math.log(longest * shortest) / 2
 
     @lru_cache(maxsize=2)
