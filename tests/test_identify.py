@@ -127,6 +127,15 @@ def test_a_bound_holds_where_the_best_lies_beyond():
     assert set(fit.params) == {"k"} and 100.0 <= fit.params["k"] < 100.1
 
 
+def test_what_a_target_does_not_tell_has_no_bounds():
+    scene = Scene({"force": Param("k", 2.0, "N/m") * y * Param("gain", 3.0)})
+    starts = {"k": 1.0, "gain": (1.0, -math.inf, math.inf)}
+    for more in ({}, {"gain": (1.0, 0.5, math.inf)}, {"gain": (1.0, 0.5, 20.0)}):
+        fit = stimlib.fit(scene, {"y": X}, 6.0 * X + 1e-6 * np.sin(1e3 * T), starts | more, fs=FS)
+        _, low, high = (starts | more)["gain"]
+        assert fit.intervals == {"k": (0.0, math.inf), "gain": (low, high)}
+
+
 def test_a_linear_fit_is_that_of_least_squares_with_its_intervals():
     """Where weights leave samples out, of the others."""
     some = T < 0.3

@@ -53,6 +53,12 @@ class Range(NamedTuple):
         odds = (start - low) / (high - start) * xp.exp(u)
         return xp.clip(low + (high - low) * (odds / (1 + odds)), low, high)
 
+    def end(self, u: float) -> float:
+        """Return the end of an interval at u: a bound where it is undetermined."""
+        if abs(u) < FAR or math.isinf(self.low) and math.isinf(self.high):
+            return float(self.value(u))
+        return self.high if u > 0 else self.low
+
 
 def _ranges(params: Any, known: Mapping[str, float]) -> dict[str, Range]:
     if not isinstance(params, Mapping) or not params:
@@ -292,7 +298,8 @@ class Fit:
     """The fitted parameters, in their units."""
     intervals: dict[str, tuple[float, float]]
     """95 % confidence interval of each parameter, for the loss "force"; otherwise
-    empty.
+    empty.  One that reaches a bound, or infinity, says that the target does not
+    determine the parameter on that side.
     """
     loss: float
     """The smallest loss, reached with ``params``."""
@@ -684,12 +691,10 @@ def _confidence(
     counts = (r != 0) | J.any(axis=1)
     if counts.sum() <= u.size:
         return {}
-    low, high = _intervals(u, J[counts], r[counts])
-    with np.errstate(over="ignore"):
-        return {
-            name: (float(q.value(a)), float(q.value(b)))
-            for (name, q), a, b in zip(ranges.items(), low, high, strict=True)
-        }
+    ends = np.transpose(_intervals(u, J[counts], r[counts]))
+    return {
+        name: (q.end(a), q.end(b)) for (name, q), (a, b) in zip(ranges.items(), ends, strict=True)
+    }
 
 
 def _with(scene: Scene, params: Mapping[str, float]) -> Scene:
