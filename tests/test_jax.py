@@ -505,7 +505,12 @@ def far(p, s, x):
     return maths.sin(x * 2147483648.0) + maths.cos(x * 2147483648.0), s
 
 
-@pytest.mark.parametrize("step", [truncated, repeated, hashed, counted, flushed, far])
+def beyond(p, s, x):
+    far = np.int64(x * 1e19) % np.int64(1000) + maths.as_float(np.uint64(x * 3e19)) * 1e-19
+    return far + maths.as_float(x > 0.0), s
+
+
+@pytest.mark.parametrize("step", [truncated, repeated, hashed, counted, flushed, far, beyond])
 def test_steps_of_authors_mean_what_they_mean_to_the_interpreter(step):
     numbers = Count(3.0, 0.0), Turns(0.0) if step is truncated else ()
     members = {"__annotations__": {"x": Block}, "__module__": __name__}

@@ -12,6 +12,7 @@ from __future__ import annotations
 import builtins
 import types
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -123,11 +124,20 @@ TWINS: dict[str, Any] = {
 )  # fmt: skip
 
 NAMESPACE = types.SimpleNamespace(**TWINS, SILENT=SILENT, TINY=TINY, F=F)
-# what is known stays known, such as the end of a range
-TYPES = {
-    kind: lambda x, kind=kind: x.astype(kind) if isinstance(x, jax.Array) else kind(x)
-    for kind in (np.uint64, np.int64, np.float64)
-}
+
+
+def _converted(kind, x):
+    """Return a number as one of a type: of a float beyond, what numpy makes on x86."""
+    if not isinstance(x, jax.Array):
+        return kind(x)  # what is known stays known, such as the end of a range
+    if kind is np.float64 or not jnp.issubdtype(x.dtype, jnp.floating):
+        return x.astype(kind)
+    most = jnp.where((x >= 2.0**63) & (kind is np.uint64), 2.0**63, 0.0)
+    near = jnp.where(abs(x - most) < 2.0**63, x - most, -(2.0**63)).astype(np.int64)
+    return near.view(kind) + most.astype(kind)
+
+
+TYPES = {kind: partial(_converted, kind) for kind in (np.uint64, np.int64, np.float64)}
 
 
 # A step and its helpers ---------------------------------------------------------------
