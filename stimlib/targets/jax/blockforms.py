@@ -41,7 +41,7 @@ from ...core.graph import AtLeast, Block, Greater
 from ...core.guard import Guard
 from ...core.silence import Sounding
 from . import placeforms, signalforms, textureforms, traced
-from .recurrence import SHORT
+from .recurrence import SHORT, run_step, scan_arrays
 
 TILE = 64  # samples per row of a matrix product
 
@@ -367,11 +367,6 @@ def guard(block, numbers, state, signals, run):
     last = jnp.where(fault > 0, signal[jnp.maximum(fault - 1, 0)], 0.0)
     left = jnp.maximum(numbers.m - (index - fault), 0.0)
     return jnp.where(index < fault, signal, last * (left / numbers.m)).astype(run.dtype)
-
-
-def delay(block, numbers, state, signals, run):
-    """Run the block ``Delay``."""
-    return later(spread(signals[0], run.n), int(min(numbers.n, run.n)))
 
 
 # Contact: where a history begins ------------------------------------------------------
@@ -732,11 +727,11 @@ LOWERINGS: dict[type[Block], Callable] = {
     Modes: modes,
     # stored from the oldest on, and filled up with zeros to whole groups
     Fir: lambda b, p, s, x, run: taps_tiles(p.taps[::-1][: int(p.order) + 1], spread(x[0], run.n)),
-    Delay: delay,
+    Delay: lambda b, p, s, x, run: later(spread(x[0], run.n), int(min(p.n, run.n))),
     Carrier: carrier,
     Cascade: signalforms.cascade,
     Grain: lambda b, p, s, x, run: taps_tiles(p.shape, spread(x[0], run.n)),
-    Ring: signalforms.ring,
+    Ring: lambda b, p, s, x, run: run_step(signalforms.turning, p, s, x, run.n),
 }
 LOWERINGS |= {
     First: lambda b, p, s, x, run: spread(x[0], run.n)[0],
@@ -747,8 +742,11 @@ LOWERINGS |= {
     ResponseLimit: response_limit,
     SpatialNoise: placeforms.spatial_noise,
     Cursor: signalforms.cursor,
-    DelayAvatar: signalforms.avatar,
-    Passive: signalforms.avatar,
+    # sample by sample: they read their history at any point
+    **dict.fromkeys(
+        (DelayAvatar, Passive),
+        lambda b, p, s, x, run: scan_arrays(traced.bind(b.step), traced.on_arrays(p), s, x, run.n),
+    ),
 }
 LOWERINGS |= {
     MaxwellArms: maxwell_arms,

@@ -9,8 +9,7 @@ from jax import lax
 from ...blocks.cursors import ratio
 from ...blocks.sources import turn, turned
 from ...blocks.tables import spline, spline_slope
-from . import traced
-from .recurrence import affine, run_step, scan_arrays
+from .recurrence import affine
 
 
 def cascade(block, numbers, state, signals, run):
@@ -41,20 +40,11 @@ def cascade(block, numbers, state, signals, run):
 
 
 def turning(numbers, state, event, frequency, decay):
-    """Run one sample of a ring that never rests, so that its state is linear."""
+    """Run one sample of a ring that never rests, so that its state is linear.
+
+    The step of compiled code rests where a ring has died away, a branch on its state.
+    """
     return turned(numbers, turn(numbers, frequency, decay), state, event)
-
-
-def ring(block, numbers, state, signals, run):
-    """Run the block ``Ring``."""
-    # the step of compiled code rests where a ring has died away, which is a branch on
-    # its state
-    return run_step(turning, numbers, state, signals, run.n)
-
-
-def avatar(block, numbers, state, signals, run):
-    """Run ``DelayAvatar`` sample by sample, as it reads its history at any point."""
-    return scan_arrays(traced.bind(block.step), traced.on_arrays(numbers), state, signals, run.n)
 
 
 def cursor(block, numbers, state, signals, run):
