@@ -42,8 +42,8 @@ class ControlLoop(Sink):
     write : callable
         Takes the outputs in their units, shape (n_outputs,), or (n_outputs, block).
     watchdog : float
-        If a period takes longer than this many seconds, for instance because ``read``
-        hangs, another thread writes zeros once, and the session ends.
+        If a period takes more than this many seconds beyond its length, for instance
+        because ``read`` hangs, another thread writes zeros once, and the session ends.
     spin : float
         Seconds before each deadline that are waited for without sleeping; it lowers the
         lateness and keeps one core busy.
@@ -108,7 +108,7 @@ class ControlLoop(Sink):
             )
         super().__init__(scene, safety, motion=Live() if reads else None, **options)
         self._read, self._write = read, write
-        self.silent_for, self._spin = watchdog, spin
+        self._watchdog, self._spin = watchdog, spin
         self.misses: deque[tuple[int, int]] = deque(maxlen=MISSES)
         """First sample and number of each stretch that was lost; a session that follows
         counts its own samples.
@@ -135,6 +135,7 @@ class ControlLoop(Sink):
 
     def _open(self) -> None:
         self.block = self.block or 1
+        self.silent_for = self._watchdog + self.block / self.rate
         self._frames = self.make_frames()
         scales = self.safety.scales(self.proc.outputs)
         self._scales = np.array([[scales[i] if i >= 0 else 0.0] for i in self.map])
