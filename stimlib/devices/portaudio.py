@@ -186,12 +186,11 @@ class PortAudioSink(Sink):
         try:
             sd.check_output_settings(self.name, self.channels, "float32", samplerate=self.rate)
         except (sd.PortAudioError, ValueError) as e:
-            if "sample rate" not in str(e).lower():
-                raise
-            raise SinkError(
-                f"portaudio: {self._called(sd)} does not run at {self.rate:g} Hz: "
-                f"open(rate={info['default_samplerate']:g}), or set the device to {self.rate:g}"
-            ) from None
+            if "sample rate" in str(e).lower():  # else the stream will say what is wrong
+                raise SinkError(
+                    f"portaudio: {self._called(sd)} does not run at {self.rate:g} Hz: "
+                    f"open(rate={info['default_samplerate']:g}), or set the device to {self.rate:g}"
+                ) from None
 
     def _called(self, sd: ModuleType) -> str:
         info = sd.query_devices(self.name, "output")

@@ -71,6 +71,19 @@ def test_another_sounddevice_is_refused_with_a_reason(tmp_path, monkeypatch):
     refused(SinkError, says, to_a_file, tmp_path, 8000, 1, 64, 0.5)
 
 
+def test_a_device_that_another_program_holds_is_a_typed_error(tmp_path, monkeypatch):
+    """As ALSA says when it is asked for the rate, and when it is to be opened."""
+    import sounddevice
+
+    def busy(*given, **named):
+        raise sounddevice.PortAudioError("Error: Device unavailable", -9985)
+
+    monkeypatch.setattr(sounddevice, "check_output_settings", busy)
+    monkeypatch.setattr(sounddevice._StreamBase, "__init__", busy)
+    says = "'stimfile' .* cannot be opened: .*Device unavailable"
+    refused(SinkError, says, to_a_file, tmp_path, 8000, 1, 64, 0.5)
+
+
 # JACK ---------------------------------------------------------------------------------
 def on_jack(server):
     return {"JACK_DEFAULT_SERVER": server.name}
