@@ -443,7 +443,8 @@ def produce_at(c, n, lost, start):
     store(c, CALLS, c[CALLS] + 1)
     begun = now(c)
     done, silent, program = 0, 0, i8_at(c[CONTEXT])
-    begins = 0  # the frame at which a session that follows begins
+    # the frame at which a session that follows begins; frames that are made and lost
+    begins, gone = 0, lost
     if load(c, STATE) == RUNNING:
         late(c, n, start)
         # before sample 0 there is nothing to lose
@@ -457,11 +458,11 @@ def produce_at(c, n, lost, start):
         if program[15] == 0:
             silent = rest(c, n)
         done = rise(c, silent, n)
-        first = program[15] - done
+        first = program[15] - done + lost - gone
         if c[LEAD] == 0:
             done = advance(c, done, n, 1)
         c[FRAMES] += n
-        begins = min(max(min(c[FADE_AT], c[END]) - first, 0), n)
+        begins = min(min(c[FADE_AT], c[END]) - first, n)
         if program[15] >= c[END]:
             done = fall(c, done, n)
     outs = i8_at(c[OUTS])
@@ -489,12 +490,13 @@ def follow(c, d, begins, n, lost, start):
     if d[CALLS] == 0:
         store(d, WAIT, load(c, WAIT))
         if begins < n:  # a motion of time is where it would be if the session began in time
-            late = max(0, min(c[FADE_AT], c[END]) + d[SKIP])
+            late = max(0, min(c[FADE_AT], c[END]) + d[SKIP] - min(begins, 0))
             if d[MOTION] == TIMED:  # as far as its columns are there
                 late = min(late, max(0, load(d, M_WRITE) - n))
             if d[END] == d[TABLE_N]:
                 d[END] = max(1, d[END] - late)
             store(d, SKIP, late)
+    begins = max(begins, 0)  # else it was among the frames that were lost
     while begins < n:
         m = min(n - begins, CHUNK)
         if d[MOTION] == SIGNALS:

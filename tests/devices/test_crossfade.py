@@ -302,6 +302,18 @@ def test_the_fade_in_which_both_play_is_counted_once(ahead, end, kind, monkeypat
         assert _ending([sink, made]) == f"played {(2000 - 160) / FS:.4g} s, nothing lost"
 
 
+def test_what_is_lost_where_another_begins_delays_no_motion():
+    """It is where it would be if the session had begun in time."""
+    motion = {"x": np.arange(8000) / FS}
+    with begun(Stepped(SPRING, 4.0, motion=motion, realtime=False), block=1000) as sink:
+        sink.step(1000)
+        made = sink.crossfade(SPRING, motion=motion)
+        sink.step(500, lost=700)
+        last = [sink.step(500)[-1] for _ in range(2)][-1]
+        assert 4 * last == pytest.approx(3 * (1000 - 160 + 700 + 1500 - 1) / FS, abs=1e-6)
+        assert made.since == made.at + 300 and made.pump.read("END") == 8000 - made.since
+
+
 def test_at_a_natural_end_the_other_begins_there_and_a_loss_counts_once():
     """The fade would not end before it; blocks are longer than what is made at once."""
     with begun(Stepped(LEVEL, 1.0, realtime=False), 0.1, block=850) as sink:
