@@ -256,5 +256,5 @@ def within(y: Block, limit, headroom: str = "clip", peak=None, name: str = "limi
     if headroom == "scale":
         if peak is None:
             raise BadValue("headroom='scale' needs the largest absolute value of the signal, peak=")
-        y = y * (top / maximum(top, peak))
+        y = y * Where(as_block(peak) > top, top / peak, as_block(1.0))
     return clip(y, -top, top)

@@ -176,6 +176,13 @@ def test_scale_follows_a_live_amplitude_and_may_be_silent():
     for A, wanted in ((0.0, 0.0), (1.0, 50 / mode(0.0)), (100.0, 400.0)):
         proc.set("A", A, ramp=0)
         np.testing.assert_allclose(proc.process(edge), wanted, rtol=1e-9)
+    A, limit = Param("A", 0.0), Param("limit", 1.0)
+    block = equalize(X, PROFILE, limit, "scale", signal=A, peak=abs(A))
+    proc = stimlib.compile(Scene({"y": block}), FS)
+    for most, A, wanted in ((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (9.0, 1.0, 1 / mode(0.0))):
+        proc.set("limit", most, ramp=0)
+        proc.set("A", A, ramp=0)
+        np.testing.assert_allclose(proc.process(edge), wanted, rtol=1e-9)
     y = run(equalize(X, PROFILE, 400.0, "scale", signal=constant(-375.0, "V")))
     assert y.min() == pytest.approx(-400.0) and np.abs(y).max() <= 400, "a number is its own peak"
 
