@@ -174,6 +174,7 @@ class Envelope(Block):
     sustain: From0
     release: From0
     rests = True
+    begins_early = False  # an attack that has passed before sample 0 would be a jump
 
     units = unitless
 
@@ -219,8 +220,8 @@ def envelope(
     Parameters
     ----------
     gate : Block
-        Open where it is above 0.  One that opens again starts a new attack from where
-        the envelope is.
+        Open where it is above 0.  One that is open at sample 0 starts its attack there,
+        and one that opens again from where the envelope is.
     attack : float
         Time to 1 in s, along an exponential.
     decay, release : float

@@ -99,6 +99,11 @@ HAND = {  # block, rows of its inputs or a number of samples, samples worked out
         [[1, 1, 0, 1, 1]],
         [1, 2, 1.5, 1.5, 2],
     ),
+    "an attack at sample 0": (
+        b.envelope(b.elapsed() < b.constant(1.0, "s"), 0.0015 / np.log(2)),
+        2,
+        [0.5 / (1 - np.exp(-1.5)), 0.75 / (1 - np.exp(-1.5))],
+    ),
     "a slew from 0 at sample 0": (b.slew_limit(b.constant(1.0), 250.0), 5, [0.25, 0.5, 0.75, 1, 1]),
     "a limit below 0": (b.pole_swap(X, 100, 10, 2, v_max=E), [[0, 1, -1], [-1] * 3], [0, 0, 0]),
 }
