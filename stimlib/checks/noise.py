@@ -14,7 +14,6 @@ import numpy as np
 from ..analysis import spectra
 from ..blocks.noise import RestingWhite, White
 from ..core.graph import Block, Input, reach, signals
-from ..core.loops import Loop
 from ..core.parameter import Param
 from ..core.program import first_states, lead
 from ..core.scene import Scene
@@ -64,7 +63,10 @@ def generator(e: Evidence) -> list[Check]:
         if len(more[k]) > 1:
             e.taps[k] = dc.replace(t, stream=np.concatenate(more[k]))
         if fed[k] is None:
-            why = "a parameter, a gate or another generator is in it, or it runs before sample 0"
+            why = (
+                "a parameter, a gate, another generator or what begins at sample 0 is in it, or it"
+                " runs before sample 0"
+            )
             e.skipped.append(f"samples of {t.name} in {t.title}: {why}")
             continue
         text = f"its filter fed with that generator, {counted(samples[k], 'sample')}"
@@ -147,7 +149,8 @@ def _fed(t: Tap, e: Evidence, known: set[Any]) -> Processor | None:
     below = reach([t.block.block])
     whites = [b for b in below if b.noise_key]
     unknown = any((t.seed, b.noise_key) not in known for b in whites)
-    if unknown or any(isinstance(b, (Param, Subsystem, Loop)) for b in below):
+    # what begins at sample 0, as a loop does, has not heard what sources made before
+    if unknown or any(isinstance(b, Param | Subsystem) or not b.autonomous for b in below):
         return None
     new: dict[int, Block] = {}
     old: dict[int, Block] = {}

@@ -333,6 +333,21 @@ CORRECT = {
         {"fs": 1000, "seconds": 0.1},
         "At",
     ),
+    **alike(
+        {
+            f"a gated noise in {name}, which begins at sample 0": (
+                lambda make=make: gated(X, make(white_noise(seed=1))),
+                {"x": np.where(N % 500 > 30, 1.0, -1.0)},
+                {},
+                "what begins at sample 0 is in it",
+            )
+            for name, make in {
+                "an integral": lambda x: b.integrate(x, leak=5.0),
+                "a steady low-pass": lambda x: b.lowpass(x, 100.0, onset="steady"),
+                "a limit of its slope": lambda x: b.slew_limit(x, 10.0),
+            }.items()
+        }
+    ),
     "an impact while the velocity still falls": (
         s.impact,
         {"x": np.r_[np.full(50, 5e-3), -1e-6, np.full(100, 1e-6)]},
