@@ -348,6 +348,12 @@ CORRECT = {
             }.items()
         }
     ),
+    "a gated noise of a slope, whose density depends on its design": (
+        lambda: gated(X, b.coloured_noise(2.0, seed=3, f_low=20.0)),
+        {"x": np.where(N % 500 > 30, 1.0, -1.0)},
+        {},
+        "no law of all its blocks is known",
+    ),
     "an impact while the velocity still falls": (
         s.impact,
         {"x": np.r_[np.full(50, 5e-3), -1e-6, np.full(100, 1e-6)]},
