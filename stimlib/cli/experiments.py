@@ -16,6 +16,7 @@ import typer
 from .. import experiments
 from ..devices.available import SINKS, option
 from ..errors import BadValue, FaultError, SinkError, StimlibError, counted, one_of, shown
+from ..experiments.user_code import called
 from ..system import safe_files
 from ..system.pool import terminable
 from ..system.progress import progress
@@ -120,7 +121,8 @@ def experiment_of(text: str) -> experiments.Experiment:
             f"{text!r} is no experiment: write FILE.py:NAME, or one of {', '.join(PAPERS)}"
         )
     found = own_of(path, name, kind=experiments.Experiment)
-    made = found() if callable(found) and not isinstance(found, experiments.Experiment) else found
+    own = callable(found) and not isinstance(found, experiments.Experiment)
+    made = called(f"the function {name}", found) if own else found
     if not isinstance(made, experiments.Experiment):
         raise BadValue(f"{text} is a {type(made).__name__}, no Experiment")
     return made
@@ -525,7 +527,6 @@ def analyse(
     """
     from ..experiments.designs import trials_of
     from ..experiments.reader import csv_of
-    from ..experiments.user_code import called
 
     made = experiment_of(defined)
     found = experiments.sessions(made.name, data, pilot)

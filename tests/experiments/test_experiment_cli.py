@@ -50,6 +50,10 @@ known = {{"red": Stimulus("spring")}}
 short = experiment(design=design, replays=1, familiarisation=known, observer=observer)
 def made():
     return short
+def failing():
+    return {{}}['it']
+def asking(code):
+    return short
 number = 3
 levels = ConstantStimuli(tuple((TASK, k) for k in (1.0, 1.5, 2.0, 2.5, 3.0)), 6)
 planned = experiment(design=levels)
@@ -198,6 +202,8 @@ def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
         (["run", "{}:number", "--participant", "P1"], "is a int, no Experiment"),
         (["run", "{}:shorts", "--participant", "P1"], "no 'shorts' in it.*short"),
         (["run", "nothing", "--participant", "P1"], "one of ugrip, bounciness"),
+        (["status", "{}:failing"], r"function failing \(.*py, line 13\): KeyError: 'it'"),
+        (["status", "{}:asking"], "the function asking: TypeError: .* argument: 'code'"),
         (["run", "{}:short", "--participant", "Anna"], "must be a code"),
         (["run", "{}:short", "--participant", "P1", "--sink", "jak"], "--sink = 'jak'; choose"),
         (["run", "{}:short", "--participant", "P1", "--device", "x"], "--device.*not for null"),
