@@ -189,7 +189,7 @@ def played(
                 note(
                     "repeated, or with rejected rows of motion:"
                     f" {counted(len(wrong), 'presentation')}; see"
-                    f" stimlib experiment status {defined}"
+                    f" {_words('status', defined, data, *['--pilot'] * pilot)}"
                 )
         except (KeyboardInterrupt, SystemExit, SinkError, FaultError) as e:
             if page:
@@ -291,16 +291,21 @@ def status_(
         )
         # what did not happen needs no line
         print(*(f"  {text}\n" for text in also if text[:2] != "0 "), sep="", end="")
-    where = f" --data {data}" * (data != Path("data"))
     if found:
-        pilots = " --pilot" * all(s["pilot"] for s in found)
-        print(f"next: stimlib experiment analyse {defined}{where}{pilots}")
+        pilots = ["--pilot"] * all(s["pilot"] for s in found)
+        print(f"next: {_words('analyse', defined, data, *pilots)}")
     else:
+        begin = _words("run", defined, data, "--participant", "P1", *["--pilot"] * pilot)
         print(
             f"no {'pilot' if pilot else 'session'} of {name} in the folder {data}; begin one with\n"
-            f"stimlib experiment run {defined} --participant P1{where}{' --pilot' * pilot}\n"
-            "or name another folder with --data"
+            f"{begin}\nor name another folder with --data"
         )
+
+
+def _words(command: str, defined: str, data: Path, *more: str) -> str:
+    """Return a command on an experiment as it is typed in a shell."""
+    where = ["--data", str(data)] * (data != Path("data"))
+    return shlex.join(["stimlib", "experiment", command, defined, *where, *more])
 
 
 @command("simulate", experiment)
@@ -336,7 +341,7 @@ def simulate(
             advance(1)
     if not quiet:
         print(f"{counted(len(every), 'session')} in {data / made.name}, kept as pilots")
-        print(f"stimlib experiment analyse {defined} --data {data} --pilot")
+        print(_words("analyse", defined, data, "--pilot"))
 
 
 @command("power", experiment)

@@ -130,16 +130,26 @@ def test_a_session_by_keyboard_left_and_resumed(file, tmp_path):
     assert "not both by one sign" in stimlib("analyse", *where, "--decimal", ",", status=2)
 
 
+def typed(line):
+    """A command that was printed, as a shell takes it apart."""
+    return shlex.split(line.removeprefix("next: "))[2:]
+
+
 def test_simulated_sessions_are_pilots(file, tmp_path):
-    where = f"{file}:made", "--data", tmp_path / "sim"
-    assert "2 sessions" in stimlib("simulate", *where, "--participants", 2)
+    (tmp_path / "my own").mkdir()
+    file = file.rename(tmp_path / "my own" / file.name)
+    where = f"{file}:made", "--data", str(tmp_path / "my own" / "sim")
+    told = stimlib("status", *where)
+    assert typed(told.splitlines()[1]) == ["run", *where, "--participant", "P1"]
+    told = stimlib("simulate", *where, "--participants", 2)
+    assert "2 sessions" in told and typed(told.splitlines()[-1]) == ["analyse", *where, "--pilot"]
     assert "has no sessions of pair; it has 2 pilots" in stimlib("analyse", *where, status=2)
     note, table = stimlib("analyse", *where, "--pilot").split("\n", 1)
     assert note.startswith("note: a simulated observer") and table.count("\n") == 9
     assert table.startswith("participant,session,number,condition,track,level,chance,outcome,")
     told = stimlib("status", *where)
     assert "PILOT SIMULATED P1 session 1: 4 trials" in told
-    assert told.splitlines()[-1].endswith(f"--data {tmp_path / 'sim'} --pilot")
+    assert typed(told.splitlines()[-1]) == ["analyse", *where, "--pilot"]
     page = tmp_path / "page.html"
     stimlib("analyse", *where, "--pilot", "--report", page)
     assert "<li>All answers are simulated" in page.read_text("utf-8")
