@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import shlex
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from itertools import product
@@ -601,16 +602,16 @@ def _page(
 
 
 def _unit(made: experiments.Experiment, found: list[experiments.Saved]) -> str:
-    """Return the unit of the parameter that has the level as its value, or none."""
+    """Return the unit of the parameter that has the level most often, or none."""
     trials = (record.trial for saved in found for record in saved.records)
-    varied = (
-        made.scenes[stimulus.scene].params[name]
+    units = Counter(
+        f"{made.scenes[stimulus.scene].params[name].dim}"
         for trial in trials
         for stimulus in trial.stimuli
         for name, value in stimulus.params.items()
         if value == trial.level
     )
-    return next((f"{param.dim}" for param in varied), "").removeprefix("1")
+    return max(units, key=units.__getitem__, default="").removeprefix("1")
 
 
 @command("export", experiment)

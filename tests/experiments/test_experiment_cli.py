@@ -14,6 +14,7 @@ import termios
 from io import BytesIO, StringIO, TextIOWrapper
 from pathlib import Path
 from statistics import NormalDist
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -21,13 +22,16 @@ import pytest
 from refusals import refused
 from typer.testing import CliRunner
 
+from stimlib import Input, Param, Scene
 from stimlib.cli import app, terminal
-from stimlib.cli.experiments import experiment_of
+from stimlib.cli.experiments import _unit, experiment_of
 from stimlib.cli.terminal import Terminal
 from stimlib.errors import FaultError, SinkError, counted
 from stimlib.experiments import (
     Keyed,
     PsychometricObserver,
+    Stimulus,
+    TwoInterval,
     analogue,
     choice,
     fitted,
@@ -190,6 +194,15 @@ def test_the_errors_of_a_planned_jnd_are_those_of_power(file, log, sizes):
         assert [v.strip() for v in row.split("│")[3:6]] == numbers.split()
     people = math.ceil((1.96 * np.nanstd(jnds, ddof=1) / 0.04) ** 2)
     assert f"silent: {people} participants of 30 trials" in said
+
+
+def test_the_unit_of_a_page_is_that_of_the_level_not_of_an_equal_number():
+    x, f = Input("x", "m"), Param("f", 1.0, "N")
+    scene = Scene({"force": Param("k", 2.0, "N/m") * x + f})
+    task = TwoInterval("f", "more", Stimulus("s", {"k": 2.0}), Stimulus("s", {"k": 2.0}), "f")
+    trials = [SimpleNamespace(trial=task.trial(f, 1, n)) for n, f in enumerate((2.0, 1.0, 3.0))]
+    made, saved = SimpleNamespace(scenes={"s": scene}), SimpleNamespace(records=trials)
+    assert _unit(made, [saved]) == "N" and _unit(made, []) == ""
 
 
 def test_errors_of_the_users_own_functions_are_no_defects(file, tmp_path):
