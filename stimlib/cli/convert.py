@@ -98,10 +98,10 @@ def convert_(
             f" {', '.join(sorted(sounds))} for a sound file, or .json for a scene"
         )
     # options that differ from their defaults, where nothing reads them
-    idle: dict[str, Any] = {}
+    idle: dict[str, Any] = {"fs": fs != 8000.0 and (wanted == ".json" or kind in sounds)}
     if wanted == ".json" or kind in {*FORMATS, *sounds}:
         usual = motions.func.__kwdefaults__.items()
-        idle = {n: motions.keywords[n] != v for n, v in usual} | {"set": set_, "seed": seed}
+        idle |= {n: motions.keywords[n] != v for n, v in usual} | {"set": set_, "seed": seed}
     if wanted == ".json" or kind in FORMATS and wanted in FORMATS:
         idle["seconds"] = seconds is not None
     if unused := [f"--{n.strip('_').replace('_', '-')}" for n, v in idle.items() if v]:

@@ -793,6 +793,8 @@ def test_convert_both_ways(tmp_path, monkeypatch):
         ([FILES / "pop.ahap", "a.mp3"], ".hjif for a pattern, .caf, .flac, .rf64, .w64, .wav for"),
         (["tone", "a.json", "--set", "freq=100"], "--set: no scene is rendered from"),
         (["tone", "a.json", "--seconds", "2"], "--seconds: no scene is rendered from"),
+        (["tone", "a.json", "--fs", "4000"], "--fs: no scene is rendered from"),
+        (["a.wav", "a.hjif", "--fs", "4000"], "--fs: no scene is rendered from a.wav"),
         (["wall", "a.json", "--motion", "minimum_jerk()", "--seed", "3"], "--motion, --seed: "),
         ([FILES / "pop.ahap", "a.wav", "--set", "k=1"], "--set: no scene is rendered from"),
         ([FILES / "pop.ahap", "a.hjif", "--seconds", "0"], "--seconds: no scene is rendered"),
