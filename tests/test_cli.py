@@ -311,6 +311,8 @@ ALL = f"{LISTED}, ready"
         (f"{SWEEP} --axis q=1,2", "no column q"),
         (f"{SWEEP} --axis k=1,soft", "'1' must be a number"),
         (f"{SWEEP} --axis k=1,2 --measure loud", "no 'loud'"),
+        (f"{SWEEP} --axis k=1,2 --report none/a.html", "the folder none is not there"),
+        (f"{SWEEP} --axis k=1,2 --report grip.csv", "must end in one of .html, .htm"),
         # playing
         ("play squeeze --full-scale 50 --quiet", "no motion for x1, x2"),
         (f"{PLAY} --channels 1", "fewer than 2 outputs"),

@@ -147,6 +147,15 @@ def senders(texts: list[str]) -> Iterator[list[Any]]:
         yield [stack.enter_context(devices.sender(text)) for text in texts]
 
 
+def check_page(path: Path | None) -> None:
+    """Raise an error, before all else, if a --report cannot be written to a path."""
+    if path is not None:
+        from ..analysis.overview import check_place
+        from ..checks.report import PAGES
+
+        check_place(path, "page", PAGES)
+
+
 def rows_of(text: str | None) -> Any:
     """Open the ``--stream`` receiver, as a context that closes it, or one of None."""
     return nullcontext() if text is None else devices.receiver(text)

@@ -115,6 +115,7 @@ def sweep_(
 
     [bold]stimlib sweep tone --axis freq=50:250:5 --axis seed=0..9 --out bursts[/]
     """
+    opt.check_page(report)
     run_files(import_)
     from ..sweep.measures import Measure
     from ..sweep.rows import grid, table_of

@@ -88,11 +88,7 @@ def verify_(
 
     [bold]stimlib verify --log monday.stimlog[/]
     """
-    if report is not None:
-        from ..analysis.overview import check_place
-        from ..checks.report import PAGES
-
-        check_place(report, "page", PAGES)
+    opt.check_page(report)
     run_files(import_)
     scene, wav = _what(scene, wav, log)
     from ..virtual import read_device
@@ -166,9 +162,11 @@ def _of_file(
     if wav is None:
         raise BadValue("name what to verify: FILE.wav, SCENE --wav FILE, or --log LOG")
     expected = None if scene is None else scene_of(scene)
-    motion = None
-    if given(motions):
-        motion = motions(expected or scene_told(wav), contact=touching(scene or ""))[0]
+    motion = (
+        motions(expected or scene_told(wav), contact=touching(scene or ""))[0]
+        if given(motions)
+        else None
+    )
     stated = params_of(params, expected or scene_told(wav)) if params else None
     return checks.verify(expected, motion, wav, params=stated, seed=seed, device=device)
 
