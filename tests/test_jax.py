@@ -510,7 +510,13 @@ def beyond(p, s, x):
     return far + maths.as_float(x > 0.0), s
 
 
-@pytest.mark.parametrize("step", [truncated, repeated, hashed, counted, flushed, far, beyond])
+def constants(p, s, x):
+    return x * np.pi + where(x < maths.INF, np.e, 0.0) + maths.LOG2E, s
+
+
+@pytest.mark.parametrize(
+    "step", [truncated, repeated, hashed, counted, flushed, far, beyond, constants]
+)
 def test_steps_of_authors_mean_what_they_mean_to_the_interpreter(step):
     numbers = Count(3.0, 0.0), Turns(0.0) if step is truncated else ()
     members = {"__annotations__": {"x": Block}, "__module__": __name__}

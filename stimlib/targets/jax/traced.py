@@ -26,7 +26,7 @@ from ...core.steps import meaning, ours
 from ...errors import SceneError
 
 # The twins ----------------------------------------------------------------------------
-SILENT, TINY, F = maths.SILENT, maths.TINY, maths.F
+SILENT, F = maths.SILENT, maths.F
 
 
 def fma(a, b, c):
@@ -123,7 +123,7 @@ TWINS: dict[str, Any] = {
     quotient=maths.quotient, tree=maths.tree,
 )  # fmt: skip
 
-NAMESPACE = types.SimpleNamespace(**TWINS, SILENT=SILENT, TINY=TINY, F=F)
+NAMESPACE = types.SimpleNamespace(**maths.CONSTANTS, **TWINS, F=F)
 
 
 def _converted(kind, x):
@@ -174,7 +174,10 @@ def _names(code: types.CodeType) -> set[str]:
 def _twin(function: Callable, name: str, value: Any) -> Any:
     # conversions of a step: numpy's own cannot take a number that is traced
     if value is np:
-        return types.SimpleNamespace(**{kind.__name__: TYPES[kind] for kind in TYPES})
+        return types.SimpleNamespace(
+            **{own: v for own, v in vars(np).items() if isinstance(v, float)},
+            **{kind.__name__: convert for kind, convert in TYPES.items()},
+        )
     if value is maths:
         return NAMESPACE
     if isinstance(value, type) and value in TYPES:
