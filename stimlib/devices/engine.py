@@ -128,19 +128,16 @@ class Pump:
 
         place = self.address_of
         entry, context = proc.address
-        held = isinstance(source, Stream) and source.silence == "hold"
-        program = proc._engine.ctx
         ring = 1 << math.ceil(math.log2(max(proc.fs * LOG_SECONDS, 4 * words.CHUNK)))
         rows = max(inputs, 1)
-        integers = np.int64
         self._fill(
             ENTRY=entry,
             CONTEXT=context,
-            PENDING=int(program[PENDING]),
+            PENDING=int(proc._engine.ctx[PENDING]),
             N_IN=inputs,
             N_OUT=outputs,
             CHANNELS=len(self.channels),
-            MAP=place(np.array(self.channels, integers)),
+            MAP=place(np.array(self.channels, np.int64)),
             SCALES=place(safety.scales(proc.outputs)),
             X=place(np.zeros(rows * words.CHUNK)),
             Y=place(np.zeros(outputs * words.CHUNK)),
@@ -148,30 +145,32 @@ class Pump:
             FADE=self.fade,
             FADE_AT=FOREVER,
             END=FOREVER,
-            STALE_AFTER=FOREVER if held else round(SILENT * proc.fs),
+            STALE_AFTER=FOREVER
+            if isinstance(source, Stream) and source.silence == "hold"
+            else round(SILENT * proc.fs),
             HOLD=place(np.zeros(rows)),
-            C_RING=place(np.zeros(words.RECORD * (words.COMMANDS + words.SPARE), integers)),
-            E_RING=place(np.zeros(words.RECORD * words.EVENTS, integers)),
+            C_RING=place(np.zeros(words.RECORD * (words.COMMANDS + words.SPARE), np.int64)),
+            E_RING=place(np.zeros(words.RECORD * words.EVENTS, np.int64)),
             LOG=int(log),
             L_SIZE=ring,
-            OUTS=place(np.zeros(len(self.channels), integers)),
+            OUTS=place(np.zeros(len(self.channels), np.int64)),
             STRIDE=1,
-            INS=place(np.zeros(rows, integers)),
+            INS=place(np.zeros(rows, np.int64)),
             IN_STRIDE=1,
             CLOCK=self._function("clock_gettime", "QueryPerformanceCounter"),
             CLOCK_ID=getattr(time, "CLOCK_MONOTONIC", 0),
             TICKS=self._ticks(),
-            TIME=place(np.zeros(2, integers)),
+            TIME=place(np.zeros(2, np.int64)),
             SLEEP=self._function("usleep", "Sleep"),
-            HISTOGRAM=place(np.zeros(words.BINS, integers)),
-            LATENESS=place(np.zeros(words.BINS, integers)),
-            FRAME_NS=int(np.float64(1e9 / proc.fs).view(integers)),
-            PORTS=place(np.zeros(len(self.channels), integers)),
-            IN_PORTS=place(np.zeros(rows, integers)),
+            HISTOGRAM=place(np.zeros(words.BINS, np.int64)),
+            LATENESS=place(np.zeros(words.BINS, np.int64)),
+            FRAME_NS=int(np.float64(1e9 / proc.fs).view(np.int64)),
+            PORTS=place(np.zeros(len(self.channels), np.int64)),
+            IN_PORTS=place(np.zeros(rows, np.int64)),
             TAIL=self.fade,
             LEVELS=place(np.zeros(outputs)),
             MARKS=len(self.markers),
-            MARKED=place(np.array([proc.outputs.index(name) for name in self.markers], integers)),
+            MARKED=place(np.array([proc.outputs.index(name) for name in self.markers], np.int64)),
             MARK_LAST=place(np.zeros(len(self.markers))),
         )
         self.histogram, self.lateness = self.buffers("HISTOGRAM"), self.buffers("LATENESS")
@@ -332,10 +331,8 @@ class Pump:
 
     def motion_room(self) -> int:
         """Return how many columns of motion can be written now."""
-        ahead = self.read("M_WRITE") - self.read("M_READ")
-        return min(
-            self.read("M_SIZE") - ahead, max(int(0.5 * self.proc.fs), 2 * words.CHUNK) - ahead
-        )
+        most = min(self.read("M_SIZE"), max(int(0.5 * self.proc.fs), 2 * words.CHUNK))
+        return most - self.read("M_WRITE") + self.read("M_READ")
 
     def frames(self) -> np.ndarray:
         """Return up to 4096 frames delivered since the last call.

@@ -211,12 +211,15 @@ class Markers:
         with self._lock:
             n = sum(sample < until for sample, _, _ in self._waiting) if self.clock.begun else 0
             ready, self._waiting = self._waiting[:n], self._waiting[n:]
-        told, behind = [], latency() if ready else 0.0
-        for sample, name, value in ready:
-            at, uncertainty = self.clock.time(sample)
-            lost = any(first <= sample < end for first, end in self._gaps)
-            told.append(Marker(name, value, sample, at + behind, uncertainty, lost))
-            self._queue.put(told[-1])
+        behind = latency() if ready else 0.0
+        told = [
+            Marker(name, value, sample, at + behind, uncertainty, lost)
+            for sample, name, value in ready
+            for at, uncertainty in [self.clock.time(sample)]
+            for lost in [any(first <= sample < end for first, end in self._gaps)]
+        ]
+        for marker in told:
+            self._queue.put(marker)
         self.count += len(told)
         self.lost += sum(m.lost for m in told)
         return told

@@ -65,8 +65,9 @@ def play(
     safety = None if full_scale is None else Safety(full_scale)
     if safety is None and options.get("calibration") is None:
         safety = Safety(quiet_scale(scene))
-    motion = {n: result[n] for n in scene.outputs}
-    with make(name, scene, safety, motion=motion, **options) as playing:
+    with make(
+        name, scene, safety, motion={n: result[n] for n in result.outputs}, **options
+    ) as playing:
         playing.open(result.fs, channels)
         playing.start()
         playing.wait()

@@ -424,8 +424,12 @@ class Sink:
                     self.pump.write("BEGIN", round((left - self._delay()) * self.rate))
                 self.pump.start(frames, first)
             if self._refused:
-                why = f"not permitted here: {' and '.join(self._refused)}; the stream may stutter"
-                warnings.warn(f"{why} when the machine is busy", RuntimeWarning, stacklevel=2)
+                warnings.warn(
+                    f"not permitted here: {' and '.join(self._refused)}; the stream may stutter"
+                    " when the machine is busy",
+                    RuntimeWarning,
+                    stacklevel=2,
+                )
         except BaseException:
             self.close()
             if not self._over.is_set():  # it was closed before it had begun

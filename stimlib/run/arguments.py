@@ -43,7 +43,10 @@ def explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None,
     wanted = f"float64 of shape {' or '.join(texts)}, rows {', '.join(rows) or '(none)'}"
     if not isinstance(a, np.ndarray) or isinstance(a, np.ma.MaskedArray):
         raise BadValue(f"process: {name} must be an array, {wanted}; got {type(a).__name__}")
-    if not any(_has_shape(a, shape) for shape in shapes):
+    if not any(
+        a.ndim == len(shape) and all(w in (None, n) for n, w in zip(a.shape, shape, strict=True))
+        for shape in shapes
+    ):
         raise BadValue(f"process: {name} must be {wanted}; got shape {a.shape}")
     if a.dtype != np.float64:
         raise BadValue(
@@ -55,8 +58,3 @@ def explain(name: str, a: Any, rows: tuple[str, ...], *shapes: tuple[int | None,
         raise BadValue(f"process: {name} is not aligned in memory; use {name}.copy()")
     if name == "out" and not a.flags.writeable:
         raise BadValue("process: out is read-only")
-
-
-def _has_shape(a: np.ndarray, shape: tuple[int | None, ...]) -> bool:
-    pairs = zip(a.shape, shape, strict=False)
-    return a.ndim == len(shape) and all(wanted in (None, n) for n, wanted in pairs)

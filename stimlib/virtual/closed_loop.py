@@ -128,13 +128,14 @@ def try_on(
     x, y = np.zeros((n, len(columns))), np.empty((n, len(proc.outputs)))
     given, ends = np.stack([np.zeros(n), aims[1:], pushes[:n]], axis=1), np.empty((n, 5))
     wrong = np.ascontiguousarray(faults.rows(t[:n], seed), float)
-    own, other = proc.address[1], plant.address[1]
-    arrays = (a.ctypes.data for a in (x, y, given, ends, wrong))
     x[:, :-1] = others.reshape(-1, n).T
-    numbers = (*x.shape[1:], *y.shape[1:], columns.index(name), row, n)
-    step = device.encoder
-    measured = math.floor(start / step + 0.5) * step if step else start
-    _coupled()(own, other, *arrays, *numbers, measured)
+    _coupled()(
+        proc.address[1],
+        plant.address[1],
+        *(a.ctypes.data for a in (x, y, given, ends, wrong)),
+        *(*x.shape[1:], *y.shape[1:], columns.index(name), row, n),
+        math.floor(start / device.encoder + 0.5) * device.encoder if device.encoder else start,
+    )
     read, position, velocity, done, least = ends.T
     work = np.cumsum(done)
     told: dict[str, Any] = {"power": power_of(scene.outputs[output]), **Watch(proc).told()}
@@ -221,10 +222,9 @@ def _course(given: Course, t: np.ndarray, what: str) -> np.ndarray:
     return np.append(row, row[-1]) if row.shape == (t.size - 1,) else np.broadcast_to(row, t.shape)
 
 
-def _plant(device: Device, hand: Hand, late: int, rest: float, start: float) -> Scene:
+def _plant(d: Device, hand: Hand, late: int, rest: float, start: float) -> Scene:
     """Return the scene of a device in a hand, whose force comes so late."""
     force = Input("force")
-    d = device
     body = Mechanism(
         delay(force, samples=late) if late else force, Input("aim"), Input("push"), d.mass,
         d.damping, d.coulomb, d.encoder, d.dac, d.limit or 1e300, rest, d.lag, d.compliance,

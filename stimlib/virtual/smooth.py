@@ -72,11 +72,10 @@ def smooth(
     >>> jax.grad(peak)(500.0)  # doctest: +SKIP
     Array(-6.16e-06, dtype=float64, weak_type=True)
     """
-    d = device
-    if d.coulomb or d.encoder or d.dac or d.limit or d.lag:
+    if device.coulomb or device.encoder or device.dac or device.limit or device.lag:
         raise BadValue(
-            f"smooth: {d!r}: friction, steps and limits have no derivative, and work counts the"
-            " force as it is sent: leave out coulomb, encoder, dac, limit and lag"
+            f"smooth: {device!r}: friction, steps and limits have no derivative, and work counts"
+            " the force as it is sent: leave out coulomb, encoder, dac, limit and lag"
         )
     output, name = _axis_of(scene, axis)
     need("smooth: motion", motion, scene.inputs, "input")
@@ -111,9 +110,8 @@ def smooth(
     return run
 
 
-def _part(device: Device, hand: Hand, t: float) -> tuple[np.ndarray, ...]:
+def _part(d: Device, h: Hand, t: float) -> tuple[np.ndarray, ...]:
     """Return what a time t makes of state, force, force of the hand and its rise."""
-    d, h = device, hand
     zero = constant(0.0)
     body = Mechanism(
         zero, zero, zero, d.mass, d.damping, 0.0, 0.0, 0.0, 1e300, 0.0, d.lag, d.compliance,
