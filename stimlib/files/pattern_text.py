@@ -206,8 +206,9 @@ def rising(points: list[Any], path: str) -> list[Any]:
 
 def beyond(path: str, end: float, seconds: float) -> list[str]:
     """Return the note on a curve that goes on after the end of the vibration, if so."""
-    late = f"{path} goes on to {end:g} s, and the vibration ends at {seconds:g} s"
-    return [late] * (end > seconds + SHORTEST)
+    return [f"{path} goes on to {end:g} s, and the vibration ends at {seconds:g} s"] * (
+        end > seconds + SHORTEST
+    )
 
 
 def few_enough(line: Sized, path: str) -> None:

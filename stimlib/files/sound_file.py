@@ -155,7 +155,8 @@ class Draft(AbstractContextManager["Draft"]):
         """Rename the file to its final name."""
         if not self.is_at(self.at):
             raise self._changed()
-        safe_files.let_go(self.raw)
+        if not safe_files.NOFOLLOW:  # Windows renames no file that is open
+            self.raw.close()
         move(self.at, path, overwrite)
 
 

@@ -31,7 +31,6 @@ Read = tuple[tuple[str, ...], int, Callable[[], Iterator[Batch]], tuple[str, ...
 HEADER = 128  # bytes
 MATRIX, COMPRESSED = 14, 15  # types of elements
 CLASSES = range(6, 16)  # of arrays of numbers
-OPAQUE = 17  # class of strings, times and tables, which have no shape
 COMPLEX = 0x800  # in the flags of an array
 TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 SAVE = "save vectors of numbers with save(.., '-v7'), the fields of a struct s with '-struct', 's'"
@@ -102,7 +101,8 @@ def _variable(data: bytes, order: str) -> tuple[str, np.ndarray | None]:
     """Return the name of a variable, and its columns if it is a matrix of numbers."""
     parts = _elements(data, order)
     (flags,) = struct.unpack_from(f"{order}I", next(parts)[1])
-    shape = [] if flags & 0xFF == OPAQUE else np.frombuffer(next(parts)[1], f"{order}u4").tolist()
+    # of class 17, which strings, times and tables have, there is no shape
+    shape = [] if flags & 0xFF == 17 else np.frombuffer(next(parts)[1], f"{order}u4").tolist()
     name = next(parts)[1].decode()
     if flags & 0xFF not in CLASSES or flags & COMPLEX or len(shape) != 2 or not name:
         return name, None
@@ -160,9 +160,11 @@ def read_xdf(file: str, data: bytes, known: Known) -> Read:
             raise table_error(file, f"pyxdf reads {rows} of {counted(wanted, 'sample')}", BY_HAND)
         channels = {name: s["time_series"][:, k] for name, k in streams[chosen[0]].items()}
         columns = {**channels, "t_s": s["time_stamps"]}
-        note = f"stream {(s['info']['name'] or [''])[0]}: "
-        note += counted(len(s["clock_times"]), "clock offset")
-        note += " applied" + ", times made even" * bool((s["time_stamps"] != stamps).any())
+        even = bool((s["time_stamps"] != stamps).any())
+        note = (
+            f"stream {(s['info']['name'] or [''])[0]}:"
+            f" {counted(len(s['clock_times']), 'clock offset')} applied{', times made even' * even}"
+        )
     return tuple(columns), rows, lambda: batches_of(columns.__getitem__, rows), (note,)
 
 
@@ -171,13 +173,11 @@ def _silence(t: np.ndarray, period: float) -> float:
 
     A program that was late sends the rows of a silence at its end; they were not lost.
     """
-    late = np.append(0.0, np.cumsum(np.diff(t) - period))
-    lost = []
-    for i in np.flatnonzero(np.diff(t) > max(LOST[0] * period, LOST[1])):
-        silence = t[i + 1] - t[i]
-        then = late[i + 1 :][: LOST[0] + int(silence / period)]
-        if then[0] - then.min() < min((len(then) - 1) * period, silence) / 2:
-            lost.append(silence)
+    steps = np.diff(t)
+    late = np.append(0.0, np.cumsum(steps - period))
+    long = np.flatnonzero(steps > max(LOST[0] * period, LOST[1])).tolist()
+    then = ((steps[i], late[i + 1 :][: LOST[0] + int(steps[i] / period)]) for i in long)
+    lost = [s for s, x in then if x[0] - x.min() < min((len(x) - 1) * period, s) / 2]
     return min(lost, default=np.inf) * (1 - 1e-9)
 
 

@@ -105,8 +105,11 @@ class Cells:
         texts = batch.texts(column)
         values = np.empty(len(which))
         if column == self._clock and self._timed is None:
-            cells = (texts[i].strip() for i in which)
-            there = (t for t in cells if t.lower() not in WORDS and t not in self._texts)
+            there = (
+                t
+                for t in (texts[i].strip() for i in which)
+                if t.lower() not in WORDS and t not in self._texts
+            )
             self._timed = next((bool(STAMP.fullmatch(t)) for t in there), None)
         timed_here = bool(self._timed) and column == self._clock
         for k, i in enumerate(which):

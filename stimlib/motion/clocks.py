@@ -33,8 +33,10 @@ def unwrapped(
     steps = np.diff(t)
     period = float(np.median(np.abs(steps))) if len(steps) else 0.0
     for i in np.flatnonzero(steps >= size - min(NEAR * period, size / 8)):
-        problem = f"the clock goes on by {steps[i]:.9g} s, almost the {size:.9g} s of a wrap, as"
-        problem += " for a row from before the wrap that comes too late"
+        problem = (
+            f"the clock goes on by {steps[i]:.9g} s, almost the {size:.9g} s of a wrap, as for a"
+            " row from before the wrap that comes too late"
+        )
         raise table.error(problem, "put the rows into the order of time", rows[i + 1], clock.column)
     again = steps < -size / 2
     return t + size * np.append(0, np.cumsum(again)), int(again.sum())
@@ -113,7 +115,7 @@ def evened(
         raise table.error(f"the rows come at {found}, not {rate:g} Hz", remedy)
     even = mean + period * k
     facts = _facts(1 / (period * rate) - 1, t - even)
-    return even, {**facts, "rate": 1 / period, "set_back": set_back}
+    return even, facts | {"rate": 1 / period, "set_back": set_back}
 
 
 def _set_back(steps: Array, period: float, silence: float) -> Rows:

@@ -85,20 +85,6 @@ class Combined:
 Expression = Linear | Combined
 
 
-def linear(what: str, text: str, names: Iterable[str]) -> Linear:
-    """Parse a linear conversion of one column, as `expression` does.
-
-    Raises
-    ------
-    BadValue
-        The text is anything else.
-    """
-    found = expression(what, text, names)
-    if not isinstance(found, Linear):
-        raise BadValue(f"{what}: {text!r:.80} is not linear in one column; write such as f*5e-4")
-    return found
-
-
 def expression(what: str, text: str, names: Iterable[str]) -> Expression:
     """Parse a conversion of columns.
 

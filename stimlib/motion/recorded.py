@@ -40,7 +40,7 @@ from .reports import (
     lifts,
     series,
 )
-from .rows import Array
+from .rows import LOST, Array
 from .source import HAND
 from .table import Columns, TableFile, read_table
 from .text import MAX_SPEC, parse_motion, served_by
@@ -49,7 +49,6 @@ LIFTED = {"m": "hold", "1": "hold", "N": "zero", "Pa": "zero"}
 """What an input is off contact, by its unit: a position or an angle stays where it
 was, and a force or a pressure is 0.
 """
-GAP_PERIODS, GAP_SECONDS = 10, 0.1  # default of max_gap: so many median periods, at least so long
 
 
 MANY = 1000  # times: fewer are found one by one, which begins sooner
@@ -171,8 +170,12 @@ class Recording:
 
     def __str__(self) -> str:
         i = self.info
-        counts = {"equal times": i["repeats"], "silences held": i["silences"]}
-        counts |= {"lifts": len(i["lifts"]), "jumps": len(i["jumps"])}
+        counts = {
+            "equal times": i["repeats"],
+            "silences held": i["silences"],
+            "lifts": len(i["lifts"]),
+            "jumps": len(i["jumps"]),
+        }
         extra = "".join(f", {what}: {count}" for what, count in counts.items() if count)
         read = f" ({shown('; '.join(i['read']))})" if i["read"] else ""
         return (
@@ -252,8 +255,11 @@ class Recording:
         lifts, jumps = self.info["lifts"], self.info["jumps"]
         if not lifts and not jumps:
             return
-        what = [f"a lift at row {lifts[0][0]} ({len(lifts)} in all)"] if lifts else []
-        what += [f"a jump at row {jumps[0][0]} ({len(jumps)} in all)"] if jumps else []
+        what = [
+            f"{name} at row {found[0][0]} ({len(found)} in all)"
+            for name, found in (("a lift", lifts), ("a jump", jumps))
+            if found
+        ]
         remedy = remedy or (
             "make it with contact=True (squeeze, bumps, viscoelastic), or give it an"
             ' Input("contact")'
@@ -430,7 +436,7 @@ def recording(
     found = series(table, columns, where or {}, times, contact, repeats, missing, sentinels)
     table, read = table.closed(), [*found.notes]
     period = float(np.median(np.diff(found.t)))
-    gap = max(GAP_PERIODS * period, GAP_SECONDS) if max_gap is None else float(max_gap)
+    gap = max(LOST[0] * period, LOST[1]) if max_gap is None else float(max_gap)
     # a step between two stamps is rounded by as much
     gap += gap * 1e-9 + 2 * float(np.spacing(abs(found.start) + found.t[-1]))
     if max_gap is None or gap < period or period < FASTEST:
@@ -619,9 +625,8 @@ def _check_clock(wrap: Any, clock: Any, rate: Any) -> None:
 def _spec(file: str, sha256: str, columns: Mapping[str, str], **options: Any) -> str:
     """Return the call, on one line, that recreates this recording."""
     usual = inspect.signature(recording).parameters
-    words = [repr(file), repr(dict(columns))]
-    words += [f"{name}={_plain(v)!r}" for name, v in options.items() if v != usual[name].default]
-    return f"recording({', '.join(words)}, sha256={sha256[:16]!r})"
+    given = [f"{n}={_plain(v)!r}, " for n, v in options.items() if v != usual[n].default]
+    return f"recording({file!r}, {dict(columns)!r}, {''.join(given)}sha256={sha256[:16]!r})"
 
 
 def _plain(value: Any) -> Any:

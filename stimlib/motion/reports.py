@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..errors import BadValue, counted
 from .cells import Cells, Missing, in_both
 from .clocks import evened, fitted, step_back, unwrapped
-from .expression import Expression, Linear, expression, linear, names_in
+from .expression import Expression, Linear, expression, names_in
 from .layout import are_numbers
 from .rows import Array, Known, Rows
 from .table import TableFile
@@ -136,8 +136,11 @@ def series(
 
 
 def column_of(table: TableFile, what: str, text: str) -> Linear:
-    """Return the column and its conversion for a text such as ``t_ms*1e-3``."""
-    return linear(what, text, table.names).renamed(lambda name: _find(table, name, what))
+    """Return the column and its linear conversion for a text such as ``t_ms*1e-3``."""
+    found = expression_of(table, what, text)
+    if not isinstance(found, Linear):
+        raise BadValue(f"{what}: {text!r:.80} is not linear in one column; write such as f*5e-4")
+    return found
 
 
 def expression_of(table: TableFile, what: str, text: str) -> Expression:
@@ -409,8 +412,7 @@ def _means(row: Array, first: Rows) -> Array:
     lost = np.isnan(row)
     count = np.add.reduceat(~lost, first, dtype=int)
     each = np.repeat(count, np.diff(np.append(first, len(row))))
-    with np.errstate(invalid="ignore"):
-        return np.add.reduceat(np.where(lost, 0.0, row / each), first) / (count > 0)
+    return np.where(count, np.add.reduceat(np.where(lost, 0.0, row / each), first), np.nan)
 
 
 def _check_equal(table: TableFile, s: Reports, again: Mask) -> None:
@@ -420,10 +422,9 @@ def _check_equal(table: TableFile, s: Reports, again: Mask) -> None:
     differs &= again[1:]
     for i in np.flatnonzero(differs):
         problem = f"the same time as row {s.rows[i]} and other values"
-        remedy = "remove one of the two rows, or correct the time; "
-        remedy += (
-            f'where the clock is coarse (such rows: {differs.sum()}) choose repeats="spread",'
-            ' "last" or "mean"'
+        remedy = (
+            "remove one of the two rows, or correct the time; where the clock is coarse (such rows:"
+            f' {differs.sum()}) choose repeats="spread", "last" or "mean"'
         )
         raise table.error(problem, remedy, s.rows[i + 1])
 
@@ -486,9 +487,8 @@ def check_gaps(
 
     Silences off contact are allowed.
     """
-    dt = np.diff(s.t)
-    for i in np.flatnonzero((dt > max_gap) & s.contact[:-1] & s.contact[1:]):
-        dt[~(s.contact[:-1] & s.contact[1:])] = 0.0
+    dt = np.where(s.contact[:-1] & s.contact[1:], np.diff(s.t), 0.0)
+    for i in np.flatnonzero(dt > max_gap):
         problem = (
             f"a gap of {dt[i]:.6g} s before this report, in contact, longer than {max_gap:.6g} s"
         )
@@ -510,8 +510,6 @@ def hold_silences(
     """
     dt = np.diff(s.t)
     i = np.flatnonzero(dt > SILENCE * period)
-    if not len(i):
-        return s, []
     t = np.insert(s.t, i + 1, s.t[i + 1] - period)
     x = np.insert(s.x, i + 1, s.x[:, i], axis=1)
     held = Reports(
@@ -540,11 +538,13 @@ def joined(
     many = len(at) >= JUMPS and len(at) > JUMP_SHARE * len(s.t)
     if len(at) and (many or len(at) == touching.sum()):
         _refuse_jumps(table, s, int(at[0]), most, len(at))
-    jumps = []
-    for i in at.tolist():
-        speeds = [v for v, limit in zip(_speeds(s, i), most, strict=True) if v > limit]
-        jumps.append((int(s.rows[i + 1]), max(speeds)))
-    return touching & ~jump, jumps
+    return touching & ~jump, [
+        (
+            int(s.rows[i + 1]),
+            max(v for v, limit in zip(_speeds(s, i), most, strict=True) if v > limit),
+        )
+        for i in at.tolist()
+    ]
 
 
 def _speed(x: Array, t: Array) -> Array:
@@ -565,8 +565,10 @@ def _refuse_jumps(
 ) -> NoReturn:
     k, speed = next((k, v) for k, v in enumerate(_speeds(s, i)) if v > most[k])
     name = s.inputs[k]
-    problem = f"{name} moves at {speed:.4g} m/s, faster than a hand (max_speed is {most[k]:g} m/s)"
-    problem += f", in this report and {counted(count - 1, 'other')}"
+    problem = (
+        f"{name} moves at {speed:.4g} m/s, faster than a hand (max_speed is {most[k]:g} m/s), in"
+        f" this report and {counted(count - 1, 'other')}"
+    )
     most_of_all = float(_speed(s.x[k], s.t)[s.contact[:-1] & s.contact[1:]].max())
     remedy = (
         f"check the unit in the mapping of {name}; set max_speed={most_of_all * 1.001:.4g} if it is"

@@ -13,7 +13,9 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 # counts, among some names, the columns that will be used
 Known = Callable[[Sequence[str]], int]
-LOST = 10, 0.1  # periods and s without a row: a silence, where rows at a rate are counted anew
+# periods and s without a row: a silence, which is no part of a motion unless max_gap
+# says so, and after which rows at a rate are counted anew
+LOST = 10, 0.1
 
 
 class Batch(Protocol):

@@ -103,12 +103,11 @@ def warn_fast(sources: Mapping[str, Any], scene: Scene, seconds: float, fs: floa
             continue
         with np.errstate(all="ignore"):
             reach = float(np.ptp(x)) if x.size else 0.0
+            speed = float(np.abs(np.diff(x)).max(initial=0.0) / every)
         if reach > travel.get(name, np.inf):
             text = f"{name} moves by {reach:.4g} m, beyond the travel of {travel[name]:g} m; give a"
             text += " shorter motion, or travel= of your device"
             warnings.warn(text, RuntimeWarning, stacklevel=outside())
-        with np.errstate(all="ignore"):
-            speed = float(np.abs(np.diff(x)).max(initial=0.0) / every)
         if speed > HAND:
             text = f"{name} moves at {speed:.4g} m/s, faster than a hand ({HAND:g} m/s): {remedy}"
             warnings.warn(text, RuntimeWarning, stacklevel=outside())

@@ -82,10 +82,13 @@ class TableFile:
 
     def notes(self) -> list[str]:
         """Return what was skipped or assumed, in words."""
-        skipped = [
-            f"{n} {what} skipped, the first in row {at}" for what, (n, at) in self.skipped.items()
+        return [
+            *self.read,
+            *(
+                f"{n} {what} skipped, the first in row {at}"
+                for what, (n, at) in self.skipped.items()
+            ),
         ]
-        return [*self.read, *skipped]
 
     def error(
         self, problem: str, remedy: str, row: Any = None, column: str | None = None

@@ -189,15 +189,6 @@ def read_at(fd: int, size: int, at: int) -> bytes:
         os.lseek(fd, here, os.SEEK_SET)
 
 
-def let_go(f: FileIO) -> None:
-    """Close a file before it is renamed or removed, on systems that require this.
-
-    Windows does not rename open files; elsewhere the file stays open, and so locked.
-    """
-    if not NOFOLLOW:
-        f.close()
-
-
 def publish(
     path: str | os.PathLike[str], data: bytes | str, error: type[StimlibError] = SinkError
 ) -> None:
