@@ -260,8 +260,10 @@ def read_c3d(file: str, data: bytes, known: Known) -> Read:
         points, channels = int(reader.point_used), int(reader.analog_used)
         limits.check("recording_columns", 3 * points + channels, f"{file}: columns", RecordingError)
         count, rate = int(reader.frame_count), float(reader.point_rate)
+        if first := reader.get("TRIAL:ACTUAL_START_FIELD"):  # py-c3d 0.6 takes 65535 for 2**16
+            count += int(reader.first_frame) - int(first.uint16_array @ [1, 1 << 16])
         limits.check("recording_rows", count, f"{file}: rows", RecordingError)
-        frames = [(xyz, values) for _, xyz, values in reader.read_frames()]
+        frames = [(xyz, values) for _, xyz, values in reader.read_frames()][:count]
         if len(frames) != count or not frames or not 0 < rate < np.inf:
             raise table_error(
                 file, f"{len(frames)} of {counted(count, 'frame')} at {rate:g} Hz", ANEW

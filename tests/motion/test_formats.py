@@ -367,6 +367,7 @@ def c3d_of(
     labels=LABELS,
     channels=("Fz", "P1:Tip.X"),
     frames=N,
+    start=None,
     **lies,
 ):
     """Return a file by the format's description: header, parameters, frames."""
@@ -408,6 +409,10 @@ def c3d_of(
     if channels:
         parts += number(2, "SCALE", "f", 2.0, 4.0) + number(2, "OFFSET", "h", 3, -5)
         parts += texts(2, "LABELS", channels) + texts(2, "UNITS", ["N", "Nm"])
+    if start:
+        parts += group(3, "TRIAL")
+        for name, at in (("START", start), ("END", start + frames - 1)):
+            parts += number(3, f"ACTUAL_{name}_FIELD", "H", *divmod(at, 1 << 16)[::-1])
     blocks = -(-(len(parts) + 4) // 512)
     parts = struct.pack("<BBBB", 1, 80, blocks, 84 if order == "<" else 86) + parts
     head = struct.pack("<BB", 2, 80)
@@ -467,6 +472,17 @@ def test_frames_that_a_c3d_file_does_not_state_are_noted(tmp_path):
         found = recording(path, {"f": "Fz"}, max_speed=None)
         assert any("goes on after the last frame" in note for note in found.info["read"]) == wanted
         path.write_bytes(c3d_of())
+
+
+@pytest.mark.parametrize("start", [7, 65_535, 65_536, 70_000, 200_000])
+@pytest.mark.parametrize("behind", [0, 100])
+def test_a_part_of_a_long_trial_in_a_c3d_file(tmp_path, start, behind):
+    """Its last block is filled up with zeros, which are no frame."""
+    pytest.importorskip("c3d")
+    path = written(tmp_path / "a.c3d", c3d_of(start=start, channels=()) + bytes(behind))
+    found = recording(path, {"x": "'P1:Tip.X'*1e-3"}, missing="hold")
+    assert found.info["reports"] == N and found.info["jumps"] == []
+    assert found.motion["x"](found.duration) == TIP[-1, 0] * 1e-3
 
 
 def test_c3d_files_of_points_or_channels_alone(tmp_path):
