@@ -45,6 +45,7 @@ class Velocity(Block):
     x: Block
     cutoff: Above0
     contact: Block
+    begins_early = False
     resettable = True
 
     def units(self, *u):

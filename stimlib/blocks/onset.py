@@ -16,8 +16,6 @@ from ..errors import BadValue, one_of
 # x moves away from its first value, and its answer to that value, which is its gain at
 # 0 Hz, is added.
 ONSETS = {"steady": 1.0, "step": 2.0}  # what ``cold`` is before the first sample
-UNLESS_STEP = property(lambda block: block.onset != "step")
-"""``begins_early`` of a material: a step from 0 is at sample 0, whatever moves it."""
 
 
 # State of `First` between samples.

@@ -63,6 +63,7 @@ class Series(Block):
     scheme: str
     tol: float
     horizon: Above0
+    begins_early = False
     resettable = True
 
     def check(self):

@@ -31,7 +31,7 @@ from ..design import fractional as soe, responses
 from ..design.padding import eights, padded
 from ..errors import Above0, BadValue, UnitError, one_of
 from ..system.limits import limits
-from .onset import ONSETS, UNLESS_STEP, check_onset
+from .onset import ONSETS, check_onset
 from .tables import Table, TableParams
 
 # The springpot f = chi D^alpha y: between a spring (alpha = 0) and a dashpot (alpha =
@@ -183,7 +183,7 @@ class Springpot(Block):
     tol: float
     horizon: Above0
     onset: str
-    begins_early = UNLESS_STEP
+    begins_early = False
     resettable = True
 
     def check(self):
@@ -360,7 +360,7 @@ class SpringpotLive(Block):
     tol: float
     horizon: Above0
     onset: str
-    begins_early = UNLESS_STEP
+    begins_early = False
     resettable = True
 
     check = check_fields
@@ -447,7 +447,7 @@ class PathLength(Block):
     y: Block
     contact: Block
     onset: str
-    begins_early = UNLESS_STEP
+    begins_early = False
     resettable = True
 
     def check(self):
@@ -515,7 +515,7 @@ class Method(Block, abstract=True):
     y: Block
     contact: Block
     order: float
-    begins_early = UNLESS_STEP
+    begins_early = False
 
     check = check_fields
 

@@ -63,6 +63,7 @@ class Tracker(Block, abstract=True):
     contact: Block
     bandwidth: Above0
     max_jump: Above0 | None
+    begins_early = False
 
     def design(self, fs):
         if self.bandwidth >= fs / 2:

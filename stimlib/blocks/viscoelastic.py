@@ -22,7 +22,7 @@ from ..design.padding import padded
 from ..errors import BadValue, UnitError, public
 from .friction import amount
 from .impedance import sampled, spring
-from .onset import ONSETS, UNLESS_STEP, check_onset
+from .onset import ONSETS, check_onset
 from .springpots import (
     origin,
 )
@@ -118,7 +118,7 @@ class MaxwellArms(Block):
     k: np.ndarray
     tau: np.ndarray
     onset: str
-    begins_early = UNLESS_STEP
+    begins_early = False
     resettable = True
 
     def check(self):

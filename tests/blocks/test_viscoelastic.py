@@ -18,13 +18,18 @@ from stimlib.blocks import (
     compliance_generalized_kelvin_voigt,
     compliance_kelvin_voigt,
     compliance_maxwell,
+    elapsed,
     generalized_maxwell,
     integrate,
+    kelvin_voigt,
     maxwell,
     spring,
     springpot,
     springpot_series,
     standard_linear_solid,
+    track,
+    track_velocity,
+    velocity,
 )
 from stimlib.blocks.fractional import (
     creep_compliance,
@@ -190,6 +195,29 @@ def test_a_step_is_at_sample_0_whatever_moves_it(name):
     """A number, or what no input reaches, began 256 samples before."""
     make, held = STEPS[name], np.full(90, 0.3)
     np.testing.assert_array_equal(played(make(constant(0.3, "m")), 90), played(make(Y), held))
+
+
+STEADY = {
+    "maxwell": lambda y: maxwell(y, 5.0, tau=0.01),
+    "live": lambda y: springpot(y, 1.0, Param("alpha", 0.3)),
+    **{
+        scheme: lambda y, scheme=scheme: springpot(y, 1.0, 0.3, scheme, horizon=1.0)
+        for scheme in ("l1", "gl", "gl-downsampled", "gl-short-memory")
+    },
+    "certificate": lambda y: springpot(y, 1.0, 0.3, certificate=True)[1],
+    "series": lambda y: springpot_series(y, 1.0, 0.3, k=5.0),
+    "element": lambda y: kelvin_voigt(y, 5.0, 2.0),
+    "velocity": velocity,
+    "track": track,
+    "track_velocity": track_velocity,
+}
+
+
+@pytest.mark.parametrize("name", STEADY)
+def test_a_movement_over_time_begins_steady_at_sample_0(name):
+    """As that of a hand, and not with a way of 256 samples behind it."""
+    make, way = STEADY[name], constant(0.1, "m/s") * elapsed()
+    np.testing.assert_array_equal(played(make(way), 90), played(make(Y), played(way, 90)))
 
 
 @pytest.mark.parametrize("tau", [1e-12, 1e-6, 1e-3, 0.1, 10.0, 1e12])
