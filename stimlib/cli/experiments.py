@@ -387,7 +387,7 @@ def power(
     Simulated people with this JND and PSE take part, and their answers are fitted.
     Nothing is rendered or kept. They neither lapse nor drift, so plan for more.
 
-    [bold]stimlib experiment power harder.py:harder --pse 2000 --jnd 250 --between 80[/]
+    [bold]stimlib experiment power harder.py:harder --pse 300 --jnd 20 --between 6[/]
     """
     from rich.table import Column, Table
 
