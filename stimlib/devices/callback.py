@@ -281,6 +281,8 @@ def rest(c, n):
         commands(c, 0)
         if c[MOTION] == LIVE:  # the newest is what it begins with
             store(c, M_READ, max(c[M_READ], load(c, M_WRITE) - 1))
+        if c[FADE_AT] == 0:  # it is stopped before it has begun
+            c[LEAD] = c[TAIL] = c[END] = 0
     done = min(ahead(c, 0), n)
     c[BEGAN] = c[FRAMES] + ahead(c, 0) + c[LEAD]
     for j in range(c[CHANNELS]):

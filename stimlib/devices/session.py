@@ -134,16 +134,16 @@ class SessionReport:
         ]
         more += said_of_energy(self.energy)
         more += [f"output {k} failed at sample {v}" for k, v in self.faults.items()]
-        unsent = f", {self.unsent_markers} not sent" if self.unsent_markers else ""
         reasons = sorted(self.rejected, key=lambda why: -self.rejected[why])
-        rise = (
-            f"{counted(self.rise, 'frame')} before sample 0" if self.rise else "the first samples"
-        )
         rest = (
             (self.stale, f"motion stale {counted(self.stale, 'time')}"),
             (self.unlogged, f"{counted(self.unlogged, 'sample')} not logged"),
             (self.skipped, f"{counted(self.skipped, 'column')} of motion came too fast"),
-            (self.markers, f"{counted(self.markers, 'marker')}, {self.lost_markers} lost{unsent}"),
+            (
+                self.markers,
+                f"{counted(self.markers, 'marker')}, {self.lost_markers} lost"
+                + f", {self.unsent_markers} not sent" * bool(self.unsent_markers),
+            ),
             (self.silent, self.silent),
             (
                 self.quiet > SILENT and not self.silent,
@@ -160,7 +160,8 @@ class SessionReport:
                 + ", ".join(f"{self.rejected[why]} {why}" for why in reasons)
                 + f" ({REMEDIES.get(''.join(reasons[:1]), 'see its receive')})",
             ),
-            (True, f"faded in over {rise}"),
+            (self.rise, f"faded in over {counted(self.rise, 'frame')} before sample 0"),
+            (not self.rise, "faded in over the first samples"),
             (self.fall, f"faded out over {counted(self.fall, 'frame')} after the last sample"),
         )
         more += [text for count, text in rest if count]

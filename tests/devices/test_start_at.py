@@ -86,14 +86,16 @@ def test_what_waits_can_be_stopped_changed_and_marked():
     assert set(np.concatenate(log.frames)[:, 0]) == {0.5} and log.events[0][:2] == (0, "set")
     assert log.end["start_error"] == sink.report().start_error
     assert [kind for _, kind, _ in log.events].count("rise") == 1
-    sink = NullSink(STEADY, 1.0, realtime=False)
-    with begun_at(sink, 100.0):
-        until(lambda: sink.pump.read("FRAMES") > 800)
-        began = time.monotonic()
-        sink.stop()
-        assert sink.finished and time.monotonic() - began < 10
-    report = sink.report()
-    assert (report.produced, report.start_error) == (0, None) and "given time" not in str(report)
+    for scene, motion in (STEADY, None), (Scene({"y": 1.0 * Input("x")}), Live()):
+        sink = NullSink(scene, 1.0, motion=motion, realtime=False)
+        with begun_at(sink, 100.0):
+            until(lambda sink=sink: sink.pump.read("FRAMES") > 800)
+            began = time.monotonic()
+            sink.stop()
+            assert sink.finished and time.monotonic() - began < 10
+        report = sink.report()
+        assert (report.produced, report.start_error) == (0, None)
+        assert "given time" not in str(report) and not report.silent
 
 
 def test_a_motion_in_real_time_begins_with_its_newest():
