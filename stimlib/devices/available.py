@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, NamedTuple
@@ -155,8 +156,10 @@ def _on_jack(server: str | None) -> Found:
 
 def _on_portaudio(server: str | None) -> Found:
     sd = sounddevice()
-    apis, found = sd.query_hostapis(), []
-    for d in sd.query_devices():
+    apis, found, first = sd.query_hostapis(), [], None
+    with suppress(sd.PortAudioError):  # there is no default
+        first = sd.query_devices(kind="output")["index"]
+    for d in sorted(sd.query_devices(), key=lambda d: d["index"] != first):
         if d["max_output_channels"]:
             api, rate = apis[d["hostapi"]]["name"], d["default_samplerate"]
             what = (

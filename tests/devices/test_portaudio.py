@@ -34,6 +34,7 @@ from refusals import refused
 
 import stimlib
 from stimlib import BadValue, Scene, SinkError
+from stimlib.devices import first_ready
 from stimlib.devices.sources import Signal, Signals
 
 STEADY = Scene({"y": stimlib.Param("level", 1.0) * 1})
@@ -61,6 +62,21 @@ def to_a_file(folder, fs, channels, block, seconds=1.0):
 )
 def test_alsa_file_is_exact(tmp_path, fs, block, channels):
     to_a_file(tmp_path, fs, channels, block)
+
+
+def test_the_first_device_is_that_on_which_it_plays_by_default(tmp_path):
+    """Whatever else the system lists before it: ``stimlib play`` names it, and has its
+    sample rate.
+    """
+    environment = alsa(tmp_path)
+    with open(tmp_path / ".asoundrc", "a") as f:
+        f.write("pcm.!default { type null hint { show on description default } }\n")
+    with portaudio(environment) as sd:
+        names = [d["name"] for d in sd.query_devices() if d["max_output_channels"]]
+        assert names[0] != "default" == sd.query_devices(kind="output")["name"]
+        first = first_ready("none_of_this_name")
+        assert (first.sink, first.what[:9]) == ("portaudio", "'default'")
+        assert sink(name=None)._called(sd) == "device 'default' (ALSA)"
 
 
 def test_another_sounddevice_is_refused_with_a_reason(tmp_path, monkeypatch):
