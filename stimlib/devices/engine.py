@@ -127,12 +127,11 @@ class Pump:
         self._libc: Any = libc() or import_module("ctypes").WinDLL("kernel32")
 
         place = self.address_of
-        entry, context = proc.address
         ring = 1 << math.ceil(math.log2(max(proc.fs * LOG_SECONDS, 4 * words.CHUNK)))
         rows = max(inputs, 1)
         self._fill(
-            ENTRY=entry,
-            CONTEXT=context,
+            ENTRY=proc.address[0],
+            CONTEXT=proc.address[1],
             PENDING=int(proc._engine.ctx[PENDING]),
             N_IN=inputs,
             N_OUT=outputs,
@@ -192,11 +191,8 @@ class Pump:
                 M_KEEP=keep,
             )
         elif isinstance(source, Signals):
-            scale = np.array(
-                [[source.inputs[name].scale, source.inputs[name].offset] for name in proc.inputs],
-                float,
-            )
-            self._fill(MOTION=words.SIGNALS, IN_SCALE=place(scale))
+            scales = [[source.inputs[n].scale, source.inputs[n].offset] for n in proc.inputs]
+            self._fill(MOTION=words.SIGNALS, IN_SCALE=place(np.array(scales, float)))
         self.live = isinstance(source, (Live, Signals))
         self._fill(STALE=int(self.live))
         self._records = np.zeros((512, words.RECORD), np.int64)

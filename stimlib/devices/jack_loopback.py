@@ -129,18 +129,20 @@ class Capture(AbstractContextManager["Capture"]):
             lib, ffi = jack._lib, jack._ffi
 
             self._ports = np.array([address(jack, p._ptr) for p in ins], np.int64)
-            words = [
-                address(jack, lib.jack_port_get_buffer),
-                self._ports.ctypes.data,
-                channels,
-                self._data.ctypes.data,
-                size,
-                0,
-                self._times.ctypes.data,
-                address(jack, lib.jack_last_frame_time),
-                address(jack, client._ptr),
-            ]
-            self._words = np.array(words, np.int64)
+            self._words = np.array(
+                [
+                    address(jack, lib.jack_port_get_buffer),
+                    self._ports.ctypes.data,
+                    channels,
+                    self._data.ctypes.data,
+                    size,
+                    0,
+                    self._times.ctypes.data,
+                    address(jack, lib.jack_last_frame_time),
+                    address(jack, client._ptr),
+                ],
+                np.int64,
+            )
             callback = ffi.cast("JackProcessCallback", native().addresses["jack_capture"])
             lib.jack_set_process_callback(
                 client._ptr, callback, ffi.cast("void*", self._words.ctypes.data)

@@ -497,17 +497,18 @@ class Feeder(threading.Thread):
 
     def fill(self) -> None:
         """Write as many columns as the ring buffer has room for."""
-        pump = self._pump
         while not self.over.is_set():
-            at = pump.next_motion()
+            at = self._pump.next_motion()
             stop = min(
-                at + 1024, at + pump.motion_room(), *([] if self._end is None else [self._end])
+                at + 1024,
+                at + self._pump.motion_room(),
+                *([] if self._end is None else [self._end]),
             )
             if stop <= at:
                 return
             x = np.repeat(self._last, stop - at, axis=1) if self._stands else self.columns(at, stop)
             self._last = x[:, -1:]
-            pump.put_motion(x)
+            self._pump.put_motion(x)
             self.turns += 1  # here, too: who takes it at once leaves room for ever
 
     def columns(self, at: int, stop: int) -> np.ndarray:
