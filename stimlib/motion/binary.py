@@ -172,13 +172,14 @@ def _silence(t: np.ndarray, period: float) -> float:
     """Return a time just below the shortest silence in which rows were lost.
 
     A program that was late sends the rows of a silence at its end; they were not lost.
+    It is at most pyxdf's own limit, 1 s and 500 periods, which is for steps back, too.
     """
     steps = np.diff(t)
     late = np.append(0.0, np.cumsum(steps - period))
     long = np.flatnonzero(steps > max(LOST[0] * period, LOST[1])).tolist()
     then = ((steps[i], late[i + 1 :][: LOST[0] + int(steps[i] / period)]) for i in long)
     lost = [s for s, x in then if x[0] - x.min() < min((len(x) - 1) * period, s) / 2]
-    return min(lost, default=np.inf) * (1 - 1e-9)
+    return float(min([*lost, max(1.0, 500 * period)])) * (1 - 1e-9)
 
 
 def _chunks(file: str, data: bytes) -> tuple[bytes, Chunks]:
@@ -302,8 +303,12 @@ def read_c3d(file: str, data: bytes, known: Known) -> Read:
         values[::each] = coordinates[:, k, j]
         return values
 
-    names = ("t_s", *of_points, *of_channels)
-    return names, rows, lambda: batches_of(column, rows), tuple(notes)
+    return (
+        ("t_s", *of_points, *of_channels),
+        rows,
+        lambda: batches_of(column, rows),
+        tuple(notes),
+    )
 
 
 def _texts(reader: Any, group: str, name: str) -> list[str]:

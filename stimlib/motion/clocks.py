@@ -114,8 +114,10 @@ def evened(
         remedy = "correct rate; a file that lacks rows cannot be read by its rate"
         raise table.error(f"the rows come at {found}, not {rate:g} Hz", remedy)
     even = mean + period * k
-    facts = _facts(1 / (period * rate) - 1, t - even)
-    return even, facts | {"rate": 1 / period, "set_back": set_back}
+    return even, _facts(1 / (period * rate) - 1, t - even) | {
+        "rate": 1 / period,
+        "set_back": set_back,
+    }
 
 
 def _set_back(steps: Array, period: float, silence: float) -> Rows:

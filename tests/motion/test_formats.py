@@ -268,6 +268,8 @@ def test_rows_that_an_xdf_stream_lost_are_no_jitter(tmp_path):
     refused(RecordingError, "row 100: a gap of 0.51 s", recording, path, {"x": "x"}, contact=False)
     found = recording(path, {"x": "x"}, contact=False, max_gap=1.0).motion["x"]
     assert found(lost["t_s"] - T[0]) == pytest.approx(TABLE["x"], abs=1e-9)
+    path.write_bytes(xdf(xdf_of({**TABLE, "t_s": T - 9.0 * (k >= 100)}, rate=100.0)))
+    refused(RecordingError, "row 100: time goes back", recording, path, {"x": "x"}, contact=False)
     late = np.where((k >= 100) & (k < 130), T[130] + 1e-5 * (k - 130), T)
     packets = T[k // 15 * 15] + 0.15 + 1e-5 * (k % 15)
     for stamps in (late, packets):  # what a program sent late was not lost
