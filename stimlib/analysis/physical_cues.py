@@ -17,6 +17,7 @@ from ..errors import Above0, BadValue, Upto1, counted, public
 
 SHORTEST = 8  # samples
 PERIODS = 2  # of the dominant component
+ROUNDING = 1e-14  # of the magnitude of k, of either of its parts
 
 
 class Cues(NamedTuple):
@@ -216,6 +217,8 @@ def _prepared(
         if force.size != pos.size:
             raise BadValue(f"cues: y has {counted(pos.size, 'sample')} and f has {force.size}")
         k = stiffness(force)
+        # a spring has no damping, not that of rounding, which differs between releases
+        k = complex(*(0.0 if abs(v) <= ROUNDING * abs(k) else v for v in (k.real, k.imag)))
         k_S, k_L = _times([k.real, k.imag], hard - up)
         first = _peaks(force, prominence)[:1]
         (f_max, f_mean), (y_max, y_mean), (v_max, v_mean) = (

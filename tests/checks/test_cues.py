@@ -87,6 +87,9 @@ def test_kelvin_voigt():
     y, v = movement(w, n, fs, 0.7, 0.02)
     c = cues(y, k * y + b * v, fs)
     assert (c.k_S, c.k_L, c.b_L) == pytest.approx((k, w * b, b), rel=1e-9)
+    for n in range(4000, 4020):  # a spring has none, not that of rounding
+        y, _ = movement(w, n, fs, 0.7, 0.02)
+        assert cues(y, k * y, fs).b_L == 0.0
 
 
 def test_records_of_any_size_have_the_cues_of_their_size():
