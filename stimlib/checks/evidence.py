@@ -504,9 +504,22 @@ def noise_model(root: Block, fs: float):
             flat = np.full(np.shape(f), 2 / fs)
             return flat * np.prod([np.abs(r.law(f, fs)) ** 2 for r in chain], axis=0)
 
-    bands = [r.f(fs) for r in chain]
+    bands = [passing(r, fs) for r in chain]
     low = max((f[0] for f in bands if f[0] > 1), default=1.0)
     return psd, low, min((f[-1] for f in bands), default=fs / 2)
+
+
+def passing(law: Law, fs: float) -> np.ndarray:
+    """Return the frequencies of a law; of a filter, those of its first pass band.
+
+    What is below a tenth of its largest response is not seen by a periodogram, in which
+    it lies below the leakage of what passes.
+    """
+    f = law.f(fs)
+    H = law.law(f, fs)
+    inside = np.abs(H) > 0.99 * law.size(H)
+    first = int(np.argmax(inside))
+    return f[first : first + int(np.argmin(np.r_[inside[first:], False]))]
 
 
 def ramped(

@@ -348,6 +348,23 @@ CORRECT = {
             }.items()
         }
     ),
+    **alike(
+        {  # what leaks from the pass band was taken for the noise in the stop band
+            f"a gated noise in {name}, open for {n} samples at a time": (
+                lambda make=make: gated(X, make(white_noise(seed=1))),
+                {"x": np.where(np.arange(8 * n) % (2 * n) > n, 1.0, -1.0)},
+                {},
+                "",
+            )
+            for n in (1000, 60)
+            for name, make in {
+                "a high-pass": lambda x: b.highpass(x, 1000.0, 12),
+                "a band-stop": lambda x: b.bandstop(x, 100.0, 300.0, 4),
+                "a low-pass": lambda x: b.lowpass(x, 200.0, 4),
+                "a low low-pass": lambda x: b.lowpass(x, 5.0, 12),
+            }.items()
+        }
+    ),
     "a gated noise of a slope, whose density depends on its design": (
         lambda: gated(X, b.coloured_noise(2.0, seed=3, f_low=20.0)),
         {"x": np.where(N % 500 > 30, 1.0, -1.0)},
