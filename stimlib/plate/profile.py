@@ -52,7 +52,8 @@ def mode_fit(
     function
         Of knots (m) and displacements, to a table of 65 places and displacements
         between the first and last knot.  It raises BadValue for too few knots, knots
-        beside the plate, and for measurements that are more than 20 % off the mode.
+        beside the plate, and for measurements that are more than 20 % off the mode, or
+        whose middle is 20 mm away.
 
     Raises
     ------
@@ -127,11 +128,11 @@ class _ModeFit:
             x_scale=[0.01, 1.0][:n],
         )
         worst = int(np.abs(found.fun).argmax())
-        if abs(found.fun[worst]) > FAR:
+        if abs(found.fun[worst]) > FAR or found.active_mask[0]:
             raise BadValue(
                 f"mode_fit: knot {worst}, at {knots[worst]:g}, is {100 * abs(found.fun[worst]):.0f}"
                 " % off the shape of the lowest mode; measure it again, at the frequency of that"
-                " mode, or take another kind"
+                f" mode, give origin= within {1e3 * SHIFT:g} mm, or take another kind"
             )
         s = self.shape(at - found.x[0], found.x) / d
         places = np.linspace(knots[0], knots[-1], FINE)

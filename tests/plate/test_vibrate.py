@@ -135,6 +135,7 @@ def test_knots_that_are_too_few_or_another_shape_are_told(soft):
         (lambda: fit(KNOTS[:3], truth(KNOTS[:3])), "3 knots cannot tell"),
         (lambda: mode_fit(model, origin=0.12)(KNOTS, truth(KNOTS)), "from the edges"),
         (lambda: fit(KNOTS, truth(KNOTS) * [1, 1, 0.4, 1, 1]), "knot 2"),
+        (lambda: fit(KNOTS, truth(KNOTS + 0.025)), "give origin= within 20 mm"),
         (lambda: fit(KNOTS, truth(KNOTS) * [1, 1, 0, 1, 1]), "above 0"),
         (lambda: fit(0 * KNOTS, truth(KNOTS)), "must rise"),
         (lambda: mode_fit(model, origin=np.nan), "origin = nan is not finite"),
