@@ -274,7 +274,7 @@ def params_of(items: list[str], scene: Scene) -> dict[str, float]:
     from ..motion.text import pairs
 
     values = {}
-    units = {name: str(param.dim) for name, param in scene.params.items()}
+    units = {name: param.unit for name, param in scene.params.items()}
     for name, text in pairs(items, "--set", "NAME=VALUE").items():
         values[name] = (
             amplitude(text, units[name])

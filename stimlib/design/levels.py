@@ -16,6 +16,7 @@ _LEVEL = re.compile(
     r"\s*(?:\b(?P<kind>rms|pp|peak))?\s*",
     re.IGNORECASE,
 )
+_ANGLE = re.compile(r"rad|deg|rpm|rev|turn|cycle", re.IGNORECASE).search
 PEAK = {None: 1.0, "peak": 1.0, "rms": math.sqrt(2.0), "pp": 0.5}
 
 
@@ -45,7 +46,8 @@ def amplitude(level: str, unit: str, threshold: float | None = None) -> float:
         A text of another form; dB over a reference that is not above 0; dB SL without
         a threshold, or one not above 0.
     UnitError
-        A level in another unit.
+        A level in another unit; a frequency in rad/s for one in Hz, or the other way
+        round, or with RMS or dB.
 
     Examples
     --------
@@ -72,9 +74,11 @@ def amplitude(level: str, unit: str, threshold: float | None = None) -> float:
             )
         return threshold * 10.0 ** (value / 20)
     factor, powers = in_base_units((said["unit"] or "1").replace("^", "**"))
-    if powers != unit_of(unit).powers:
+    turns = bool(_ANGLE(said["unit"] or "")) != bool(_ANGLE(unit)) or said["kind"] or said["db"]
+    if powers != unit_of(unit).powers or (turns and powers == unit_of("Hz").powers):
         raise UnitError(
             f"amplitude: {level[:60]!r} is not in {pretty(unit) or '1'}, nor a multiple of it"
+            + " (1 Hz is 2 pi rad/s)" * (powers == unit_of("Hz").powers)
         )
     if said["db"]:
         value = over * 10.0 ** (value / 20)
