@@ -132,7 +132,7 @@ def fill(c, i, m, done):
     elif c[MOTION] == SIGNALS:
         ins, scale = i8_at(c[INS]), f8_at(c[IN_SCALE])
         for a in range(inputs):
-            if done >= 0 and ins[a] != 0:
+            if done >= 0 and ins[a] != 0 and c[CONNECTED] != 0:  # else JACK's are silent
                 signal = f4_at(ins[a])
                 for k in range(m):
                     x[a * m + k] = (
