@@ -21,6 +21,7 @@ import numpy as np
 from ..errors import BadValue, SceneFileError, shortened
 from ..system import fields
 from ..system.limits import limits
+from .pattern_analysis import thinned
 from .pattern_table import TAP_SECONDS, Pattern, PatternDevice, Point, Tap, Voice
 
 Tree = dict[str, Any]
@@ -216,6 +217,13 @@ def few_enough(line: Sized, path: str) -> None:
     limits.check("scene_blocks", FINER * len(line), f"{path}: points of a curve", SceneFileError)
 
 
+def finer(row: np.ndarray) -> np.ndarray:
+    """Return numbers with others on the straight lines between them."""
+    few_enough(row, "$.Pattern")
+    k = np.arange(FINER * (row.size - 1) + 1) / FINER
+    return np.interp(k, np.arange(row.size), row)
+
+
 def course(points: list[Point], start: float) -> list[Point]:
     """Return a curve from a time on; before its first point it has that value."""
     t, v = np.array(points).T
@@ -314,9 +322,7 @@ def modulated(
     edges = grid[n] + np.diff(grid)[n] * far[i, n] / (far[i, n] - far[i, n + 1])
     grid = np.unique(np.append(grid, edges))
     if device.power != 1.0 or (v.min() < 1.0 and np.ptp(np.interp(grid, *lines[0]))):  # curved
-        few_enough(grid, "$.Pattern")
-        k = np.arange(FINER * (grid.size - 1) + 1) / FINER
-        grid = np.interp(k, np.arange(grid.size), grid)
+        grid = finer(grid)
     control, sharper = (np.interp(grid, *line) for line in lines)
     a = (given["HapticIntensity"] * np.interp(grid, t, v) * control) ** device.power
     sharp = np.clip(given["HapticSharpness"] + sharper, 0.0, 1.0).tolist()
@@ -332,7 +338,12 @@ def write_ahap(patterns: list[Pattern], device: PatternDevice) -> Tree:
     events: list[Tree] = []
     if amplitude:
         start, end = amplitude[0][0], amplitude[-1][0]
-        level = [*((t, a ** (1 / device.power)) for t, a in amplitude), (end + SPIKE, 1.0)]
+        line = amplitude
+        if device.power != 1.0:  # between two points intensity is straight, and amplitude is not
+            x, a = map(finer, np.array(amplitude).T)
+            slope = np.maximum(a, 0.001) ** (1 / device.power - 1) / device.power
+            line = thinned(x, a ** (1 / device.power), 0.01 * slope)
+        level = [*line, (end + SPIKE, 1.0)]
         sharp = [*((t, device.part(f)) for t, f in frequency), (end + SPIKE, 0.0)]
         dull = [(t, -device.part(f)) for t, _, f in taps]
         lines = [let_through(level, loud, 1.0), let_through(sharp, dull, 0.0)]
@@ -386,8 +397,10 @@ def event_of(
     parameters = [
         {"ParameterID": name, "ParameterValue": round(float(v), 5)} for name, v in values.items()
     ]
-    event = {"Time": round(at, 6), "EventType": kind, "EventParameters": parameters}
-    return {"Event": event | ({"EventDuration": duration} if duration is not None else {})}
+    return {
+        "Event": {"Time": round(at, 6), "EventType": kind, "EventParameters": parameters}
+        | ({"EventDuration": duration} if duration is not None else {})
+    }
 
 
 # .haptic ------------------------------------------------------------------------------
@@ -513,8 +526,16 @@ def write_hjif(patterns: list[Pattern], device: PatternDevice) -> Tree:
             kind = "VectorialWave" if voice.frequency else "Curve"
             frames.sort(key=lambda frame: frame[0])
             bands.append(band_of(kind, frames, voice.amplitude[0][0], voice, per_second))
-        channel = {"id": k, "description": f"channel {k + 1}", "gain": 1.0, "mixing_weight": 1.0}
-        channels.append(channel | {"body_part_mask": 0, "bands": bands})
+        channels.append(
+            {
+                "id": k,
+                "description": f"channel {k + 1}",
+                "gain": 1.0,
+                "mixing_weight": 1.0,
+                "body_part_mask": 0,
+                "bands": bands,
+            }
+        )
     return {
         "version": "2023",
         "profile": "Main",

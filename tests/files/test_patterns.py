@@ -314,6 +314,16 @@ def test_a_step_down_stays_one_in_core_haptics(tmp_path):
     assert found == pytest.approx([0.8, 0.8, 0.8, 0.2, 0.2, 0.2], abs=1e-4)
 
 
+@pytest.mark.parametrize("power", [0.5, 1.0, 2.0])
+def test_a_straight_fade_stays_one_where_intensity_is_another_power(power, tmp_path):
+    line = [{"time": t, "amplitude": 1.0 - t} for t in (0.0, 1.0)]
+    made = read_pattern(changed("button1.haptic", put(*LINES, "amplitude", line), tmp_path))
+    device, t = PatternDevice(power=power), np.linspace(0.0, 1.0, 101)
+    write_pattern(tmp_path / "a.ahap", made, device)
+    (voice,) = read_pattern(tmp_path / "a.ahap", device).patterns[0].voices
+    assert np.abs(np.interp(t, *np.array(voice.amplitude).T) - (1.0 - t)).max() < 0.02
+
+
 SIMPLE = [p.name for p in sorted(FILES.glob("*.*")) if p.suffix in (".ahap", ".haptic", ".hjif")]
 
 
