@@ -164,10 +164,9 @@ def read_pattern(
     outputs = {n: block_of(p, scale, device) for n, p in zip(names, patterns, strict=True)}
     seconds = max(p.seconds for p in patterns)
     notes = [
-        f"{place} is no field of this format and was ignored ({n} x)"
-        for place, n in unknown.items()
+        *(f"{at} is no field of this format and was ignored ({n} x)" for at, n in unknown.items()),
+        *(note for p in patterns for note in p.notes),
     ]
-    notes += [note for p in patterns for note in p.notes]
     return ImportedPattern(Scene(outputs), seconds, patterns, device, [shown(n) for n in notes])
 
 

@@ -91,8 +91,10 @@ class FileReport:
     def __str__(self) -> str:
         peaks = ", ".join(f"{name} {value:.4g}" for name, value in self.peak.items())
         clips = ", ".join(f"{name} {count}" for name, count in self.clips.items() if count)
-        line = f"{self.path}: {counted(self.frames, 'frame')}, {self.seconds:.6g} s, peak {peaks}"
-        return shown(line + (f", samples clipped: {clips}" if clips else ""))
+        return shown(
+            f"{self.path}: {counted(self.frames, 'frame')}, {self.seconds:.6g} s, peak {peaks}"
+            + (f", samples clipped: {clips}" if clips else "")
+        )
 
 
 def report_of(path: Path, info: dict[str, Any]) -> FileReport:

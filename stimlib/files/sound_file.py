@@ -169,8 +169,9 @@ def comment_of(info: dict[str, Any]) -> str:
     >>> comment_of({"channels": [{"name": "force", "unit": "N", "full_scale": 50.0}]})
     'force [N]: 1.0 is 50.0'
     """
-    rows = (f"{c['name']} [{c['unit']}]: 1.0 is {c['full_scale']!r}" for c in info["channels"])
-    return "; ".join(rows)[:1000]
+    return "; ".join(
+        f"{c['name']} [{c['unit']}]: 1.0 is {c['full_scale']!r}" for c in info["channels"]
+    )[:1000]
 
 
 def move(source: Path, path: Path, overwrite: bool) -> None:

@@ -74,8 +74,10 @@ class Cells:
         if not self._form:
             return []
         dated, zoned = self._form
-        since = "the first midnight" if dated else "midnight"
-        return [f"{self._clock}: times of day in s since {since}{', UTC' if zoned else ''}"]
+        return [
+            f"{self._clock}: times of day in s since {'the first ' if dated else ''}midnight"
+            + (", UTC" if zoned else "")
+        ]
 
     def numbers(self, batch: Batch, columns: Sequence[str], which: Rows) -> Array:
         """Return the selected cells of a batch as numbers, (columns, selected)."""

@@ -117,8 +117,11 @@ def schema(tests: Mapping[str, Test], title: str) -> dict[str, Any]:
     >>> fields.schema({"fs": fields.positive}, "a rate")["properties"]
     {'fs': {'description': 'a number above 0', 'type': 'number', 'exclusiveMinimum': 0}}
     """
-    draft = "https://json-schema.org/draft/2020-12/schema"
-    return {"$schema": draft, "title": title, **record(tests).schema}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": title,
+        **record(tests).schema,
+    }
 
 
 def between(low: float, high: float) -> Test:
@@ -169,11 +172,14 @@ def list_of(test: Test) -> Test:
 def record(tests: Mapping[str, Test]) -> Test:
     """Return a test for a dict that has these keys, each with a valid value."""
     wanted = ", ".join(f"{name} ({test.wanted})" for name, test in tests.items())
-    properties = {n: {"description": t.wanted, **t.schema} for n, t in tests.items()}
     return Test(
         f"a table of {wanted}",
         lambda v: isinstance(v, dict) and all(n in v and t(v[n]) for n, t in tests.items()),
-        {"type": "object", "required": list(tests), "properties": properties},
+        {
+            "type": "object",
+            "required": list(tests),
+            "properties": {n: {"description": t.wanted, **t.schema} for n, t in tests.items()},
+        },
     )
 
 
