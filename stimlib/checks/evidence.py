@@ -32,6 +32,7 @@ from . import laws
 from .linear import laws_of
 
 ALARM = 1e-6  # joint false alarm probability of all statistical checks of one report
+DEVIATES = 1e-13  # of two computations of a normal deviate
 FEWEST = 64  # enabled samples without which a noise is not tested
 AT_ONCE = 1 << 20  # samples of the first stretch, which is held in memory
 FEW = 8  # inputs and outputs; of more, the first stretch is shorter
@@ -632,10 +633,6 @@ class Asked:
             f"{f' from {self.part.span.start:g} s' if self.part.span else ''}"
         )
 
-    def apart(self, name: str, want: np.ndarray) -> float:
-        """Return the largest difference between an output and its expected row."""
-        return self.far(self.y[name] - want)
-
     def far(self, difference: np.ndarray) -> float:
         """Return the largest absolute difference; NaN if it contains NaN.
 
@@ -674,7 +671,7 @@ class Asked:
         return Check(
             group,
             f"{self.title(name)}: {text}",
-            self.apart(name, want) / top,
+            self.far(self.y[name] - want) / top,
             tol + self.slack,
             "of its largest value",
         )

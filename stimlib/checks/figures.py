@@ -137,9 +137,8 @@ def _of_noise(tap: Tap) -> Against:
     bins, level = np.array([b.bins for b in s.bands]), model(centre)
     p = 1e-6 / (len(s.bands) + 1) / 2
     low, high = (f(bins, p) / bins for f in (scipy.special.gammaincinv, scipy.special.gammainccinv))
-    title = f"noise in {tap.output} before gate and rate"
     return Against(
-        title,
+        f"noise in {tap.output} before gate and rate",
         f"{tap.block.dim}",
         centre,
         level * np.array([b.ratio for b in s.bands]),

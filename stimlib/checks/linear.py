@@ -22,11 +22,10 @@ import scipy
 from ..blocks.noise import FilteredNoise, White
 from ..design.responses import Law, below_nyquist, largest, whole_band
 from . import laws
-from .rows import Row, Rows, law, touched
+from .rows import FADED, Row, Rows, law, touched
 
 LONG, COMPLEX = np.longdouble, np.clongdouble
 PI = np.arctan(LONG(1)) * 4
-GONE = 48.0  # of a decay, in time constants: 1e-21
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +44,7 @@ class Modes:
 
         Powers are products of those of 64 samples and of one.
         """
-        n = min(n, int(min(n, GONE / max(-float(self.L.real.max(initial=-LONG(1e9))), 1e-9))) + 2)
+        n = min(n, int(min(n, FADED / max(-float(self.L.real.max(initial=-LONG(1e9))), 1e-9))) + 2)
         far, near = (
             np.exp(np.multiply.outer(k, self.L)) for k in (np.arange(0, n, 64), np.arange(64))
         )

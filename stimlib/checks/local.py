@@ -5,7 +5,7 @@ The composition does not matter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial, reduce
 from itertools import chain
@@ -30,7 +30,7 @@ from . import (
     laws,
     rows,
 )
-from .evidence import Check, Evidence, lost_by_ramps, ramped
+from .evidence import DEVIATES, Check, Evidence, lost_by_ramps, ramped
 from .rows import Rows
 
 # samples that are looked at: the first, and stretches that the seed places
@@ -39,7 +39,6 @@ FIRST, LATER, PLACES = 1 << 13, 1 << 12, 4
 FADED = 1e10 * SILENT
 FAR = 64  # samples between two that are asked for together
 GONE = 1e-18  # of the largest sample of a stretch: what may be left there of what was before
-NOISE = 1e-13  # of two computations of a normal deviate
 WIRES = Pick | Tap | Loop | Const
 Row = np.ndarray
 
@@ -333,7 +332,9 @@ def _seen(
     # what runs early is seen in each span from 0 on: several, where a gate opens late
     kept = [np.empty((len(proc.outputs), z - a if a else max(z, lag))) for a, z in run.spans]
     counts = _Counts(blocks, run)
-    for at, y in walk(proc, _motion_of(run, proc.inputs), stop, _changes(run, proc.params)):
+    set_ = [Change(0, name, float(v), 0.0) for name, v in run.params.items()]
+    changes = [c for c in [*set_, *run.changes] if c.name in proc.params]
+    for at, y in walk(proc, _motion_of(run, proc.inputs), stop, changes):
         row_of = partial(_row_of, y, place)
         _keep(kept, run.spans, at, y)
         counts.add(at, row_of)
@@ -347,12 +348,6 @@ def _seen(
         n, row = max(0, min(z, known) - a), dict(zip(proc.outputs, out, strict=True))
         seen.append(Part(a, n, _rows(row, names, {} if a else early, n, lag), past))
     return seen, {key: (its, its.until(min(known, run.n))) for key, its in whole.items()}
-
-
-def _changes(run: Run, params: Collection[str]) -> list[Change]:
-    """Return the settings and changes of some parameters, in order."""
-    set_ = [Change(0, name, float(v), 0.0) for name, v in run.params.items()]
-    return [c for c in [*set_, *run.changes] if c.name in params]
 
 
 def _row_of(y: Row, place: Mapping[int, int], b: Block) -> Row:
@@ -483,7 +478,10 @@ def _one(b: Block, run: Run, seen: list[Part]) -> Held:
         elif isinstance(b, Param):
             want, tol = _param(b, run, part, before)
         elif isinstance(b, White):
-            want, tol = laws.white(run.seed, *b.noise_key, at - at % 2, n + at % 2)[at % 2 :], NOISE
+            want, tol = (
+                laws.white(run.seed, *b.noise_key, at - at % 2, n + at % 2)[at % 2 :],
+                DEVIATES,
+            )
         else:
             got = Rows(part.row(getattr(b, s), n) for s in signals(type(b)))
             got.at, got.rest, got.seed = at, not part.at, run.seed

@@ -21,10 +21,9 @@ from ..core.subsystems import Enabled, Subsystem
 from ..errors import SceneError, counted
 from ..run.processor import Processor, compile
 from . import laws
-from .evidence import FEWEST, Check, Evidence, Tap, at_once
+from .evidence import DEVIATES, FEWEST, Check, Evidence, Tap, at_once
 from .power import pairs, tells
 
-GENERATOR = 1e-13  # of two computations of a normal deviate
 FILTERED = 1e-11  # of a filter fed with one and the other, relative to its largest sample
 
 
@@ -57,7 +56,7 @@ def generator(e: Evidence) -> list[Check]:
     checks = []
     for name in sources:
         text = f"Philox and Box-Muller, written again, {counted(size[name], 'sample')}"
-        checks.append(Check("c", f"{name}: generator", apart[name], GENERATOR, text))
+        checks.append(Check("c", f"{name}: generator", apart[name], DEVIATES, text))
     for k, t in enumerate(e.taps):
         # its spectrum is that of its first samples, wherever the gate was open
         if len(more[k]) > 1:

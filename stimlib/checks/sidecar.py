@@ -61,12 +61,13 @@ def says(e: Evidence, sums: Sums) -> list[Check]:
     channels, outputs = told["channels"], e.scene.outputs
     keys = ["clips", "full_scale", "name", "peak", "unit"]
     stated = {key: [c.get(key) for c in channels] for key in keys}
+    scene = json.dumps(told.get("scene"), sort_keys=True, separators=(",", ":"))
     pairs: dict[str, tuple[Any, Any]] = {  # what it says, and what is so
         "format": ((told.get("format"), told.get("subtype")), (found.format, found.subtype)),
         "channel names": (stated["name"], list(outputs)),
         "units": (stated["unit"], [str(b.dim) for b in outputs.values()]),
         "peaks": (stated["peak"], sums.peaks.tolist()),
-        "scene": (_hash(told.get("scene")), e.scene.hash),
+        "scene": (hashlib.sha256(scene.encode()).hexdigest(), e.scene.hash),
         "definitions": definitions.hashes(told["definitions"], e.scene),
         "parameters": (told.get("params"), e.proc.params),
         "names of the motion": (sorted(told.get("motion", {})), sorted(e.motion)),
@@ -87,11 +88,6 @@ def says(e: Evidence, sums: Sums) -> list[Check]:
         Check("e", "sidecar: what it says", len(bad), 0, text),
         Check("b", "sidecar: hash of the signal", wrong, 0, "before it was rounded"),
     ]
-
-
-def _hash(scene: Any) -> str:
-    text = json.dumps(scene, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _tell(e: Evidence, told: dict[str, Any]) -> None:

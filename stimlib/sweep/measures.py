@@ -298,16 +298,12 @@ def _outputs(scene: Scene, names: Sequence[Any], what: str) -> list[str]:
     return list(names) or list(scene.outputs)
 
 
-def _dim(scene: Scene, name: str) -> str:
-    return str(scene.outputs[name].dim)
-
-
 def _of_outputs(
     name: str, f: Callable[[Array, Any], float], scene: Scene, *outputs: Any
 ) -> Measure:
     """Return the measure that is a function of one output, for some outputs or all."""
     names = _outputs(scene, outputs, name)
-    units = {f"{name}_{n}": _dim(scene, n) for n in names}
+    units = {f"{name}_{n}": str(scene.outputs[n].dim) for n in names}
     return Measure(name, units, partial(_of_each, f, names))
 
 
@@ -337,7 +333,7 @@ def band(scene: Scene, low: Any, high: Any, *outputs: Any) -> Measure:
     """
     edges = _edges(low, high, "band")
     names = _outputs(scene, outputs, "band")
-    units = {f"band_{edges[0]:g}_{edges[1]:g}_{n}": _dim(scene, n) for n in names}
+    units = {f"band_{edges[0]:g}_{edges[1]:g}_{n}": str(scene.outputs[n].dim) for n in names}
     return Measure("band", units, partial(_of_each, _band, names), partial(_bins, (edges,)))
 
 

@@ -118,7 +118,7 @@ def _squeeze(a: Asked) -> list[Check]:
         )
         vibration = np.abs(finger.force - finger.mean).max()
         limit = 1e-9 + (4e-16 + slack) * scale / vibration if vibration > 0 else 1e-14 + slack
-        error = a.apart(name, want) / (vibration or scale)
+        error = a.far(a.y[name] - want) / (vibration or scale)
         if a.part.terms:
             a.expect(name, want, float(limit) * (vibration or scale))
         checks.append(
