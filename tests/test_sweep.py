@@ -250,6 +250,11 @@ def test_bad_rows_are_told_before_the_first_run(rows, error, says):
         ({"measures": "rms(force9)"}, UnknownName, "'force9'; there are force"),
         ({"measures": "band(20)"}, BadValue, r"write band\(20, 1000\)"),
         ({"measures": "band(1000, 20)"}, BadValue, "lower edge first"),
+        (
+            {"measures": ["rms", "psd(11, 12)"]},
+            BadValue,
+            "no third octave has its centre from 11 to",
+        ),
         ({"measures": "band(20, 1000"}, BadValue, "is no measure"),
         ({"measures": "__import__('os').remove('x')"}, BadValue, "is no measure"),
         ({"measures": ["rms", "rms(force)"]}, BadValue, "rms_force is there twice"),

@@ -355,6 +355,11 @@ def psd(scene: Scene, low: Any = 10.0, high: Any = 1000.0, *outputs: Any) -> Mea
     names = _outputs(scene, outputs, "psd")
     nominal = {k: NOMINAL[k % 10] * 10.0 ** (k // 10) for k in range(-40, 60)}
     thirds = [k for k, f in nominal.items() if low * 0.99 <= f <= high * 1.01]
+    if not thirds:
+        raise BadValue(
+            f"measures: psd: no third octave has its centre from {low:g} to {high:g} Hz; widen"
+            f" that, or give band({low:g}, {high:g})"
+        )
     units = {
         f"psd_{nominal[k]:g}_{n}": str(scene.outputs[n].dim ** 2 / unit("Hz"))
         for n in names
