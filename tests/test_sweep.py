@@ -405,6 +405,8 @@ def test_spectra_are_those_of_scipy():
     short = dataclasses.replace(run, y=run.y[:, :400])  # lines from 0 to 4 kHz, 20 Hz apart
     got = measured(short, ["psd(10, 10)", "band(5000, 9000)", "band(21, 39)", "band(20, 40)"])
     assert [bool(np.isnan(v)) for v in got.values()] == [True, True, True, False]
+    for name in ("rms", "psd"):
+        refused(BadValue, "no sample", measured, dataclasses.replace(run, y=run.y[:, :0]), name)
 
 
 def test_cues_and_proofs_are_those_of_their_functions():

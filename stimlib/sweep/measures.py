@@ -212,7 +212,8 @@ def measured(
     """
     found = measures_of(measures, rendering.scene)
     inputs = tuple(rendering.scene.inputs)
-    n = rendering.y.shape[1]
+    if not (n := rendering.y.shape[1]):
+        raise BadValue("measured: the rendering has no sample; give a longer one")
     x = positions(sources_of(rendering.motion, inputs, n), 0, n, rendering.fs)
     values = figures_of(found, rendering, prepared(found, inputs, x, rendering.fs))
     return dict(zip((name for m in found for name in m.units), values, strict=True))
