@@ -299,6 +299,7 @@ def test_grid_refuses_what_is_no_axis():
         {"k": [[1, 2], [3, 4]]},
         {"k": [[1], [2, 3]]},
         {"k": [2**64]},
+        {"k": np.array([2**64])},  # of objects
         {f"k{i}": range(1000) for i in range(6)},
     ):
         refused(BadValue, None, grid, **axes)

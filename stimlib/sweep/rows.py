@@ -114,7 +114,7 @@ def whole_numbers(name: str, column: Any) -> Any:
         return column
     if len(whole) < len(column) or least < 0 or most >= 2**64:
         beyond = least if least < -(2**63) else most
-        at = column.index(beyond)
+        at = [*column].index(beyond)
         raise BadValue(
             f"rows: {name} = {shortened(beyond)} in row {at} has no place in 64 bits beside the"
             " others; give floats"
