@@ -74,9 +74,14 @@ def export_(
         precision="float32" if float32 else "float64",
     )
     if json_:
-        files = [str(path) for path in written.files]
-        said = {"state_bytes": written.state_bytes, "samples": written.samples}
-        print_json({"files": files, **said, "errors": written.errors})
+        print_json(
+            {
+                "files": [str(path) for path in written.files],
+                "state_bytes": written.state_bytes,
+                "samples": written.samples,
+                "errors": written.errors,
+            }
+        )
     elif not quiet:
         print(*written.files, sep="\n")
         print(

@@ -143,8 +143,9 @@ def render_(
     if not quiet:
         if not json_:
             print(report)
-        usual = "PCM_24" if out.suffix.lower() == ".flac" else "FLOAT"
-        _note_peaks(report.peak, scale, subtype or usual)
+        _note_peaks(
+            report.peak, scale, subtype or ("PCM_24" if out.suffix.lower() == ".flac" else "FLOAT")
+        )
     if picture is not None:
         draw(render(made, motion, fs, min(length, 10.0), values, seed), picture)
 

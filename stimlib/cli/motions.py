@@ -187,7 +187,11 @@ def motions_of(
 
     motions, recordings = _read(texts, scene.inputs, contact, read)
     if "contact" in inputs and "contact" not in own and recordings:
-        motions["contact"] = _contact(recordings)
+        if recordings[1:]:
+            raise BadValue(
+                "contact: each recording has one; say which serves, such as --motion contact=my.csv"
+            )
+        motions["contact"] = recordings[0].contact
     absent = set(inputs) - set(motions)
     if all_ and absent:
         raise BadValue(
@@ -266,15 +270,6 @@ def streamed(rows: Any, scene: Any, motions: Any, limits: Mapping[str, Any], sil
 def given(motions: Any) -> bool:
     """Return whether a command got a motion, or an option for one."""
     return any(motions.keywords[option] for option in ("motion", "map_", "where"))
-
-
-def _contact(recordings: Sequence[Recording]) -> Any:
-    """Return the contact of the recording; raise BadValue if there are several."""
-    if len(recordings) > 1:
-        raise BadValue(
-            "contact: each recording has one; say which serves, such as --motion contact=my.csv"
-        )
-    return recordings[0].contact
 
 
 def _is_file(text: str) -> bool:

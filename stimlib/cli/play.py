@@ -76,20 +76,6 @@ def _passed(now: Any, course: SimpleNamespace) -> float:
     return max(played, time.monotonic() - course.begun) if course.failed else played
 
 
-def _sound(file: str, motions: Any, fs: float | None) -> tuple[Any, Any, float]:
-    """Return a sound file as a scene, with its motion and its sample rate."""
-    if given(motions):
-        raise BadValue(
-            f"{file} is a sound file and has no inputs: leave out --motion, --map and --where"
-        )
-    made, motion, rate = files.as_scene(file)
-    if fs not in (None, rate):
-        raise BadValue(
-            f"--fs {fs:g}: {file} was recorded at {rate:g} Hz and is played at that: leave out --fs"
-        )
-    return made, motion, rate
-
-
 @command("play", safety=opt.safety_of, motions=motions_of)
 def play(
     scene: SceneText,
@@ -209,9 +195,15 @@ def play(
     kind = found.sink if found else str(chosen)
     sound = scene.lower().endswith((".wav", ".rf64", ".w64", ".caf", ".flac"))
     if sound:
-        if stream:
-            raise BadValue(f"{scene} is a sound file and has no inputs: leave out --stream")
-        made, motion, rate = _sound(scene, motions, fs)
+        if stream or given(motions):
+            out = "--stream" if stream else "--motion, --map and --where"
+            raise BadValue(f"{scene} is a sound file and has no inputs: leave out {out}")
+        made, motion, rate = files.as_scene(scene)
+        if fs not in (None, rate):
+            raise BadValue(
+                f"--fs {fs:g}: {scene} was recorded at {rate:g} Hz and is played at that: leave out"
+                " --fs"
+            )
     else:
         made, rate = scene_of(scene), (found and found.fs) or 8000.0
     params = params_of(set_, made)  # before what is missing

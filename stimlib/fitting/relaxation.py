@@ -551,8 +551,7 @@ def fit_generalized_maxwell(
     n = int(spring)
     used, noise = _use("fit_generalized_maxwell", t, y, f, where, sigma, onset, 2 * arms + n + 1)
     elastic = y[used][:, None][:, :n]
-    begin = t[max(_first_motion(y, onset) - 1, 0)]
-    since = t[used] - begin
+    since = t[used] - t[max(_first_motion(y, onset) - 1, 0)]
     shortest = max(float(since.min()), float(np.diff(t).min()))
     longest = float(since.max())
     # further out an arm is a spring or a dashpot to 1e-6, and its time cannot be told

@@ -55,9 +55,8 @@ class Range(NamedTuple):
 
     def end(self, u: float) -> float:
         """Return the end of an interval at u: a bound where it is undetermined."""
-        if abs(u) < FAR or math.isinf(self.low) and math.isinf(self.high):
-            return float(self.value(u))
-        return self.high if u > 0 else self.low
+        inside = abs(u) < FAR or (math.isinf(self.low) and math.isinf(self.high))
+        return float(self.value(u)) if inside else self.high if u > 0 else self.low
 
 
 def _ranges(params: Any, known: Mapping[str, float]) -> dict[str, Range]:
@@ -283,12 +282,6 @@ def _rms(targets: Mapping[str, Any]) -> View:
 LOSSES = ("force", "log_psd", "rms")
 
 
-def _view(loss: str, targets: Mapping[str, Any], n: int, fs: float, weight: Any, band: Any) -> View:
-    if loss == "force":
-        return _force(targets, n, weight)
-    return _log_psd(targets, n, fs, band) if loss == "log_psd" else _rms(targets)
-
-
 # The result ---------------------------------------------------------------------------
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -485,7 +478,15 @@ def fit(
     x = dict(zip(f.inputs, positions(sources_of(motion, f.inputs, n), 0, n, f.fs), strict=True))
 
     with jax.enable_x64(True):
-        view = None if callable(loss) else _view(loss, targets, n, f.fs, weight, band)
+        view = (
+            None
+            if callable(loss)
+            else _force(targets, n, weight)
+            if loss == "force"
+            else _log_psd(targets, n, f.fs, band)
+            if loss == "log_psd"
+            else _rms(targets)
+        )
 
         def run(u: Any, x: Any) -> dict[str, Any]:
             return f(

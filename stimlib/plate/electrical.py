@@ -123,10 +123,9 @@ def amplifier_load(
         )
     slew = np.diff(row) * fs
     current = capacitance * slew
-    middle = (row[1:] + row[:-1]) / 2
     return AmplifierLoad(
         float(np.abs(current).max()),
         float(np.sqrt(np.mean(current**2))),
         float(np.abs(slew).max()),
-        float(np.abs(middle * current).max()),
+        float(np.abs((row[1:] + row[:-1]) / 2 * current).max()),
     )

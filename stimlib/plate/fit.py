@@ -85,8 +85,7 @@ def fit_frame(
             f"fit_frame: measured = {measured!r:.80} must be frequencies by mode, such as {{0:"
             " 158.0, 1: 246.0}"
         )
-    unknown = set(vary) - set(NUMBERS)
-    if unknown or len(set(vary)) < len(vary) or not 0 < len(vary) <= len(measured):
+    if not {*vary} <= {*NUMBERS} or not 0 < len({*vary}) == len(vary) <= len(measured):
         raise BadValue(
             f"fit_frame: vary = {tuple(vary)} for {len(measured)} frequencies; choose at most as"
             f" many of {', '.join(NUMBERS)}"

@@ -296,8 +296,7 @@ def identify(
     gain = residues * 2j * pole.imag / w**2 / pole ** QUANTITIES[quantity]
     top = np.abs(gain).argmax()
     ratio = gain / gain[top]
-    noise = fit.noise * 2 * abs(pole.imag) / w**2 / abs(pole) ** QUANTITIES[quantity]
-    noise /= abs(gain[top])
+    noise = fit.noise * abs(2 * pole.imag / w**2 / pole ** QUANTITIES[quantity] / gain[top])
     _check_in_phase(ratio.imag, IN_PHASE + 5 * noise)
     shape_sd = noise * np.hypot(1.0, ratio.real)  # of a ratio of two that have it
     shape_sd[top] = 0.0

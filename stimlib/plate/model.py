@@ -114,8 +114,7 @@ class Plate:
         object.__setattr__(self, "patches", tuple(self.patches))
         if not -1 < self.nu < 0.5:
             raise BadValue(f"Plate: nu = {self.nu!r} must be between -1 and 0.5")
-        large = max(self.length, self.width) > LONGEST
-        if large or self.E < SOFTEST or self.rho < LIGHTEST:
+        if max(self.length, self.width) > LONGEST or self.E < SOFTEST or self.rho < LIGHTEST:
             raise BadValue(
                 f"Plate: {self.length:g} x {self.width:g} m of E = {self.E:g} Pa and rho ="
                 f" {self.rho:g} kg/m^3 is not a plate for a finger: sizes are in m, 0.15 for 150"

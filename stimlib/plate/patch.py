@@ -112,8 +112,11 @@ class Patch:
                 " are in m"
             )
         volume = self.length * self.width * (self.thickness + 2 * self.cover)
-        soft = min(self.E, self.cover_E) < SOFTEST
-        if soft or self.cover > min(self.length, self.width) or self.mass > DENSEST * volume:
+        if (
+            min(self.E, self.cover_E) < SOFTEST
+            or self.cover > min(self.length, self.width)
+            or self.mass > DENSEST * volume
+        ):
             raise BadValue(
                 f"Patch: E = {self.E:g} Pa, cover_E = {self.cover_E:g} Pa, a cover of"
                 f" {self.cover:g} m and {self.mass:g} kg make no patch: 62 GPa is 62e9, 0.15 mm is"
