@@ -198,6 +198,10 @@ MISTAKES = [
         "Mine.design: parameters 'gain' is a str; floats",
     ),
     (
+        "def design(self, fs):  # here\n    return Gain(np.exp(1j)), State(0.0)\n" + GOOD,
+        "Mine.design: parameters 'gain' is a complex128; floats",
+    ),
+    (
         "def design(self, fs):\n    return Gain(np.zeros((2, 2))), State(0.0)\n" + GOOD,
         "(2, 2) of float64",
     ),

@@ -432,7 +432,7 @@ def check_design(cls: Any, made: Any) -> None:
             if isinstance(v, np.ndarray):
                 kept, shape = v.ndim == 1 and v.dtype.kind in "iuf", f" {v.shape} of {v.dtype}"
             else:
-                kept, shape = isinstance(v, (float, np.number)), ""
+                kept, shape = isinstance(v, (float, np.integer, np.floating)), ""
                 kept |= isinstance(v, int) and abs(v) < 2.0**1023
             if not kept:
                 refuse(
