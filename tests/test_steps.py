@@ -363,6 +363,7 @@ def test_a_step_that_fails_while_it_runs_says_where(mine):
     cls, at = mine(ARRAYS + body("s.line[np.int64(x)] = x  # here", "return x, s"))
     processor = stimlib.compile(Scene({"y": cls(x)}), 1000, "python")
     e = refused(SceneError, "Mine.step: IndexError", processor.process, np.array([[0.0, 7.0]]))
+    assert processor.index == 1  # as its states
     assert str(e).startswith(at("# here"))
 
 
