@@ -148,8 +148,7 @@ def _on_jack(server: str | None) -> Found:
             f" {counted(ins, 'input')}"
         )
         named = f" --device {server}" if server else ""
-        fs = client.samplerate
-        return [(True, what, f"--sink jack --fs {fs}{named}", fs)]
+        return [(True, what, f"--sink jack --fs {client.samplerate}{named}", client.samplerate)]
     finally:
         client.close()
 
@@ -168,8 +167,14 @@ def _on_portaudio(server: str | None) -> Found:
             )
             how = f"--sink portaudio --device {d['index']} --fs {rate:g}"
             found.append((True, what, how, rate))
-    how = "connect a sound card, or start a JACK or PulseAudio server"
-    return found or [(False, "PortAudio finds no output", how, None)]
+    return found or [
+        (
+            False,
+            "PortAudio finds no output",
+            "connect a sound card, or start a JACK or PulseAudio server",
+            None,
+        )
+    ]
 
 
 def _on_nidaq(server: str | None) -> Found:

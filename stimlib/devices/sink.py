@@ -422,6 +422,8 @@ class Sink:
                 if self._at is not None:  # as far as it is known; see _keep_time
                     left = self._due(self._at, time.monotonic) - time.monotonic()
                     self.pump.write("BEGIN", round((left - self._delay()) * self.rate))
+                if isinstance(self.motion, Live):  # what came before is old, but for the newest
+                    self.pump.write("M_READ", max(0, self.pump.read("M_WRITE") - 1))
                 self.pump.start(frames, first)
             if self._refused:
                 warnings.warn(
@@ -798,6 +800,8 @@ class Sink:
 
     def push(self, x: Mapping[str, Any] | np.ndarray) -> int:
         """Add columns of live motion, one per sample; return how many fitted.
+
+        A session begins with the newest of those that were pushed before ``start``.
 
         Parameters
         ----------

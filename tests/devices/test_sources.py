@@ -132,6 +132,19 @@ def test_a_log_may_keep_what_it_is_given():
     assert np.array_equal(np.concatenate(log.x, axis=1), [x])
 
 
+def test_a_session_begins_with_the_newest_of_what_was_pushed_before():
+    """A tracker's thread may run for long: its reports are not the next samples."""
+    log = Seen()
+    sink = NullSink(Scene({"y": 1.0 * Input("x")}), 400.0, motion=Live(), log=log, realtime=False)
+    with sink:
+        sink.open(8000)
+        for k in range(300):
+            assert sink.push({"x": float(k)}) == 1
+        sink.start(0.1)
+        sink.wait()
+    assert {*np.concatenate(log.x, axis=1)[0].tolist()} == {299.0}
+
+
 def test_a_hand_that_is_no_number_is_told_with_its_sample():
     """At once, where it is seen before the start; how it fades: test_functions."""
     broken = {"x": lambda t: np.where(t < 1.0, 0.5, np.nan)}
