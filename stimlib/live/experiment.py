@@ -343,9 +343,9 @@ class ExperimentPage(Keyed):
         if sink is None or loop is None or not self._views:
             return
         k = next((k for k, (a, b, _) in enumerate(self._views) if a <= n < b), -1)
-        outputs = tuple(sink.scene.outputs)[: len(y)]  # those on a channel
-        row = [*x[:, -1], *(y[:, -1] * sink.safety.scales(outputs))]
-        now = dict(zip((*sink.proc.inputs, *outputs), row, strict=True))
+        outputs = tuple(sink.scene.outputs)  # the first of them are on a channel
+        row = [*x[:, -1], *(y[:, -1] * sink.safety.scales(outputs)[: len(y)])]
+        now = dict(zip((*sink.proc.inputs, *outputs[: len(y)]), row, strict=True))
         values = [now[name] for name in self._views[k][2]] if k >= 0 else []
         with suppress(RuntimeError):  # the loop has just been closed
             data = np.array([self._felt, n, k, *values], "<f8").tobytes()

@@ -1,6 +1,7 @@
 """What the page of an experiment is told to draw: without a browser."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from live.client import MOVE, welcome
 from live.drawn import WIDE, outputs_of, seen
 from refusals import refused
 
+from stimlib import Input, constant
 from stimlib.devices import NullSink
 from stimlib.errors import BadValue, MotionError, SinkError
 from stimlib.experiments import ConstantStimuli, Drawing, Rate, Stimulus, Timing
@@ -130,6 +132,19 @@ def test_the_hand_on_a_device_is_drawn_from_its_motion(tmp_path):
     assert len(drawn) > 6 and record.displayed[0]["sink"] == "null"
     for n, y in drawn:  # motion and index may be a block apart
         assert np.abs(motion["y"][max(0, n - 64) : n + 65] - y).min() < 1e-12
+
+
+def test_a_stimulus_that_begins_by_a_condition_is_drawn(tmp_path):
+    """The condition is an output that is on no channel."""
+    starts = Input("y", "m") > constant(0.004, "m")
+    timing = Timing(1.0, gap=0.0, before=0.0, ramp=0.01, until="done", starts=starts, wait=1.0)
+    made = replace(shown(viscoelastic(), 1.0, y=lambda t: 0.01 * t), timing=timing)
+    with asked(tmp_path, made, "null") as running, welcome(running.server) as client:
+        client.whole([""])
+        for text, answer in ("When you are done", ""), ("Which one was softer?", "1"):
+            client.answer(answer, client.until(phase="ask", text=text)["number"])
+        client.until(phase="end")
+    assert not running.errors and running.session.records
 
 
 def test_a_page_draws_what_the_scene_says():
