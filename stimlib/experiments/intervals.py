@@ -125,6 +125,7 @@ def profile(
 def profiled(sets: Sets, model: Model, fall: Array, part: float, best: Found) -> Array:
     """Return profile-likelihood intervals, (2, 2, sets), about known maxima."""
     middle, up, z = middle_of(sets, model), quantile(model, part), np.sqrt(fall)
+    several = bool(model.guess or model.lapse)
     both = np.repeat([-1.0, 1.0], middle.size)  # the lower ends of all sets, then the upper ones
     peaks, z, middles = Found(*(np.tile(v, 2) for v in best)), np.tile(z, 2), np.tile(middle, 2)
     twice = subset(sets, np.tile(np.arange(middle.size), 2))
@@ -138,18 +139,24 @@ def profiled(sets: Sets, model: Model, fall: Array, part: float, best: Found) ->
         """Return the ends along one way to hold a parameter."""
         last = Found(*(v.copy() for v in peaks))
 
-        def fallen(x: Array, k: Array, search: bool) -> Array:
+        def fell(k: Array) -> Array:
             """Return how far the profile has fallen, which is nearly straight."""
-            now = Found(*(v[k] for v in last))
+            return np.sqrt(2 * np.maximum(peaks.loglik[k] - last.loglik[k], 0.0)) - z[k]
+
+        def fallen(x: Array, k: Array, search: bool) -> Array:
+            """Return `fell` at a place of each row."""
+            now = None if search and not several else Found(*(v[k] for v in last))
             at = dict(c=middles[k]) | hold(x, k)
             least = maximum(subset(twice, k), model=model, start=now, search=search, **at)
             for v, new in zip(last, least, strict=True):
                 v[k] = new
-            return np.sqrt(2 * np.maximum(peaks.loglik[k] - least.loglik, 0.0)) - z[k]
+            return fell(k)
 
         at = ends(lambda x, k: fallen(x, k, False), start, step)
-        # where another peak is higher there, the end is further away
-        k = np.flatnonzero(np.isfinite(at) & bool(model.guess or model.lapse))
+        # where another peak is higher there, the end is further away; of one peak,
+        # one at a jump is none: a climb from where no answer is in doubt goes nowhere
+        k = np.flatnonzero(np.isfinite(at))
+        k = k[several | (np.abs(fell(k)) > NEAR)]
         k = k[fallen(at[k], k, True) < -NEAR] if k.size else k
         if k.size:
             for v, peak in zip(last, peaks, strict=True):

@@ -95,6 +95,24 @@ def test_a_profile_interval_is_where_a_held_parameter_costs_so_much(dispersion):
     assert allowed([2.0, 2.0, 2.0], [0, 1, 2]) == pytest.approx(few)
 
 
+@pytest.mark.parametrize(
+    ("link", "levels", "yes", "asked"),
+    [
+        ("logit", [1.0, 2.0, 3.0, 4.0, 5.0], [0, 0, 0, 1, 2], [16, 18, 7, 18, 3]),
+        ("weibull", [0.623, 1.2, 1.27, 3.19, 3.67], [0, 2, 4, 9, 32], [3, 8, 16, 9, 32]),
+    ],
+)
+def test_an_interval_of_sigma_goes_on_where_a_climb_began_too_far_away(link, levels, yes, asked):
+    """Without guesses and lapses, of close levels: by trying every middle."""
+    fit = psychometric(levels, yes, asked, link=link, dispersion=1.0)
+    x, middles = np.array(levels), np.linspace(-3, 9, 240001)[:, None]
+    x, middles = (np.log10(x), middles / 3) if fit.log else (x, middles)
+    for sigma in fit.sigma_interval:
+        more, less = probability((x - middles) / sigma, link)
+        best = np.max(np.log(more) @ yes + np.log(less) @ np.subtract(asked, yes))
+        assert 2 * (fit.loglik - best) == pytest.approx(chi2.ppf(0.95, 1), abs=1e-3)
+
+
 @pytest.mark.parametrize("p", [0.6, 0.75, 0.95])
 def test_the_interval_of_a_level_is_where_the_profile_has_fallen(p):
     """By trying, as above; at the middle it is that of the PSE."""
