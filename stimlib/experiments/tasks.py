@@ -301,6 +301,11 @@ class Roved:
         """Name of the task's condition."""
         return self.task.condition
 
+    @property
+    def chance(self) -> float | None:
+        """Chance level of the task, None if it has none."""
+        return getattr(self.task, "chance", None)
+
     def trial(self, level: Any, seed: int, n: int) -> Trial:
         """Return the task's trial, its stimuli with the parameter multiplied."""
         trial = self.task.trial(level, seed, n)

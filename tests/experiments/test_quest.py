@@ -18,6 +18,7 @@ from scipy.stats import norm
 from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
     Quest,
+    Roved,
     Stimulus,
     TwoInterval,
     observed,
@@ -270,6 +271,9 @@ def test_quest_and_a_trial_of_another_chance_level_are_refused():
     )
     Oddity.chance = 1 / 3
     assert design.next(design.init(seed=1)).chance == 1 / 3
+    roved = dc.replace(design, task=Roved(FELT, "k", 1.2))
+    state = {"seed": 1, "levels": [], "outcomes": []}
+    assert Roved(Oddity(), "k", 1.2).chance == 1 / 3 and roved.estimate(state)["guess"].value == 0.5
 
 
 def test_quest_goes_on_after_many_answers_and_after_a_slip():

@@ -15,6 +15,7 @@ from stimlib.errors import BadValue, UnknownName
 from stimlib.experiments import (
     Answer,
     PsychometricObserver,
+    Roved,
     Staircase,
     Stimulus,
     Trial,
@@ -285,6 +286,7 @@ def test_a_staircase_says_that_it_sits_on_a_bound():
         ({"target": 0.9999}, "at most a factor of 1000"),
         ({"target": 0.1, "down": 4}, "at most a factor of 1000"),
         ({"reversals": 0}, "reversals = 0"),
+        ({"task": Roved(FELT, "k", 1.2)}, "settle at or below 0.5, the chance level"),
         ({"task": FELT, "target": 0.5}, "target = 0.5 settle at or below 0.5, the chance level"),
         ({"task": FELT, "down": 2, "up": 2}, "chance level of this task; give down=3"),
     ],
