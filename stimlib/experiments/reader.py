@@ -52,9 +52,9 @@ def blinded(seed: int, name: str) -> str:
     --------
     >>> from stimlib.experiments.session import blinded
     >>> blinded(1, "vibration"), blinded(2, "vibration")
-    ('c6513', 'c6261')
+    ('c11546513', 'c57226261')
     """
-    return f"c{seed_of(seed, 'blind', name) % 10000:04}"
+    return f"c{seed_of(seed, 'blind', name) % 10**8:08}"
 
 
 WORDS = (

@@ -767,6 +767,7 @@ def test_what_the_experimenter_sees_is_blinded(tmp_path):
     assert told["trials"] == told["training"] == 4 and saved.data == [] and told["limited"] == 8
     assert list(told["conditions"].values()) == [4] and "secret" not in json.dumps(told)
     assert blinded(session.seed, "secret") in told["conditions"]
+    assert len({blinded(seed, str(k)) for seed in range(5) for k in range(81)}) == 5 * 81
 
 
 @pytest.mark.parametrize("sink", ["offline", "file", partial(NullSink, clocked=False), "null"])
