@@ -239,10 +239,11 @@ class Quest:
         -------
         dict of str to Estimate
             Posterior mean, standard deviation, and the interval that holds 95 % of the
-            posterior, where each value of a parameter stands for its neighbourhood.
-            ``problem`` is "edge" if most of the posterior is at an end of
-            the parameter's values (95 %, if there are two): the true value may be
-            beyond.  The end 0 of a rate, single values and nuisance parameters have no
+            posterior, where each value of a parameter stands for its neighbourhood,
+            half of the way to the next, and no rate or width is below 0.  ``problem``
+            is "edge" if most of the posterior is at an end of the parameter's values
+            (95 %, if there are two): the true value may be beyond.  The end 0 of a
+            rate, single values and nuisance parameters have no
             such problem.  It is "beyond" if the mean is outside of ``levels``.
 
         Raises
@@ -270,7 +271,7 @@ class Quest:
         ...     state = design.update(state, answer)
         >>> found = design.estimate(state)
         >>> print(found["mean"])
-        0.07597 +- 0.021 [0.03293, 0.1331]
+        0.07597 +- 0.021 [0.03414, 0.1366]
         >>> threshold = found["mean"].value * math.log(2) ** (1 / found["slope"].value)
         >>> print(f"threshold {threshold:.3f}")
         threshold 0.064
@@ -302,6 +303,9 @@ def _estimate(design: Quest, name: str, row: Array, mass: Array) -> Estimate:
     value = float(mass @ row)
     # a value stands for all that are nearer to it than to others
     cell = np.gradient(row) if row.size > 1 else 0.0 * row
+    wide = np.pad(row, 1, "reflect", reflect_type="odd")
+    least = -np.inf if name == "mean" and not design.slopes else 0.0
+    edges = np.clip((wide[1:] + wide[:-1]) / 2, least, {"lapse": 0.5, "guess": 1.0}.get(name))
     low, high = np.searchsorted(np.cumsum(mass), [0.025, 0.975])
     # most of the posterior is at an end, of two values nearly all of it; 0 ends a rate
     ends = mass[[0, -1]][int(row[0] == 0 and name in ("lapse", "guess")) :]
@@ -311,8 +315,8 @@ def _estimate(design: Quest, name: str, row: Array, mass: Array) -> Estimate:
     return Estimate(
         value,
         float(np.sqrt(mass @ ((row - value) ** 2 + cell**2 / 12))),
-        float((row - cell / 2)[low]),
-        float((row + cell / 2)[high]),
+        float(edges[low]),
+        float(edges[high + 1]),
         problem,
     )
 

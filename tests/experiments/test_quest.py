@@ -350,3 +350,23 @@ def test_before_any_answer_an_estimate_is_uniform_over_its_grid(means, wanted):
     design = dc.replace(WIDE, means=tuple(map(float, means)))
     found = design.estimate({"seed": 1, "levels": [], "outcomes": []})["mean"]
     assert dc.astuple(found)[:4] == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(
+    ("rows", "ends"),
+    [
+        ({}, {"lapse": (0.0, 0.125), "deviation": (0.1, 1.0), "mean": (0.15, 3.15)}),
+        ({"deviations": (0.1, 1.0)}, {"deviation": (0.0, 1.45)}),
+        ({"means": (-1.0, 1.0, 9.0)}, {"mean": (-2.0, 13.0)}),
+        (
+            {"means": (1.0, 2.0, 8.0), "deviations": (), "slopes": (1.0, 9.0), "guesses": (0, 0.8)},
+            {"mean": (0.5, 11.0), "slope": (0.0, 13.0), "guess": (0.0, 1.0)},
+        ),
+    ],
+)
+def test_an_interval_ends_half_way_to_the_next_value_and_at_0(rows, ends):
+    found = dc.replace(WIDE, **rows).estimate({"levels": [], "outcomes": []})
+    for name, wanted in ends.items():
+        assert (found[name].low, found[name].high) == pytest.approx(wanted)
+    sure = dc.replace(WIDE, means=(0.5, 1.6, 2.6)).estimate(STEADY)["mean"]
+    assert (sure.low, sure.high) == pytest.approx((1.05, 2.1))
