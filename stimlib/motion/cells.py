@@ -13,7 +13,9 @@ from .table import TableFile, number
 
 Missing = Literal["refuse", "gap", "hold", "interpolate"]
 # as pandas has them, in small letters
-WORDS = frozenset(("", "na", "n/a", "nan", "-nan", "null", "none", "<na>", "#na", "#n/a", "--"))
+WORDS = frozenset(
+    ("", "na", "n/a", "nan", "-nan", "nat", "null", "none", "<na>", "#na", "#n/a", "--")
+)
 STAMP = re.compile(
     r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d{1,3}):([0-5]\d):([0-5]\d(?:[.,]\d*)?) ?(Z|[+-]\d\d:?\d\d)?"
 )

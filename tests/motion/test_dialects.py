@@ -351,8 +351,13 @@ def test_times_of_day(tmp_path, times, start, says):
 def test_times_of_day_may_begin_later(tmp_path):
     text = "t_s,x\n,0\n-,0\n12:30:00.00,1\n12:30:00.01,2\n"
     how = {"missing": "hold", "sentinels": ("-",), "max_speed": None}
-    r = recording(written(tmp_path / "log.csv", text), {"x": "x"}, **how)
-    assert r.info["start"] == 45_000 and "2 rows without a time left out" in str(r)
+    when = pd.Series(
+        [pd.NaT, pd.NaT, *pd.to_datetime([0, 10], unit="ms", origin="2026-05-01 12:30")]
+    )
+    frame = pd.DataFrame({"t_s": when, "x": [0, 0, 1, 2]})  # whose missing times are NaT
+    for source in (written(tmp_path / "log.csv", text), frame):
+        r = recording(source, {"x": "x"}, **how)
+        assert r.info["start"] == 45_000 and "2 rows without a time left out" in str(r)
 
 
 @pytest.mark.parametrize(
