@@ -345,6 +345,8 @@ CORRECT = {
                 "an integral": lambda x: b.integrate(x, leak=5.0),
                 "a steady low-pass": lambda x: b.lowpass(x, 100.0, onset="steady"),
                 "a limit of its slope": lambda x: b.slew_limit(x, 10.0),
+                "a velocity": b.velocity,
+                "a springpot": lambda x: b.springpot(x, 1.0, 0.3),
             }.items()
         }
     ),
