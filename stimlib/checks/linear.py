@@ -227,9 +227,9 @@ def laws_of(b: Any, fs: float) -> tuple[Law, ...]:
     if type(b).__name__ not in EXACT:
         return b.laws(fs)
     made, edge = _made(b, fs), getattr(b, "low", None) or getattr(b, "high", None)
-    text = "the response of its numbers"
+    text, low = "the response of its numbers", edge or getattr(b, "freq", None)
     if isinstance(made, Modes):
-        points = (lambda fs: np.geomspace(edge / 30, 0.45 * fs, 401)) if edge else whole_band(200)
+        points = (lambda fs: np.geomspace(low / 30, 0.45 * fs, 401)) if low else whole_band(200)
         # errors are relative; in a stop band, to a part of what passes
         exact = Law(
             points, made.at, 1e-10, text, shapes=bool(edge),

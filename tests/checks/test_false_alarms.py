@@ -327,6 +327,12 @@ CORRECT = {
         {"fs": 500, "seconds": 0.5},
         "",
     ),
+    "a mode far below the rate, with no frequency of the law at its resonance": (
+        lambda: Scene({"y": b.mode(Input("x"), 5.0, 7.0)}),
+        {"x": ANY},
+        {"fs": 44100},
+        "Mode: physical law",
+    ),
     "a thousand events, of which two coincide": (
         lambda: Scene({"y": b.at(np.r_[np.arange(1000) / 1000, 0.05])}),
         {},
