@@ -512,7 +512,9 @@ def drift(found: Sequence[Resonance], temperature: ArrayLike) -> Drift:
 
     A straight line is fitted to the sweeps, weighted by their uncertainties.  Where the
     sweeps scatter about it by more than these, the standard deviations of the line are
-    larger by as much (the Birge ratio).
+    larger by as much (the Birge ratio).  An interval is then that of Student's t, with
+    two degrees of freedom less than there are sweeps: of three sweeps, 95 % is 12.7
+    standard deviations, not 2.
 
     Parameters
     ----------
