@@ -319,7 +319,7 @@ class Sink:
 
         Nothing needs to be compiled or loaded during playback.
         """
-        x = np.zeros((len(self.proc.inputs), 256))
+        x = columns_of("", np.zeros((len(self.proc.inputs), 256)), self.proc.inputs)
         self.proc.process(x)
         pump = Pump(
             self.proc, self.safety, self.map, Recorded(x) if self.proc.inputs else None, log=True

@@ -1,5 +1,8 @@
 """Where motion comes from, and how a scripted hand keeps up."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from devices.servers import Seen, begun, played
@@ -130,6 +133,25 @@ def test_a_log_may_keep_what_it_is_given():
     scene = Scene({"y": 1 * Input("x")})
     played(NullSink(scene, 1.0, motion={"x": x}, clocked=False, log=log))
     assert np.array_equal(np.concatenate(log.x, axis=1), [x])
+
+
+FIRST = """
+import sys
+import stimlib
+from stimlib.devices import Live, NullSink
+
+with NullSink(stimlib.Scene({"y": 1.0 * stimlib.Input("x")}), 1.0, motion=Live()) as sink:
+    sink.open(8000)
+    there = {*sys.modules}
+    sink.push({"x": 0.5})
+print(*{*sys.modules} - there)
+"""
+
+
+def test_the_first_push_of_a_program_loads_nothing():
+    """It took longer than a watchdog waits for the first period of a control loop."""
+    done = subprocess.run([sys.executable, "-c", FIRST], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "\n"), done.stdout + done.stderr
 
 
 def test_a_session_begins_with_the_newest_of_what_was_pushed_before():
