@@ -127,6 +127,8 @@ def test_ugrip_finds_what_its_observers_feel():
     part = {"condition": [c if who != begun or c.startswith("one") else "" for who, c in pairs]}
     counted = [t.people for t in comparisons(answers | part)]
     assert counted == [t.people for t in found[:3]] + [t.people - 1 for t in found[3:]]
+    none = {k: v[:9] for k, v in answers.items()} | {"condition": [names[0]] * 9}
+    refused(BadValue, "paired: give a row of at least 2 values", comparisons, none)
     line = text(found[:1])
     assert line.startswith("pse") and f"F(1, {people - 1})" in line
     assert line.endswith("paper: 2.02, 2.34: F > 5.6, p < .03")

@@ -370,8 +370,8 @@ def comparisons(answers: Columns) -> tuple[Comparison, ...]:
 
     def test(what: str, a: str, b: str, printed: str) -> Comparison:
         there = [who for who in people if (who, a) in found and (who, b) in found]
-        pairs = np.array([[getattr(found[who, c], what) for c in (a, b)] for who in there])
-        x, y = pairs[np.isfinite(pairs).all(axis=1)].T
+        pairs = [[getattr(found[who, c], what) for c in (a, b)] for who in there]
+        x, y = np.array([v for v in pairs if np.isfinite(v).all()]).reshape(-1, 2).T
         within, between = paired(x, y), anova({a: x, b: y})
         return Comparison(
             what,
