@@ -605,13 +605,14 @@ def _unit(made: experiments.Experiment, found: list[experiments.Saved]) -> str:
     """Return the unit of the parameter that has the level most often, or none."""
     trials = (record.trial for saved in found for record in saved.records)
     units = Counter(
-        f"{made.scenes[stimulus.scene].params[name].dim}"
+        made.scenes[stimulus.scene].params[name].unit
         for trial in trials
         for stimulus in trial.stimuli
         for name, value in stimulus.params.items()
         if value == trial.level
     )
-    return max(units, key=units.__getitem__, default="").removeprefix("1")
+    unit = max(units, key=units.__getitem__, default="")
+    return "" if unit == "1" else unit
 
 
 @command("export", experiment)

@@ -31,6 +31,7 @@ from stimlib.experiments import (
     Keyed,
     PsychometricObserver,
     Stimulus,
+    Trial,
     TwoInterval,
     analogue,
     choice,
@@ -165,6 +166,14 @@ def test_simulated_sessions_are_pilots(file, tmp_path):
         ("P1", True, 4),
         ("P2", True, 4),
     ]
+
+
+@pytest.mark.parametrize(("unit", "told"), [("Hz", "Hz"), ("N/m", "N/m"), ("", ""), ("1", "")])
+def test_a_page_has_the_unit_of_the_level(unit, told):
+    scene = Scene({"y": 1.0 * Param("k", 1.0, unit)})
+    trial = Trial("c", (Stimulus("a", {"k": 5.0}),), ("q",), 5.0)
+    found = [SimpleNamespace(records=[SimpleNamespace(trial=trial)])]
+    assert _unit(SimpleNamespace(scenes={"a": scene}), found) == told
 
 
 @pytest.mark.parametrize(("log", "sizes"), [(False, "2,3"), (True, "2")])
