@@ -72,11 +72,6 @@ class Tap:
     title: str  # the output, and the noise where the output has several
     spectrum: spectra.Spectrum | None = None
 
-    @property
-    def name(self) -> str:
-        """The text that represents the block."""
-        return repr(self.block)
-
 
 @dataclass
 class Evidence:

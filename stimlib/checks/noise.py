@@ -66,7 +66,7 @@ def generator(e: Evidence) -> list[Check]:
                 "a parameter, a gate, another generator or what begins at sample 0 is in it, or it"
                 " runs before sample 0"
             )
-            e.skipped.append(f"samples of {t.name} in {t.title}: {why}")
+            e.skipped.append(f"samples of {t.block!r} in {t.title}: {why}")
             continue
         text = f"its filter fed with that generator, {counted(samples[k], 'sample')}"
         checks.append(
@@ -185,7 +185,7 @@ def noise(e: Evidence) -> list[Check]:
     for k, t in enumerate(e.taps):
         if t.model is None:
             e.skipped.append(
-                f"spectrum of {t.name} in {t.title}: no law of all its blocks is known"
+                f"spectrum of {t.block!r} in {t.title}: no law of all its blocks is known"
             )
             continue
         s = (
@@ -195,7 +195,7 @@ def noise(e: Evidence) -> list[Check]:
         )
         if s is None:
             e.skipped.append(
-                f"spectrum of {t.name} in {t.title}: only {t.stream.size / e.fs:.3g} s enabled,"
+                f"spectrum of {t.block!r} in {t.title}: only {t.stream.size / e.fs:.3g} s enabled,"
                 " too short to test"
             )
             continue
