@@ -120,6 +120,12 @@ def test_the_weber_fractions_are_those_of_the_observers():
     )
     guessed = weber_fractions(answers | {"outcome": [1.0] * len(rows)})  # one key, always
     assert {interval[1:] for interval in guessed.group.values()} == {(np.inf, np.inf)}
+    for sure in ((0.0, 0.25), firm.REFERENCES.values()):  # nobody errs: no differences
+        keep = [PAIRS[name][0] in sure for name in answers["condition"]]
+        said = np.where(keep, answers["level"], answers["outcome"]).tolist()
+        felt = weber_fractions(answers | {"outcome": said})
+        assert (felt.effect is None) == (len(sure) == 5) and isnan(felt.pairs[0.0, 0.25])
+        assert sum(map(isnan, felt.pairs.values())) == len(sure) * (len(sure) - 1) / 2
     late = {name: column[100:] for name, column in answers.items()}
     refused(BadValue, "P01 has no session of .*all 15", weber_fractions, late)
 

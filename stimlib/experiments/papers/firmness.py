@@ -29,11 +29,11 @@ from .. import (
     columns,
     graeco_latin,
     jnd_from_dprime,
-    paired,
     repeated,
 )
 from ..tables import Columns
 from ..trial import Observer
+from .roughness import compared
 from .springpots import (
     begun,
     cues_of_stimulus,
@@ -255,10 +255,12 @@ class WeberFractions:
         infinite where slopes down to 0 are within it.
     effect : Effect or None
         Repeated-measures analysis of variance of the participants' fractions over the
-        references; None for one participant, and where somebody has no fraction.
+        references; None for one participant, where somebody has no fraction, and where
+        all people differ alike.
     pairs : dict of (float, float) to float
         By two references: p of the paired t test of the participants' fractions,
-        multiplied by 10 (Bonferroni), at most 1; empty where ``effect`` is None.
+        multiplied by 10 (Bonferroni), at most 1; nan where all people differ alike, as
+        those who make no error; empty where there is one, or somebody has no fraction.
     """
 
     d: Mapping[tuple[str, float], tuple[float, ...]]
@@ -309,10 +311,11 @@ def weber_fractions(answers: Columns) -> WeberFractions:
         group[a] = jnd_from_dprime([d[who, a] for who in names], STEPS), low, high
     table = [[fractions[who, a] for a in REFERENCES.values()] for who in names]
     measured = len(names) > 1 and np.isfinite(table).all()
-    effect = repeated(table, ["alpha"])[0] if measured else None
+    differ = measured and np.ptp(np.subtract(table, table[0]), axis=1).max() > 1e-12
+    effect = repeated(table, ["alpha"])[0] if differ else None
     columns = zip(REFERENCES.values(), np.transpose(table), strict=True)
     pairs = {
-        (a, b): min(1.0, 10 * paired(one, other).p)
+        (a, b): float(np.minimum(1.0, 10 * compared(one, other).p))
         for (a, one), (b, other) in combinations(columns, 2)
         if measured
     }

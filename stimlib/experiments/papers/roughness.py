@@ -407,10 +407,10 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
     for axis, (factor, levels) in enumerate(FACTORS.items(), 1):
         by = y.mean(axis=tuple({1, 2, 3, 4} - {axis}))
         for i, j in combinations(range(3), 2):
-            p = float(np.minimum(1.0, 3 * _compared(by[:, i], by[:, j]).p))
+            p = float(np.minimum(1.0, 3 * compared(by[:, i], by[:, j]).p))
             pairs[factor, str(levels[i]), str(levels[j])] = p
         if factor in ("bumps", "duty"):
-            middles[factor] = _compared(by[:, 1], (by[:, 0] + by[:, 2]) / 2)
+            middles[factor] = compared(by[:, 1], (by[:, 0] + by[:, 2]) / 2)
         for i, level in enumerate(levels):
             quartiles = np.quantile(y.take(i, axis), (0, 0.25, 0.5, 0.75, 1))
             boxes[factor, str(level)] = tuple(quartiles.tolist())
@@ -430,7 +430,7 @@ def ratings(answers: Columns, question: str = "outcome") -> Ratings:
     return Ratings(power, mean, sd, effects, pairs, middles, boxes, by_bumps, pearson, law)
 
 
-def _compared(a: np.ndarray, b: np.ndarray) -> Statistic:
+def compared(a: np.ndarray, b: np.ndarray) -> Statistic:
     """Return the paired t test; its numbers are nan if all people differ equally."""
     if np.ptp(a - b) > 1e-12:
         return paired(a, b)
