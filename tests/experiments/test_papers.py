@@ -52,6 +52,7 @@ from stimlib.experiments.papers.bounciness import (
     pair_of,
     person as bouncy,
     phase,
+    text as bounciness_text,
 )
 from stimlib.experiments.papers.ugrip import (
     K0,
@@ -199,6 +200,9 @@ def test_bounciness_finds_the_jnds_that_its_observer_has():
     assert found.jnd[0.5] == pytest.approx(3 / (a / 0.05 + b / 0.1 + c / 0.15)) and a < b < c
     at = found.line.slope * 0.25 + found.line.intercept
     assert at == pytest.approx(found.jnd[0.25], abs=0.03)
+    guessed = jnds(answers | {"outcome": [1.0] * len(answers["level"])})  # one key, always
+    assert guessed.line is None and np.isnan(list(guessed.jnd.values())).all()
+    assert bounciness_text(guessed).count("JND nan") == 4
     late = {name: column[120:] for name, column in answers.items()}
     refused(BadValue, "P01 has no session of", jnds, late)
 

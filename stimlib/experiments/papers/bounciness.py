@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import pi
+from math import isfinite, pi
 
 import numpy as np
 
@@ -259,13 +259,14 @@ class Jnds:
         d' of the three comparisons.
     jnd : dict of float to float
         For each reference, one over the mean of all slopes d'/(difference of alpha).
-    line : Line
-        Line through the JNDs over the references above 0.
+    line : Line or None
+        Line through the JNDs over the references above 0; None where one of them is
+        nan, because d' does not rise.
     """
 
     d: Mapping[tuple[str, float], tuple[float, ...]]
     jnd: Mapping[float, float]
-    line: Line
+    line: Line | None
 
 
 @public
@@ -299,8 +300,9 @@ def jnds(answers: Columns) -> Jnds:
     people = list(dict.fromkeys(who for who, _ in each))
     steps = [n * STEP for n in (1, 2, 3)]
     jnd = {a: jnd_from_dprime([each[who, a] for who in people], steps) for a in REFERENCES.values()}
-    above = [a for a in jnd if a > 0]
-    return Jnds(each, jnd, line(above, [jnd[a] for a in above]))
+    above = {a: v for a, v in jnd.items() if a > 0}
+    known = all(map(isfinite, above.values()))
+    return Jnds(each, jnd, line([*above], [*above.values()]) if known else None)
 
 
 def text(found: Jnds) -> str:
@@ -311,11 +313,11 @@ def text(found: Jnds) -> str:
     See :doc:`/reference/experiments_bounciness`.
     """
     lines = [f"alpha = {a:<4g}  JND {jnd:.4f}" for a, jnd in found.jnd.items()]
-    fit = found.line
-    lines.append(
-        f"JND = {fit.slope:.4f} alpha {fit.intercept:+.4f}, R2 = {fit.r2:.3f}  thesis: 0.1452 alpha"
-        " -0.0012, R2 = 0.998"
-    )
+    if fit := found.line:
+        lines.append(
+            f"JND = {fit.slope:.4f} alpha {fit.intercept:+.4f}, R2 = {fit.r2:.3f}  thesis: 0.1452"
+            " alpha -0.0012, R2 = 0.998"
+        )
     return "\n".join(lines)
 
 
