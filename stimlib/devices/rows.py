@@ -19,6 +19,7 @@ from ..errors import shortened
 # s, or nan if it sends none; and of each rejected row the reason and its beginning
 Rows = tuple[list[Any], list[float], list[tuple[str, str]]]
 MOST = 256  # rows that are taken at once, where more may wait
+AT_ONCE = 0.01  # s; rows that took longer came while they were awaited
 REMEDIES = {
     "no numbers": "send numbers only, such as 0.0127, or labels as in x:0.0127",
     "comma between digits": "say what a comma is: comma='separator' or comma='decimal'",

@@ -20,7 +20,7 @@ import numpy as np
 from ..errors import BadValue, MotionError, Upto1, counted, public, said_as, shortened
 from ..motion.source import check_names, positions, sources_of
 from . import words
-from .rows import MOST, REMEDIES
+from .rows import AT_ONCE, MOST, REMEDIES
 
 
 @public
@@ -416,6 +416,7 @@ class Receiver(threading.Thread):
         heard, patience, self._early = time.monotonic(), FIRST, []
         while not self.over.is_set():
             try:
+                self._asked = time.monotonic()
                 found = self._source.receive(0.02)  # type: ignore[misc]
                 self.turns += 1
                 if self._take(*found):
@@ -462,7 +463,9 @@ class Receiver(threading.Thread):
         self.rows += len(taken)
         if self._early is not None:  # what has waited at a port is old: its newest row counts
             newest = [*self._early, *taken][-1:]
-            waits = self._pump.state == words.IDLE or len(rows) + len(rejected) >= MOST
+            waits = self._pump.state == words.IDLE or (
+                len(rows) + len(rejected) >= MOST and now - self._asked < AT_ONCE
+            )
             self._early, taken = (newest, []) if waits else (None, newest)
         left = np.array(taken, np.float64, order="F").T
         while left.size and not self.over.is_set():  # more than the ring holds: the newest count

@@ -218,6 +218,17 @@ def streamed(receive, seconds, **more):
     return begun(NullSink(SPRING, 50.0, motion=motion, realtime=False), seconds, fs=1000)
 
 
+def test_rows_that_come_by_the_hundred_are_motion():
+    """As of a converter that is read in blocks: none of them has waited."""
+
+    def receive(timeout):
+        time.sleep(0.02)
+        return [GOOD] * 300, [math.nan] * 300
+
+    with streamed(receive, 0.2) as sink:
+        sink.wait()
+
+
 def test_a_stream_that_stops_awaits_its_first_row_for_longer_than_the_next():
     calls, over = count(), threading.Event()
 
