@@ -89,7 +89,8 @@ def evened(
 ) -> tuple[Array, Mapping[str, Any]]:
     """Return times at an even rate, which is fitted to the time stamps.
 
-    ``at`` has the place of each row among those that came, with a time or without.
+    ``at`` has the place of each row among those that came, with a time or without;
+    one of no numbers at all is none.
     Rows are counted anew after a silence. Where a clock was set back, it is taken to
     have gone on by one period. A step back of jitter, which the next rows make good, is
     left to the fit.

@@ -95,13 +95,13 @@ def series(
     if not known.any():
         raise table.error("no row has a time", "use another column")
     notes = [*table.notes(), *cells.note()]
+    # the place of each among those that came; a row without any number did not
+    at = np.cumsum(known | ~np.isnan(x).all(axis=0))[known]
     if not known.all():
         notes.append(f"{counted(int(np.sum(~known)), 'row')} without a time left out")
         t, x, touch, rows = t[known], x[:, known], touch[known], rows[known]
     used = {flag, *(name for e in (time, *second, *wanted.values()) for name in e.columns)}
-    t, x, facts = _times(
-        table, t, x, rows, np.flatnonzero(known), how, [*second, time], chosen, used
-    )
+    t, x, facts = _times(table, t, x, rows, at, how, [*second, time], chosen, used)
     if "drift" in facts:
         notes.append(
             f"times fitted: drift {1e6 * facts['drift']:+.4g} ppm, residual"

@@ -141,6 +141,10 @@ def test_an_even_rate_is_fitted_to_the_stamps():
     given = table(lost(jittered(T), *range(100, 109), 250))
     r = recording(given, {"x": "x"}, rate=250, missing="interpolate")
     assert error_of(r) < 3e-5 and r.info["reports"] == 390
+    # rows without anything, such as those that part trials in a spreadsheet, have not
+    parted = table(np.insert(jittered(T), [150] * 3, np.nan), np.insert(X, [150] * 3, np.nan))
+    r = recording(parted, {"x": "x"}, rate=250, missing="interpolate")
+    assert error_of(r) < 3e-5 and r.info["reports"] == 400
     coarse = np.floor(T * 50) / 50  # five rows in each packet
     refused(RecordingError, "repeats=", recording, table(coarse), {"x": "x"})
     r = recording(table(coarse), {"x": "x"}, rate=250)
