@@ -265,7 +265,8 @@ class Recorder:
         for _ in range(3):
             self.drain()
         self._put_events(2**63)
-        self._tell(self.pump.index + 1)  # a mark after the end is at the next sample
+        # a mark after the end is at the next sample
+        self._tell(self.pump.index + (self.pump.index > 0))
         self._put_counts()
         self.markers.end(0.5)
         if self.writer is not None:

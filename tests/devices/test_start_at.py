@@ -86,9 +86,11 @@ def test_what_waits_can_be_stopped_changed_and_marked():
     assert set(np.concatenate(log.frames)[:, 0]) == {0.5} and log.events[0][:2] == (0, "set")
     assert log.end["start_error"] == sink.report().start_error
     assert [kind for _, kind, _ in log.events].count("rise") == 1
+    told.clear()
     for scene, motion in (STEADY, None), (Scene({"y": 1.0 * Input("x")}), Live()):
-        sink = NullSink(scene, 1.0, motion=motion, realtime=False)
+        sink = NullSink(scene, 1.0, motion=motion, send=told.append, realtime=False)
         with begun_at(sink, 100.0):
+            sink.mark("first", sample=0)
             until(lambda sink=sink: sink.pump.read("FRAMES") > 800)
             began = time.monotonic()
             sink.stop()
@@ -96,6 +98,7 @@ def test_what_waits_can_be_stopped_changed_and_marked():
         report = sink.report()
         assert (report.produced, report.start_error) == (0, None)
         assert "given time" not in str(report) and not report.silent
+        assert told == []  # no marker of what was not felt
 
 
 def test_a_motion_in_real_time_begins_with_its_newest():
