@@ -124,8 +124,9 @@ def _in_one_line() -> Iterator[None]:
             raise
         text = " ".join(e.format_message().replace("Value error, ", "").split()).rstrip(".")
         text = re.sub(r"Input should be a valid (\w+).*", r"write a plain \1, such as 8", text)
-        html = "No such option: --html; write --report"
-        text = re.sub(r"No such option:? '?--html.*", html, text)
+        text = re.sub(
+            r"No such option:? '?--html.*", "No such option: --html; write --report", text
+        )
         if e.ctx and e.ctx.info_name == "list":
             text = re.sub(
                 r"Got unexpected extra argument.*",

@@ -692,9 +692,11 @@ def _confidence(
     counts = (r != 0) | J.any(axis=1)
     if counts.sum() <= u.size:
         return {}
-    ends = np.transpose(_intervals(u, J[counts], r[counts]))
     return {
-        name: (q.end(a), q.end(b)) for (name, q), (a, b) in zip(ranges.items(), ends, strict=True)
+        name: (q.end(a), q.end(b))
+        for (name, q), a, b in zip(
+            ranges.items(), *_intervals(u, J[counts], r[counts]), strict=True
+        )
     }
 
 

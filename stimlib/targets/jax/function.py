@@ -481,10 +481,12 @@ def _run_block(b: Block, p: Any, s: Any, x: list[Any], run: Run) -> Any:
         on = spread(jnp.asarray(x[-1]) > 0, run.n)
         contact = on, s.cold if s.cold == 1.0 else jnp.where(latest(on) < 0, s.cold, 1.0)
     y = run_step(b.definition.step, p, s, x[:-1] if b.resettable else x, run.n, contact)
-    # of a comparison or a whole number, the float that it is to the interpreter
-    every = (
-        v if jnp.issubdtype(jnp.result_type(v), jnp.floating) else jnp.float64(v)
-        for v in (y if b.outputs else (y,))
-    )
-    full = [v if jnp.ndim(v) or not len(s) else spread(v, run.n) for v in every]
+    full = [
+        v if jnp.ndim(v) or not len(s) else spread(v, run.n)
+        # of a comparison or a whole number, the float that it is to the interpreter
+        for v in (
+            v if jnp.issubdtype(jnp.result_type(v), jnp.floating) else jnp.float64(v)
+            for v in (y if b.outputs else (y,))
+        )
+    ]
     return tuple(full) if b.outputs else full[0]
