@@ -639,7 +639,7 @@ def mixed(
     Parameters
     ----------
     columns : dict of str to sequence, or DataFrame
-        A row for each answer.
+        A row for each answer; those with a gap in what the formula names are left out.
     formula : str
         A patsy formula, such as ``"rating ~ C(amplitude) + trial"``.  Its terms are
         executed as Python code: never use one from an untrusted source.
@@ -695,7 +695,9 @@ def mixed(
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         try:
-            fit = models.MixedLM.from_formula(formula, table, groups=table[participant]).fit()
+            fit = models.MixedLM.from_formula(
+                formula, table, groups=table[participant], missing="drop"
+            ).fit()
         except Exception as e:
             if "is not defined" in str(e):
                 raise UnknownName(

@@ -211,6 +211,14 @@ def test_a_mixed_model_is_that_of_statsmodels_and_takes_drift_away():
     assert found.coefficients[2].low < 0.5 < found.coefficients[2].high
 
 
+def test_a_mixed_model_leaves_out_answers_with_gaps():
+    whole = {"y": [1.0, 2, 3, 5, 2, 4, 6, 3, 4, 6, 7], "x": [0, 1, 2, 3, 0, 1, 3, 0, 1, 2, 3]}
+    whole |= {"participant": [*"aaaabbbcccc"]}
+    more = {"y": [None, 3.0], "x": [2.0, np.nan], "participant": [*"bc"]}
+    found = mixed({name: [*row, *more[name]] for name, row in whole.items()}, "y ~ x")
+    assert found == mixed(whole, "y ~ x") and found.converged
+
+
 def test_a_mixed_model_of_people_who_do_not_differ_has_errors_of_its_slopes():
     """A variance of 0 has no standard error; the slopes have theirs."""
     same = {"y": [1, 2, 3, 4] * 3, "x": [0, 1] * 6, "participant": [*"aaaabbbbcccc"]}
