@@ -82,9 +82,12 @@ def test_what_waits_can_be_stopped_changed_and_marked():
         sink.mark("first", sample=0)
         until(lambda: sink.time_of(0)[0] > 0)
         sink.wait()
-    assert told[0].time - sink._at == pytest.approx(sink.report().start_error, abs=1e-4)
+    # the clock has heard more since the marker; on a busy machine that changes its mind
+    later = sink.report().start_error
+    near = pytest.approx(later, abs=max(1e-4, 2 * told[0].uncertainty))
+    assert told[0].time - sink._at == near
     assert set(np.concatenate(log.frames)[:, 0]) == {0.5} and log.events[0][:2] == (0, "set")
-    assert log.end["start_error"] == sink.report().start_error
+    assert log.end["start_error"] == later
     assert [kind for _, kind, _ in log.events].count("rise") == 1
     told.clear()
     for scene, motion in (STEADY, None), (Scene({"y": 1.0 * Input("x")}), Live()):
