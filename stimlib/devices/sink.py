@@ -1113,7 +1113,7 @@ class Sink:
         self._watch_device(min(self._looked - seen, 0.05))
 
     def _logged(self, work: Callable[..., None], *given: Any) -> bool:
-        """Do this, and return whether it could; if not, log and session end."""
+        """Call work, and return whether it succeeded; a failure ends the session."""
         try:
             work(*given)
         except BaseException as e:  # a full disk, a log that fails

@@ -218,7 +218,7 @@ def few_enough(line: Sized, path: str) -> None:
 
 
 def finer(row: np.ndarray) -> np.ndarray:
-    """Return numbers with others on the straight lines between them."""
+    """Return numbers, and points on the straight lines between them."""
     few_enough(row, "$.Pattern")
     k = np.arange(FINER * (row.size - 1) + 1) / FINER
     return np.interp(k, np.arange(row.size), row)
