@@ -86,13 +86,13 @@ def test_errors_are_those_that_were_recorded(problem):
     for p in measure(problem._replace(methods=lambda: methods), timed=False):
         was = known[p.family, p.knob]
         assert bool(p.failed) == bool(was.failed) and not (p.failed and "stimlib" in p.family), p
-        # 3.6 times on another processor; 9 and 42 % with another scipy
-        others = "LSODA", "scipy chirp, float32", "fitted arms", "Savitzky-Golay"
-        if any(part in p.family for part in others):
+        # 3.6 times on another processor; 42 % with another scipy
+        if any(part in p.family for part in ("LSODA", "scipy chirp, float32", "Savitzky-Golay")):
             assert 0.1 < p.error / was.error < 10, p
             continue
         digits = 1e-14 if "JAX" not in p.family else 1e-7  # below that sums in another order count
-        assert p.error == pytest.approx(was.error, rel=0.05, abs=digits, nan_ok=True), p
+        near = 0.1 if "fitted arms" in p.family else 0.05  # 9 % with another scipy
+        assert p.error == pytest.approx(was.error, rel=near, abs=digits, nan_ok=True), p
         promised = re.match(r"stimlib .*(tol|tol_db|dB)$", p.family) and "float32" not in p.family
         if promised and OTHER.get(p.problem, "-") not in p.family:
             assert p.error <= max(1.7 * float(p.knob), LEFT.get(p.problem, 0.0)), p
